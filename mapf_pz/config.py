@@ -1,0 +1,195 @@
+"""The configuration of an environment: frozen dataclasses, the one home of every default."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.types import Bools, Grid, InstanceSource, Scenario
+
+ActionModel = Literal["rotate", "cardinal"]
+CollisionSystem = Literal["soft", "priority", "block_both"]
+OnTarget = Literal["nothing", "finish", "restart"]
+View = Literal["front", "centered"]
+Frame = Literal["egocentric", "map"]
+RenderMode = Literal["rgb_array", "ansi"]
+WeightsName = Literal["uniform", "random", "crisscross"]
+HeadingName = Literal["random", "east"]
+
+
+@dataclass(frozen=True)
+class RewardConfig:
+    """What a step pays each agent. The defaults are the report's table (`reward="paper"`)."""
+
+    forward: float = 0.1
+    """For a forward move (any move, with cardinal actions) that changed the cell."""
+    rotate: float = 0.01
+    """For turning left or right."""
+    wait: float = 0.0
+    """For waiting."""
+    goal: float = 20.0
+    """For the first arrival at a goal, in place of that step's other action reward."""
+    pay_blocked_forward: bool = False
+    """Pay `forward` for a forward move that was blocked, too: the report's published code, and its exploit."""
+    progress: float = 0.0
+    """Times the step's fall of the cost to go, in units of the mean edge weight."""
+    step_cost: float = 0.0
+    """Taken off in every step that ends away from the goal."""
+    blocked: float = 0.0
+    """Taken off when a move is blocked by an obstacle or another agent."""
+    team_goal: float = 0.0
+    """For every agent, when all agents are on their goals at once."""
+    share: float = 0.0
+    """Each agent also gets this much of the mean reward of the other agents near it."""
+    share_radius: int = 4
+    """How many rows and columns away another agent counts as near."""
+
+    def __post_init__(self) -> None:
+        """Refuse a negative radius."""
+        if self.share_radius < 0:
+            raise ValueError(f"share_radius={self.share_radius}: expected a number of cells, 0 or more")
+
+
+REWARDS: dict[str, RewardConfig] = {
+    "paper": RewardConfig(),
+    "progress": RewardConfig(
+        forward=0.0,
+        rotate=0.0,
+        goal=0.0,
+        progress=0.2,
+        step_cost=0.05,
+        blocked=0.05,
+        team_goal=2.0,
+    ),
+}
+"""The rewards that have a name."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EnvConfig:
+    """All keywords of `parallel_env`. Raises `ValueError` that names the field and what is allowed."""
+
+    map: str | Path | Bools | Grid = "empty-8-8"
+    """A map's name, the path of a `.map` file, a map drawn as text, or a bool array (True = free)."""
+    scenario: str | Path | Scenario | None = None
+    """The path of a `.scen` file or a `Scenario`: the first `num_agents` of it. None draws starts and goals."""
+    num_agents: int = 4
+    """N, the number of agents."""
+    max_steps: int = 256
+    """An episode is truncated after this many steps."""
+    action_model: ActionModel = "rotate"
+    """`rotate`: drive forward, turn, wait. `cardinal`: step up, down, left, right, wait."""
+    collision_system: CollisionSystem = "soft"
+    """How conflicting moves are settled (POGEMA's names)."""
+    on_target: OnTarget = "nothing"
+    """What an agent does at its goal (POGEMA's names): stay, disappear, or get a new goal."""
+    view_size: tuple[int, int] = (5, 5)
+    """(h, w) of each agent's view, at most the map's size."""
+    view: View | None = None
+    """`front`: the agent at the bottom centre, looking up; `centered`. Default: front; cardinal: centered."""
+    frame: Frame | None = None
+    """`egocentric`: up is the agent's heading; `map`: up is north. Default: egocentric; cardinal: map."""
+    see_through_walls: bool = True
+    """False hides what has an obstacle on the straight line to it."""
+    channels: tuple[str, ...] = ("view", "goal", "orientation", "edge_weights")
+    """The observation's channels, in this order. The default is the report's."""
+    features: tuple[str, ...] = ()
+    """Numbers observed beside the image, in this order; with any, the observation is a Dict(image, features)."""
+    num_last_actions: int = 4
+    """How many actions the feature `last_actions` remembers."""
+    edge_weights: WeightsName | GuidanceGraph = "uniform"
+    """The guidance graph, or the name of a generator; `random` draws new weights every episode."""
+    reward: Literal["paper", "progress"] | RewardConfig = "paper"
+    """The name of a reward, or its terms."""
+    initial_heading: HeadingName | ArrayLike = "random"
+    """`random`, `east`, or N headings; an instance that has headings keeps them. Cardinal agents always face north."""
+    source: InstanceSource | None = None
+    """Where episodes come from, in place of `map`, `scenario` and `num_agents`."""
+    distance_bytes: int = 2**30
+    """The most memory that cached cost-to-go tables may take."""
+    render_mode: RenderMode | None = None
+    """What `render()` returns: `rgb_array` a (rows, cols, 3) uint8 picture, `ansi` a text."""
+
+    def __post_init__(self) -> None:
+        """Check every field that can be checked without the map, and resolve the defaults that depend on others."""
+        self._check_choices()
+        cardinal = self.action_model == "cardinal"
+        object.__setattr__(self, "view", self.view or ("centered" if cardinal else "front"))
+        object.__setattr__(self, "frame", self.frame or ("map" if cardinal else "egocentric"))
+        object.__setattr__(self, "view_size", _pair("view_size", self.view_size))
+        object.__setattr__(self, "channels", _names("channels", self.channels))
+        object.__setattr__(self, "features", _names("features", self.features))
+        for name in ("num_agents", "max_steps", "num_last_actions"):
+            _positive(name, getattr(self, name))
+        if cardinal and (self.view, self.frame) != ("centered", "map"):
+            raise ValueError("action_model='cardinal': agents have no front, so view='centered' and frame='map' only")
+        if self.frame == "map" and self.view == "front":
+            raise ValueError("frame='map': allowed only with view='centered'")
+        if not isinstance(self.initial_heading, str):
+            headings = np.asarray(self.initial_heading)
+            if headings.shape != (self.num_agents,) or not np.isin(headings, range(4)).all():
+                raise ValueError(f"initial_heading: expected 'random', 'east' or {self.num_agents} numbers 0 to 3")
+
+    def _check_choices(self) -> None:
+        choices: dict[str, tuple[object, ...]] = {
+            "action_model": get_args(ActionModel),
+            "collision_system": get_args(CollisionSystem),
+            "on_target": get_args(OnTarget),
+            "view": (*get_args(View), None),
+            "frame": (*get_args(Frame), None),
+            "render_mode": (*get_args(RenderMode), None),
+            "edge_weights": get_args(WeightsName),
+            "reward": tuple(REWARDS),
+            "initial_heading": get_args(HeadingName),
+        }
+        for name, allowed in choices.items():
+            value = getattr(self, name)
+            if (value is None or isinstance(value, str)) and value not in allowed:
+                raise ValueError(f"{name}={value!r}: expected one of {', '.join(map(repr, allowed))}")
+        for name, kind in (("edge_weights", GuidanceGraph), ("reward", RewardConfig)):
+            if not isinstance(getattr(self, name), (str, kind)):
+                raise ValueError(f"{name}={getattr(self, name)!r}: expected a name or a {kind.__name__}")
+
+    @classmethod
+    def from_keywords(cls, **keywords: Any) -> EnvConfig:
+        """Make a configuration; raises `TypeError` that names an unknown keyword and the nearest known one."""
+        known = [field.name for field in dataclasses.fields(cls)]
+        for name in keywords:
+            if name not in known:
+                near = difflib.get_close_matches(name, known, n=1)
+                hint = f"did you mean {near[0]!r}?" if near else f"allowed are {', '.join(known)}"
+                raise TypeError(f"unknown keyword {name!r}: {hint}")
+        return cls(**keywords)
+
+    @property
+    def rewards(self) -> RewardConfig:
+        """The terms of the reward, also where `reward` is a name."""
+        return REWARDS[self.reward] if isinstance(self.reward, str) else self.reward
+
+
+def _positive(name: str, value: object) -> None:
+    if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < 1:
+        raise ValueError(f"{name}={value!r}: expected a whole number, 1 or more")
+
+
+def _pair(name: str, value: Any) -> tuple[int, int]:
+    try:
+        height, width = value
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}={value!r}: expected (height, width)") from None
+    _positive(name, height)
+    _positive(name, width)
+    return int(height), int(width)
+
+
+def _names(name: str, value: Any) -> tuple[str, ...]:
+    if isinstance(value, str) or not all(isinstance(item, str) for item in value) or len(set(value)) < len(value):
+        raise ValueError(f"{name}={value!r}: expected different names in a tuple or list")
+    return tuple(value)

@@ -1,0 +1,1 @@
+"""The kernels: compiled functions over plain arrays, one noun a file."""

@@ -1,0 +1,1 @@
+"""Metrics, and runs of policies over instances."""

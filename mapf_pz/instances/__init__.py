@@ -1,0 +1,1 @@
+"""Benchmark files, generators, and the sources that episodes come from."""

@@ -1,0 +1,1 @@
+"""Pictures and texts of an instance; they know no environment."""

@@ -1,0 +1,196 @@
+"""The legend that all modules share: coordinates, headings, actions, and the data of an instance.
+
+`B` environments in a batch, `N` agents, `H x W` map, `h x w` view, `K` channels, `A` actions.
+Coordinates are `(row, col)`; a cell is the number `row * W + col`. Headings and edge directions share
+one order: east, south, west, north.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.integer]
+Floats = NDArray[np.floating]
+
+
+class Heading(IntEnum):
+    """Where an agent looks, and the direction of an edge; turning right adds one, modulo 4."""
+
+    EAST = 0
+    SOUTH = 1
+    WEST = 2
+    NORTH = 3
+
+
+class Action(IntEnum):
+    """The actions of `action_model="rotate"`: the report's order."""
+
+    FORWARD = 0
+    ROTATE_LEFT = 1
+    ROTATE_RIGHT = 2
+    WAIT = 3
+
+
+class CardinalAction(IntEnum):
+    """The actions of `action_model="cardinal"`: POGEMA's order."""
+
+    WAIT = 0
+    UP = 1
+    DOWN = 2
+    LEFT = 3
+    RIGHT = 4
+
+
+HEADING_STEPS = np.array([(0, 1), (1, 0), (0, -1), (-1, 0)], np.int32)  # (4, 2): (row, col) of one step per heading
+
+
+class FormatError(ValueError):
+    """Malformed input: one line that says where, and what was expected.
+
+    The text reads `FILE:LINE:COLUMN: MESSAGE`; line and column count from 1 and are left out when zero.
+    """
+
+    def __init__(self, file: object, message: str, line: int = 0, column: int = 0) -> None:
+        """Join the place and the message."""
+        place = ":".join([str(file), *(str(n) for n in (line, column) if n)])
+        super().__init__(f"{place}: {message}")
+
+
+def frozen(array: ArrayLike, dtype: type[np.generic]) -> NDArray[np.generic]:
+    """Return a read-only copy of `array`."""
+    copy = np.array(array, dtype=dtype)
+    copy.flags.writeable = False
+    return copy
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """A map: which cells are free. Raises `ValueError` unless `free` is a two-dimensional array with cells."""
+
+    free: Bools
+    """(H, W) bool, read-only: True where an agent can stand."""
+    name: str = "custom"
+    """The map's name, for messages and file headers."""
+
+    def __post_init__(self) -> None:
+        """Copy, freeze and check the array."""
+        free = frozen(self.free, np.bool_)
+        if free.ndim != 2 or free.size == 0:
+            raise ValueError(f"map {self.name!r}: expected an array of H x W cells, got the shape {free.shape}")
+        object.__setattr__(self, "free", free)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(H, W)."""
+        return self.free.shape[0], self.free.shape[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """Where agents start and where they shall go. Raises `ValueError` unless the shapes are as said below."""
+
+    starts: Ints
+    """(M, 2) int32, [row, col]."""
+    goals: Ints
+    """(M, 2) int32, [row, col]; or (M, L, 2): each agent's goals one after the other (lifelong)."""
+
+    def __post_init__(self) -> None:
+        """Copy, freeze and check the arrays."""
+        starts, goals = frozen(self.starts, np.int32), frozen(self.goals, np.int32)
+        if starts.ndim != 2 or starts.shape[1] != 2:
+            raise ValueError(f"scenario starts: expected the shape (M, 2), got {starts.shape}")
+        if goals.ndim not in (2, 3) or len(goals) != len(starts) or goals.shape[-1] != 2 or 0 in goals.shape[1:]:
+            raise ValueError(
+                f"scenario goals: expected the shape ({len(starts)}, 2) or ({len(starts)}, L, 2), got {goals.shape}"
+            )
+        object.__setattr__(self, "starts", starts)
+        object.__setattr__(self, "goals", goals)
+
+    def __len__(self) -> int:
+        """Return the number of agents, M."""
+        return len(self.starts)
+
+
+@dataclass(frozen=True, eq=False)
+class Instance:
+    """One episode's beginning: a map and a scenario of exactly N agents, checked against each other.
+
+    Raises `ValueError` naming the first agent that starts or ends outside the map or on an obstacle, or that shares
+    another agent's start.
+    """
+
+    grid: Grid
+    """The map."""
+    scenario: Scenario
+    """Starts and goals of the N agents."""
+    headings: Ints | None = None
+    """(N,) int8 initial headings; None leaves them to the environment's `initial_heading`."""
+
+    def __post_init__(self) -> None:
+        """Check starts, goals and headings against the map."""
+        _check_cells(self.grid, "start", self.scenario.starts)
+        goals = self.scenario.goals
+        _check_cells(self.grid, "goal", goals.reshape(-1, 2), per_agent=goals.size // 2 // max(len(goals), 1))
+        width = self.grid.shape[1]
+        cells, first = np.unique(self.scenario.starts @ np.array([width, 1]), return_index=True)
+        if len(cells) < len(self.scenario):
+            agent = int(np.setdiff1d(np.arange(len(self.scenario)), first)[0])
+            raise ValueError(f"agent {agent}: start {_place(self.scenario.starts[agent])} is another agent's start too")
+        if self.headings is not None:
+            headings = frozen(self.headings, np.int8)
+            if headings.shape != (len(self.scenario),) or not np.isin(headings, list(Heading)).all():
+                raise ValueError(f"headings: expected {len(self.scenario)} numbers 0 to 3, got {self.headings!r}")
+            object.__setattr__(self, "headings", headings)
+
+    @property
+    def num_agents(self) -> int:
+        """N."""
+        return len(self.scenario)
+
+
+def _place(cell: Ints) -> str:
+    return f"[row {cell[0]}, col {cell[1]}]"
+
+
+def _check_cells(grid: Grid, what: str, cells: Ints, per_agent: int = 1) -> None:
+    """Raise `ValueError` for the first of `cells` (M, 2) that is outside the map or on an obstacle."""
+    inside: Bools = ((cells >= 0) & (cells < np.array(grid.shape))).all(axis=1)
+    usable = inside.copy()
+    usable[inside] = grid.free[cells[inside, 0], cells[inside, 1]]
+    if not usable.all():
+        worst = int(np.argmin(usable))
+        problem = "is an obstacle" if inside[worst] else "is outside"
+        size = f"{grid.shape[0]} x {grid.shape[1]}"
+        raise ValueError(
+            f"agent {worst // per_agent}: {what} {_place(cells[worst])} {problem} of map {grid.name!r} ({size})"
+        )
+
+
+@runtime_checkable
+class InstanceSource(Protocol):
+    """Where episodes come from. All instances of one source have the same map size and number of agents."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(H, W) of every map."""
+        ...
+
+    @property
+    def num_agents(self) -> int:
+        """N of every instance."""
+        ...
+
+    @property
+    def grid(self) -> Grid | None:
+        """The one map of all instances, or None where maps differ."""
+        ...
+
+    def sample(self, rng: np.random.Generator) -> Instance:
+        """Draw one instance; everything random in it comes from `rng`."""
+        ...
