@@ -1,1 +1,40 @@
 """Benchmark files, generators, and the sources that episodes come from."""
+
+from mapf_pz.instances.bundled import generate_bundled
+from mapf_pz.instances.library import load_map, load_scenario, map_names
+from mapf_pz.instances.movingai import (
+    format_map,
+    format_scenario,
+    parse_map,
+    parse_scenario,
+    read_map,
+    read_scenario,
+    write_map,
+    write_scenario,
+)
+from mapf_pz.instances.place import components, largest_component, place, place_on
+from mapf_pz.instances.sources import FixedMap, FixedScenario, InstanceList, RandomMaps, RandomObstacles
+
+__all__ = [
+    "FixedMap",
+    "FixedScenario",
+    "InstanceList",
+    "RandomMaps",
+    "RandomObstacles",
+    "components",
+    "format_map",
+    "format_scenario",
+    "generate_bundled",
+    "largest_component",
+    "load_map",
+    "load_scenario",
+    "map_names",
+    "parse_map",
+    "parse_scenario",
+    "place",
+    "place_on",
+    "read_map",
+    "read_scenario",
+    "write_map",
+    "write_scenario",
+]

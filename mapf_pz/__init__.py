@@ -1,0 +1,68 @@
+"""Multi-agent path finding (MAPF) on standard benchmark maps, as a PettingZoo environment.
+
+Importing this package is quick: names are loaded when they are first used, and nothing is compiled.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import pettingzoo
+
+if TYPE_CHECKING:
+    from mapf_pz.config import EnvConfig, RewardConfig
+    from mapf_pz.env import MapfEnv, env, parallel_env
+    from mapf_pz.guidance import GuidanceGraph
+    from mapf_pz.types import Action, CardinalAction, FormatError, Grid, Heading, Instance, InstanceSource, Scenario
+
+_HOMES = {
+    "Action": "types",
+    "CardinalAction": "types",
+    "EnvConfig": "config",
+    "FormatError": "types",
+    "Grid": "types",
+    "GuidanceGraph": "guidance",
+    "Heading": "types",
+    "Instance": "types",
+    "InstanceSource": "types",
+    "MapfEnv": "env",
+    "RewardConfig": "config",
+    "Scenario": "types",
+    "env": "env",
+    "parallel_env": "env",
+}
+
+__all__ = [
+    "Action",
+    "CardinalAction",
+    "EnvConfig",
+    "FormatError",
+    "Grid",
+    "GuidanceGraph",
+    "Heading",
+    "Instance",
+    "InstanceSource",
+    "MapfEnv",
+    "RewardConfig",
+    "Scenario",
+    "env",
+    "parallel_env",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name when it is first used."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])
+
+
+pettingzoo.register("parallel", "mapf_pz/Mapf-v0", entry_point="mapf_pz.env:parallel_env")
+pettingzoo.register("aec", "mapf_pz/Mapf-v0", entry_point="mapf_pz.env:env")
+gymnasium.register("Mapf-Centralized-v0", entry_point="mapf_pz.wrappers.centralized:centralized_env")

@@ -1,0 +1,161 @@
+"""Cost to go: the cheapest weighted cost from every cell and heading to a goal, rotations included.
+
+`D(s) = min_a [c(s, a) + D(s')]` with `D(goal, any heading) = 0`, found backwards from the goal: breadth first where all
+weights are equal, by Dijkstra's algorithm otherwise. A state is the number `cell * D + heading`, with `D = 4` headings,
+or 1 for cardinal agents.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from mapf_pz.core.jit import jit, parallel_jit
+from mapf_pz.core.state import Array, Distances, World
+
+
+def _fill_tables(world: World, maps: Array, goals: Array, slots: Array, distances: Distances, scratch: Array) -> None:
+    """Fill table `slots[k]` with the cost to go to `goals[k]` on map `maps[k]`.
+
+    `scratch` (T, 2, (C + 1) * D) int32 holds a queue or heap for each of T chunks of the work.
+    """
+    chunks = scratch.shape[0]
+    for chunk in prange(chunks):
+        for k in range(chunk, goals.size, chunks):
+            m, to_go = maps[k], distances.to_go[slots[k]]
+            cost_to_go(world, m, goals[k], world.equal_weight[m], to_go, scratch[chunk])
+            nearest = distances.nearest[slots[k]]
+            for cell in range(nearest.size):
+                nearest[cell] = to_go[cell].min()
+
+
+@jit
+def cost_to_go(world: World, m: int, goal: int, equal_weight: float, to_go: Array, scratch: Array) -> None:
+    """Fill `to_go` (C + 1, D) float32 for map `m`; with an `equal_weight` other than 0, all weights are taken to be that."""
+    to_go[:] = np.inf
+    if equal_weight > 0:
+        _breadth_first(world.leads_to[m], goal, equal_weight, to_go, scratch[0])
+    else:
+        _dijkstra(world, m, goal, to_go.reshape(-1), to_go.shape[1], scratch[0], scratch[1])
+
+
+@jit
+def _breadth_first(leads_to: Array, goal: int, weight: float, to_go: Array, queue: Array) -> None:
+    headings = to_go.shape[1]
+    tail = 0
+    for heading in range(headings):
+        to_go[goal, heading] = 0
+        queue[tail] = goal * headings + heading
+        tail += 1
+    head = 0
+    while head < tail:
+        cell, heading = divmod(queue[head], headings)
+        cost = to_go[cell, heading] + weight
+        head += 1
+        if headings == 1:
+            for d in range(4):
+                # Free cells are joined both ways, so the way back leads to the cell that a move would come from.
+                before = leads_to[d, cell]
+                if to_go[before, 0] == np.inf:
+                    to_go[before, 0] = cost
+                    queue[tail] = before
+                    tail += 1
+        else:
+            before = leads_to[(heading + 2) % 4, cell]
+            if to_go[before, heading] == np.inf:
+                to_go[before, heading] = cost
+                queue[tail] = before * 4 + heading
+                tail += 1
+            for turn in (1, 3):
+                turned = (heading + turn) % 4
+                if to_go[cell, turned] == np.inf:
+                    to_go[cell, turned] = cost
+                    queue[tail] = cell * 4 + turned
+                    tail += 1
+
+
+@jit
+def _dijkstra(world: World, m: int, goal: int, cost: Array, headings: int, heap: Array, place: Array) -> None:
+    """Fill the flat `cost` ((C + 1) * D,) with the help of a binary heap and each state's place in it."""
+    place[: cost.size] = -1
+    size = 0
+    for heading in range(headings):
+        size = _lower(cost, heap, place, size, goal * headings + heading, 0.0)
+    while size > 0:
+        state = heap[0]
+        size = _pop(cost, heap, place, size)
+        cell, heading = divmod(state, headings)
+        for d in range(4):
+            if headings == 4 and d != heading:
+                continue
+            before = world.leads_to[m, (d + 2) % 4, cell]
+            if before != cell:
+                price = cost[state] + world.move[m, d, before]
+                size = _lower(cost, heap, place, size, before * headings + heading, price)
+        if headings == 4:
+            for turn in (1, 3):
+                price = cost[state] + world.wait[m, cell]
+                size = _lower(cost, heap, place, size, cell * 4 + (heading + turn) % 4, price)
+
+
+@jit
+def _lower(cost: Array, heap: Array, place: Array, size: int, state: int, price: float) -> int:
+    """Lower the cost of `state` to `price` if that is cheaper; return the heap's new size."""
+    if np.float32(price) >= cost[state]:
+        return size
+    cost[state] = price
+    child = place[state]
+    if child < 0:
+        child = size
+        size += 1
+    while child > 0:
+        parent = (child - 1) // 2
+        if cost[heap[parent]] <= cost[state]:
+            break
+        heap[child] = heap[parent]
+        place[heap[child]] = child
+        child = parent
+    heap[child] = state
+    place[state] = child
+    return size
+
+
+@jit
+def _pop(cost: Array, heap: Array, place: Array, size: int) -> int:
+    """Remove the cheapest state; return the heap's new size."""
+    size -= 1
+    last = heap[size]
+    parent = 0
+    while True:
+        child = 2 * parent + 1
+        if child >= size:
+            break
+        if child + 1 < size and cost[heap[child + 1]] < cost[heap[child]]:
+            child += 1
+        if cost[last] <= cost[heap[child]]:
+            break
+        heap[parent] = heap[child]
+        place[heap[parent]] = parent
+        parent = child
+    heap[parent] = last
+    place[last] = parent
+    return size
+
+
+fill_tables = jit(_fill_tables)
+fill_tables_in_parallel = parallel_jit(_fill_tables)
+
+
+@jit
+def shortest_steps(
+    world: World, m: int, starts: Array, headings: Array, goals: Array, to_go: Array, scratch: Array, steps: Array
+) -> None:
+    """Write the length in steps of each agent's shortest path on map `m` to `steps` (N,) int32; -1: there is none.
+
+    `to_go` (C + 1, D) float32 and `scratch` (2, (C + 1) * D) int32 are scratch.
+    """
+    for i in range(goals.size):
+        if i == 0 or goals[i] != goals[i - 1]:
+            cost_to_go(world, m, goals[i], 1.0, to_go, scratch)
+        length = to_go[starts[i], headings[i] % to_go.shape[1]]
+        steps[i] = length if length < np.inf else -1

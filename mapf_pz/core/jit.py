@@ -1,0 +1,54 @@
+"""One decorator for all kernels: compiled on first use, cached on disk, and never stale.
+
+Numba's own cache does not see that a callee in another file has changed, so the cache folder is named by a hash of all
+kernel files: any change to one of them compiles afresh.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+from numba import config
+
+Kernel = TypeVar("Kernel", bound=Callable[..., Any])
+
+
+def jit(kernel: Kernel) -> Kernel:
+    """Compile `kernel` when it is first called."""
+    return _compile(kernel, parallel=False)
+
+
+def parallel_jit(kernel: Kernel) -> Kernel:
+    """Compile `kernel` when it is first called, with its `prange` loops spread over Numba's threads."""
+    return _compile(kernel, parallel=True)
+
+
+def _compile(kernel: Kernel, parallel: bool) -> Kernel:
+    # Numba reads the folder when it decorates; the user's own setting is put back at once.
+    previous, config.CACHE_DIR = config.CACHE_DIR, _cache_folder(config.CACHE_DIR)
+    try:
+        return numba.njit(kernel, cache=True, nogil=True, error_model="numpy", parallel=parallel)
+    finally:
+        config.CACHE_DIR = previous
+
+
+def _cache_folder(root: str) -> str:
+    """Return the folder of these kernels: under Numba's cache folder if one is set, else under the user's."""
+    base = Path(root) if root else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return str(base / "mapf_pz" / _FINGERPRINT)
+
+
+def _fingerprint() -> str:
+    """Hash the kernel files and what else changes the compiled code."""
+    digest = hashlib.sha256(f"bounds check {config.BOUNDSCHECK}".encode())
+    for file in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+_FINGERPRINT = _fingerprint()

@@ -1,0 +1,73 @@
+"""Reading a cost-to-go table: what each action is worth, and which cell comes next on the cheapest path."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mapf_pz.core.conflict import NO_MOVE, direction
+from mapf_pz.core.jit import jit
+from mapf_pz.core.state import Array, Distances, World
+from mapf_pz.types import Action
+
+_LEFT, _RIGHT = int(Action.ROTATE_LEFT), int(Action.ROTATE_RIGHT)
+_STRAIGHT_RIGHT_LEFT_BACK = ((0, 0), (1, 1), (3, 1), (2, 2))  # (turn to the right, number of turns it takes)
+
+
+@jit
+def turned(heading: int, action: int) -> int:
+    """Return the heading after `action` of the rotating model."""
+    if action == _LEFT:
+        return (heading + 3) % 4
+    if action == _RIGHT:
+        return (heading + 1) % 4
+    return heading
+
+
+@jit
+def advantage(world: World, m: int, to_go: Array, slot: int, cardinal: bool, agent: Array, action: int) -> float:
+    """Return `clip((D - c(action) - D') / mean weight, -2, 0) / 2`: 0 for the best action, -1 for a blocked one."""
+    cell, heading = agent.cell, agent.heading
+    towards = direction(cardinal, heading, action)
+    facing = heading % to_go.shape[2]
+    own = to_go[slot, cell, facing]
+    if own == np.inf or (towards != NO_MOVE and world.leads_to[m, towards, cell] == cell):
+        return -1.0
+    if towards != NO_MOVE:
+        after = world.move[m, towards, cell] + to_go[slot, world.leads_to[m, towards, cell], facing]
+    elif cardinal or turned(heading, action) == heading:
+        after = own + (0.0 if cell == agent.goal else world.wait[m, cell])  # resting on the goal is free
+    else:
+        after = world.wait[m, cell] + to_go[slot, cell, turned(heading, action)]
+    return min(max((own - after) / world.mean_weight[m], -2.0), 0.0) / 2
+
+
+@jit
+def next_cell(world: World, m: int, to_go: Array, slot: int, cell: int, heading: int) -> int:
+    """Return the next other cell on the cheapest path to the goal, or -1 on the goal and where there is no path.
+
+    Of equal paths, the one that begins straight ahead comes first, then right, left, back (cardinal: east, south, west,
+    north).
+    """
+    rotates = to_go.shape[2] == 4
+    best, best_cost = -1, np.inf
+    if to_go[slot, cell, heading % to_go.shape[2]] == 0:
+        return best
+    for k in range(4):
+        turn, turns = _STRAIGHT_RIGHT_LEFT_BACK[k]
+        towards = (heading + turn) % 4 if rotates else k
+        target = world.leads_to[m, towards, cell]
+        cost = world.move[m, towards, cell] + to_go[slot, target, towards % to_go.shape[2]]
+        if rotates:
+            cost += turns * world.wait[m, cell]
+        if cost < best_cost:
+            best, best_cost = target, cost
+    return best
+
+
+@jit
+def find_next_cells(world: World, m: int, distances: Distances, crew: Array) -> None:
+    """Set every agent's next cell."""
+    for i in range(crew.size):
+        agent = crew[i]
+        slot = distances.slot[m, agent.goal]
+        agent.next_cell = next_cell(world, m, distances.to_go, slot, agent.cell, agent.heading)

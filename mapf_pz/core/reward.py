@@ -1,0 +1,73 @@
+"""What a step pays: a function of before, actions and after. The terms are the fields of `RewardConfig`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mapf_pz.core.conflict import NO_MOVE, direction
+from mapf_pz.core.jit import jit
+from mapf_pz.core.path import turned
+from mapf_pz.core.state import Array, Distances, Rules, World
+
+
+@jit
+def pay(
+    rules: Rules, world: World, m: int, distances: Distances, crew: Array, actions: Array, occupant: Array, solved: bool
+) -> None:
+    """Set every agent's reward; `solved`: all agents are on their goals at once."""
+    for i in range(crew.size):
+        agent = crew[i]
+        agent.own_reward = 0.0
+        if agent.was_active:
+            earned = rules.goal if agent.arrived else _action_reward(rules, agent, actions[i])
+            if rules.progress != 0:
+                earned += rules.progress * _progress(world.mean_weight[m], distances, m, agent)
+            if not agent.at_goal:
+                earned -= rules.step_cost
+            if agent.blocked:
+                earned -= rules.blocked
+            if solved:
+                earned += rules.team_goal
+            agent.own_reward = earned
+        agent.reward = agent.own_reward
+    if rules.share != 0:
+        _share(rules, world.height, world.width, crew, occupant)
+
+
+@jit
+def _action_reward(rules: Rules, agent: Array, action: int) -> float:
+    if direction(rules.cardinal, agent.was_heading, action) != NO_MOVE:
+        return rules.forward if rules.pay_blocked_forward or not agent.blocked else 0.0
+    if not rules.cardinal and turned(agent.was_heading, action) != agent.was_heading:
+        return rules.rotate
+    return rules.wait
+
+
+@jit
+def _progress(mean_weight: float, distances: Distances, m: int, agent: Array) -> float:
+    """Return the fall of the cost to go in units of the mean weight; 0 where the goal cannot be reached."""
+    slot, headings = distances.slot[m, agent.was_goal], distances.to_go.shape[2]
+    before = distances.to_go[slot, agent.was_cell, agent.was_heading % headings]
+    after = distances.to_go[slot, agent.cell, agent.heading % headings]
+    if before == np.inf or after == np.inf:
+        return 0.0
+    return (before - after) / mean_weight
+
+
+@jit
+def _share(rules: Rules, height: int, width: int, crew: Array, occupant: Array) -> None:
+    """Add `share` times the mean own reward of the other agents within `share_radius` rows and columns."""
+    radius = rules.share_radius
+    for i in range(crew.size):
+        if not crew[i].was_active:
+            continue
+        row, col = divmod(crew[i].cell, width)
+        total, near = 0.0, 0
+        for r in range(max(row - radius, 0), min(row + radius + 1, height)):
+            for c in range(max(col - radius, 0), min(col + radius + 1, width)):
+                other = occupant[r * width + c]
+                if other >= 0 and other != i:
+                    total += crew[other].own_reward
+                    near += 1
+        if near:
+            crew[i].reward += rules.share * total / near

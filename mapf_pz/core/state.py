@@ -1,0 +1,113 @@
+"""The arrays that the kernels work on: `B` environments, `N` agents, `M` maps, `C = H * W` cells.
+
+Arrays over cells have one more entry, the number `C`: it stands for everything outside the map, so that a view that
+sticks out of the map is read without branches.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import config
+
+Array = Any  # numpy arrays; the comments give shape and dtype, which Numba's compiled signatures hold to
+
+AGENT = np.dtype(
+    [
+        ("cell", np.int32),
+        ("goal", np.int32),
+        ("heading", np.int32),
+        ("active", np.bool_),  # False once it has disappeared at its goal
+        # Before the last step:
+        ("was_active", np.bool_),
+        ("was_cell", np.int32),
+        ("was_goal", np.int32),
+        ("was_heading", np.int32),
+        # What the last step brought:
+        ("at_goal", np.bool_),  # it ended on its goal
+        ("arrived", np.bool_),  # it was an arrival (with `nothing`: the first one) at a goal
+        ("blocked", np.bool_),  # a move was wanted and did not happen
+        ("terminated", np.bool_),
+        ("truncated", np.bool_),
+        ("own_reward", np.float32),  # before sharing
+        ("reward", np.float32),
+        # Since the episode began:
+        ("arrivals", np.int32),  # goals reached
+        ("settled", np.int32),  # the step since which it is on its goal; -1: it is not
+        # Scratch:
+        ("want", np.int32),  # the cell it wants, then the cell it gets
+        ("next_cell", np.int32),  # the next cell on its own cheapest path; -1: none
+    ],
+    align=True,
+)
+"""One agent. The kernels call the agents of one environment, (N,) of these, its crew."""
+
+
+class World(NamedTuple):
+    """What never changes during an episode: M maps of one size and their guidance graphs."""
+
+    height: int
+    width: int
+    leads_to: Array  # (M, 4, C + 1) int32: the cell that a move in each direction ends in; the own cell if blocked
+    obstacle: Array  # (M, C + 1) float32: 1 on obstacles and outside, 0 on free cells
+    move: Array  # (M, 4, C + 1) float32: weight of leaving in each direction; inf if blocked
+    wait: Array  # (M, C + 1) float32: weight of waiting or turning
+    edge: Array  # (M, 4, C + 1) float32: `move` over the largest finite weight; blocked -1, outside 0
+    mean_weight: Array  # (M,) float32: mean of the finite weights of moving and waiting on free cells
+    equal_weight: Array  # (M,) float32: the one weight of all edges and waits; 0 where they differ
+
+
+class Distances(NamedTuple):
+    """Cost-to-go tables, one per map and goal in use; `D` headings (4, or 1 for cardinal agents)."""
+
+    slot: Array  # (M, C + 1) int32: which table belongs to the goal; -1: none yet
+    to_go: Array  # (S, C + 1, D) float32: cheapest cost to the goal from a cell and heading; inf: unreachable
+    nearest: Array  # (S, C + 1) float32: the least of `to_go` over headings
+
+
+class State(NamedTuple):
+    """What changes from step to step."""
+
+    map: Array  # (B,) int32: which of the M maps each environment is on
+    time: Array  # (B,) int32: steps taken in this episode
+    agents: Array  # (B, N) AGENT
+    goals: Array  # (B, N, G) int32: each agent's goals in order
+    history: Array  # (B, N, L, 2) int8: the last L actions, newest first, and whether they moved; action -1: none
+    occupant: Array  # (B, C + 1) int32: the agent on each cell; -1: nobody
+    claim: Array  # (B, C + 1) int32: scratch of the conflict kernels, -1 between steps
+
+
+def allocate_state(num_envs: int, num_agents: int, num_cells: int, num_goals: int, remembered: int) -> State:
+    """Make room for B environments of N agents on C cells, G goals each, remembering L actions."""
+    agents = np.zeros((num_envs, num_agents), AGENT)
+    return State(
+        map=np.zeros(num_envs, np.int32),
+        time=np.zeros(num_envs, np.int32),
+        # Compiled kernels read fields as attributes; plain Python needs a record array for that.
+        agents=agents.view(np.recarray) if config.DISABLE_JIT else agents,
+        goals=np.zeros((num_envs, num_agents, num_goals), np.int32),
+        history=np.zeros((num_envs, num_agents, remembered, 2), np.int8),
+        occupant=np.full((num_envs, num_cells + 1), -1, np.int32),
+        claim=np.full((num_envs, num_cells + 1), -1, np.int32),
+    )
+
+
+class Rules(NamedTuple):
+    """The configuration, as numbers."""
+
+    cardinal: bool
+    collision: int
+    on_target: int
+    max_steps: int
+    forward: float
+    rotate: float
+    wait: float
+    goal: float
+    pay_blocked_forward: bool
+    progress: float
+    step_cost: float
+    blocked: float
+    team_goal: float
+    share: float
+    share_radius: int

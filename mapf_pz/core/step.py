@@ -1,0 +1,98 @@
+"""One step of the environment: propose, resolve, advance, settle, pay, retire."""
+
+from __future__ import annotations
+
+from numba import prange
+
+from mapf_pz.core.conflict import NO_MOVE, direction, propose, resolve
+from mapf_pz.core.jit import jit, parallel_jit
+from mapf_pz.core.path import turned
+from mapf_pz.core.reward import pay
+from mapf_pz.core.state import Array, Distances, Rules, State, World
+
+NOTHING, FINISH, RESTART = 0, 1, 2
+ON_TARGET = {"nothing": NOTHING, "finish": FINISH, "restart": RESTART}
+
+
+def _step(rules: Rules, world: World, distances: Distances, state: State, all_actions: Array) -> None:
+    """Advance all environments by one step; `all_actions` (B, N) int64."""
+    for b in prange(all_actions.shape[0]):
+        m, crew, actions = state.map[b], state.agents[b], all_actions[b]
+        occupant, claim = state.occupant[b], state.claim[b]
+        state.time[b] += 1
+
+        propose(rules.cardinal, world.leads_to, m, crew, actions)
+        resolve(rules.collision, crew, occupant, claim)
+        advance(rules.cardinal, crew, actions, occupant, state.history[b])
+        solved = settle(rules.on_target, crew, state.goals[b], state.time[b])
+        pay(rules, world, m, distances, crew, actions, occupant, solved)
+        retire(rules.on_target, crew, occupant, solved, state.time[b] >= rules.max_steps)
+
+
+@jit
+def advance(cardinal: bool, crew: Array, actions: Array, occupant: Array, history: Array) -> None:
+    """Move every agent to the cell it got, turn it, and remember what it did."""
+    for i in range(crew.size):
+        agent = crew[i]
+        agent.was_active = agent.active
+        agent.was_cell = agent.cell
+        agent.was_heading = agent.heading
+        agent.was_goal = agent.goal
+        agent.blocked = False
+        if agent.active:
+            occupant[agent.cell] = -1
+    for i in range(crew.size):
+        agent = crew[i]
+        if agent.active:
+            moves = agent.want != agent.cell
+            agent.blocked = not moves and direction(cardinal, agent.heading, actions[i]) != NO_MOVE
+            agent.cell = agent.want
+            if not cardinal:
+                agent.heading = turned(agent.heading, actions[i])
+            occupant[agent.cell] = i
+            _remember(history, i, actions[i], moves)
+
+
+@jit
+def _remember(history: Array, i: int, action: int, moved: bool) -> None:
+    for k in range(history.shape[1] - 1, 0, -1):
+        history[i, k, 0] = history[i, k - 1, 0]
+        history[i, k, 1] = history[i, k - 1, 1]
+    history[i, 0, 0] = action
+    history[i, 0, 1] = moved
+
+
+@jit
+def settle(on_target: int, crew: Array, goals: Array, time: int) -> bool:
+    """Note arrivals and give new goals; return whether all agents rest on their goals at once."""
+    solved = on_target == NOTHING
+    for i in range(crew.size):
+        agent = crew[i]
+        agent.at_goal = agent.active and agent.cell == agent.goal
+        agent.arrived = agent.at_goal and (on_target != NOTHING or agent.arrivals == 0)
+        solved &= agent.at_goal
+        if agent.arrived:
+            agent.arrivals += 1
+        if agent.active and not agent.at_goal:
+            agent.settled = -1
+        elif agent.settled < 0:
+            agent.settled = time
+        if agent.arrived and on_target == RESTART:
+            agent.goal = goals[i, agent.arrivals % goals.shape[1]]
+    return solved
+
+
+@jit
+def retire(on_target: int, crew: Array, occupant: Array, solved: bool, late: bool) -> None:
+    """End what has ended: everybody once solved, finished agents, and at the time limit all who are left."""
+    for i in range(crew.size):
+        agent = crew[i]
+        agent.terminated = solved or (agent.arrived and on_target == FINISH)
+        agent.truncated = late and agent.active and not agent.terminated
+        if agent.arrived and on_target == FINISH:
+            occupant[agent.cell] = -1
+            agent.active = False
+
+
+step = jit(_step)
+step_in_parallel = parallel_jit(_step)

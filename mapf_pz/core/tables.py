@@ -1,0 +1,69 @@
+"""The cost-to-go tables in use: computed when first needed, kept while there is room, under a bound in bytes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mapf_pz.core.distance import fill_tables, fill_tables_in_parallel
+from mapf_pz.core.state import Distances, World
+from mapf_pz.types import Ints
+
+
+class DistanceTables:
+    """One cost-to-go table per map and goal, shared by all agents and episodes that head for it.
+
+    Memory is only touched by tables that were computed; `max_bytes` bounds how many there can be.
+    """
+
+    def __init__(self, world: World, num_headings: int, max_bytes: int, num_threads: int = 1) -> None:
+        """Reserve room for at most `max_bytes` of tables with `num_headings` (4, or 1 for cardinal agents)."""
+        self._world = world
+        num_maps, cells = world.obstacle.shape
+        self._table_bytes = 4 * cells * (num_headings + 1)
+        room = max(1, min(max_bytes // self._table_bytes, num_maps * (cells - 1)))
+        self.arrays = Distances(
+            slot=np.full((num_maps, cells), -1, np.int32),
+            to_go=np.empty((room, cells, num_headings), np.float32),
+            nearest=np.empty((room, cells), np.float32),
+        )
+        self._unused = np.arange(room)[::-1].tolist()
+        self._num_threads = num_threads
+        self._scratch = np.empty((num_threads, 2, cells * num_headings), np.int32)
+
+    def forget(self, m: int) -> None:
+        """Drop the tables of map `m`, which has changed."""
+        slots = self.arrays.slot[m]
+        self._unused.extend(slots[slots >= 0].tolist())
+        slots[:] = -1
+
+    def require(self, maps: Ints, goals: Ints) -> None:
+        """Compute the missing tables to `goals` (K,) on `maps` (K,), which must be all that are needed at present.
+
+        Raises `MemoryError` where these alone are more than the bound allows.
+        """
+        slot = self.arrays.slot
+        missing = slot[maps, goals] < 0
+        if not missing.any():
+            return
+        pairs = np.unique(np.stack([maps[missing], goals[missing]]), axis=1)
+        count = pairs.shape[1]
+        if count > len(self._unused):
+            self._drop_all_but(maps, goals)
+        if count > len(self._unused):
+            needed = (count + int((slot >= 0).sum())) * self._table_bytes
+            raise MemoryError(
+                f"distance_bytes: the cost to go to all goals in use takes {needed} bytes, more than allowed"
+            )
+        slots = np.array([self._unused.pop() for _ in range(count)], np.int32)
+        slot[pairs[0], pairs[1]] = slots
+        fill = fill_tables if self._num_threads == 1 else fill_tables_in_parallel
+        fill(self._world, pairs[0].astype(np.int32), pairs[1].astype(np.int32), slots, self.arrays, self._scratch)
+
+    def _drop_all_but(self, maps: Ints, goals: Ints) -> None:
+        slot = self.arrays.slot
+        kept = slot[maps, goals]
+        dropped = slot.copy()
+        dropped[maps, goals] = -1
+        self._unused.extend(dropped[dropped >= 0].tolist())
+        slot[:] = -1
+        slot[maps, goals] = kept

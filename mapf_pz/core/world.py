@@ -1,0 +1,97 @@
+"""The map and its guidance graph, laid out for the kernels: what never changes during an episode."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mapf_pz.core.jit import jit
+from mapf_pz.core.state import Array, World
+from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.types import HEADING_STEPS, Bools
+
+_STEPS = tuple((int(r), int(c)) for r, c in HEADING_STEPS)
+
+
+def allocate(num_maps: int, shape: tuple[int, int]) -> World:
+    """Make room for `num_maps` maps of `shape` (H, W)."""
+    cells = shape[0] * shape[1] + 1
+    return World(
+        height=shape[0],
+        width=shape[1],
+        leads_to=np.zeros((num_maps, 4, cells), np.int32),
+        obstacle=np.ones((num_maps, cells), np.float32),
+        move=np.full((num_maps, 4, cells), np.inf, np.float32),
+        wait=np.ones((num_maps, cells), np.float32),
+        edge=np.zeros((num_maps, 4, cells), np.float32),
+        mean_weight=np.ones(num_maps, np.float32),
+        equal_weight=np.ones(num_maps, np.float32),
+    )
+
+
+def lay_out(world: World, m: int, free: Bools, guidance: GuidanceGraph) -> None:
+    """Write the map `free` (H, W) and its guidance graph to row `m` of `world`."""
+    _lay_out(
+        free,
+        guidance.move,
+        guidance.wait,
+        world.leads_to[m],
+        world.obstacle[m],
+        world.move[m],
+        world.wait[m],
+        world.edge[m],
+        world.mean_weight[m : m + 1],
+        world.equal_weight[m : m + 1],
+    )
+
+
+@jit
+def _lay_out(
+    free: Array,
+    free_move: Array,
+    free_wait: Array,
+    leads_to: Array,
+    obstacle: Array,
+    move: Array,
+    wait: Array,
+    edge: Array,
+    mean_weight: Array,
+    equal_weight: Array,
+) -> None:
+    height, width = free.shape
+    outside = height * width
+    leads_to[:, outside] = outside
+    total, count, largest, smallest = 0.0, 0, 0.0, np.inf
+    one_way = False
+    for row in range(height):
+        for col in range(width):
+            here = row * width + col
+            obstacle[here] = 0.0 if free[row, col] else 1.0
+            wait[here] = free_wait[row, col]
+            if free[row, col]:
+                total, count = total + wait[here], count + 1
+                largest, smallest = max(largest, wait[here]), min(smallest, wait[here])
+            for d in range(4):
+                r, c = row + _STEPS[d][0], col + _STEPS[d][1]
+                is_open = free[row, col] and 0 <= r < height and 0 <= c < width and free[r, c]
+                leads_to[d, here] = r * width + c if is_open else here
+                move[d, here] = free_move[d, row, col] if is_open else np.inf
+                one_way |= is_open and move[d, here] == np.inf
+                if move[d, here] < np.inf:
+                    total, count = total + move[d, here], count + 1
+                    largest, smallest = max(largest, move[d, here]), min(smallest, move[d, here])
+    mean_weight[0] = total / count if count else 1.0
+    equal_weight[0] = largest if largest == smallest and not one_way else 0.0
+    _scale_edges(move, edge)
+
+
+@jit
+def _scale_edges(move: Array, edge: Array) -> None:
+    """Divide by the largest finite weight of a move; blocked edges become -1, those outside stay 0."""
+    largest = 0.0
+    for d in range(4):
+        for cell in range(move.shape[1] - 1):
+            if largest < move[d, cell] < np.inf:
+                largest = move[d, cell]
+    for d in range(4):
+        for cell in range(move.shape[1] - 1):
+            edge[d, cell] = move[d, cell] / largest if move[d, cell] < np.inf else -1.0

@@ -1,0 +1,245 @@
+"""The PettingZoo environment: agent names, spaces and dictionaries over the simulator. No dynamics live here."""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+from pettingzoo import AECEnv, ParallelEnv
+from pettingzoo.utils import parallel_to_aec
+
+from mapf_pz.config import EnvConfig
+from mapf_pz.simulator import Observation, Simulator
+from mapf_pz.types import Bools, Instance, Ints, Scenario
+
+AgentObservation: TypeAlias = "NDArray[np.float32] | dict[str, NDArray[np.float32]]"
+AgentInfo: TypeAlias = dict[str, Any]
+StepResult: TypeAlias = (
+    "tuple[dict[str, AgentObservation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, AgentInfo]]"
+)
+
+STATE_PLANES = ("obstacle", "agent", "heading_sine", "heading_cosine", "goal", "distance_to_go", "time")
+
+
+class MapfEnv(ParallelEnv[str, AgentObservation, int]):
+    """Multi-agent path finding: N agents on a grid map, each with a goal of its own.
+
+    | | |
+    | --- | --- |
+    | Import | `env = mapf_pz.parallel_env(...)`; the keywords are the fields of `EnvConfig` |
+    | Agents | `agent_0 ... agent_{N-1}` |
+    | Actions | `Discrete(4)`: forward, rotate left, rotate right, wait; cardinal: `Discrete(5)`: wait, up, down, left, right |
+    | Observations | `Box(-1, 1, (K, h, w), float32)`; with `features`, `Dict(image=Box, features=Box(-1, 1, (F,)))` |
+    | Infos | `action_mask` (A,) int8, `at_goal`, `arrived`, `blocked`, `moved` (0.0 or 1.0), `arrivals` (a count) |
+    | State | `(7, H, W)` float32: obstacle, agent, heading (sine, cosine), goal, distance to go, time |
+
+    Version history: v0, the first.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 (PettingZoo declares it so)
+        "name": "mapf_v0",
+        "render_modes": ["rgb_array", "ansi"],
+        "render_fps": 4,
+        "is_parallelizable": True,
+    }
+
+    def __init__(self, config: EnvConfig) -> None:
+        """Make the environment; raises `ValueError` or `FormatError` where configuration, map and scenario do not fit."""
+        self.config = config
+        self.simulator = Simulator(config)
+        self.render_mode = config.render_mode
+        self.possible_agents = [f"agent_{i}" for i in range(self.simulator.num_agents)]
+        self.agents: list[str] = []
+        self._index = {agent: i for i, agent in enumerate(self.possible_agents)}
+        self._observation_space = self.simulator.layout.space()
+        self._action_space = spaces.Discrete(self.simulator.num_actions)
+        self.observation_spaces = dict.fromkeys(self.possible_agents, self._observation_space)
+        self.action_spaces = dict.fromkeys(self.possible_agents, self._action_space)
+        self.state_space = spaces.Box(-1, 1, (len(STATE_PLANES), *self.simulator.shape), np.float32)
+        self._began = False
+        self._canvas: Any = None
+
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
+        """Return the space of the agent's observations: the same object for all agents and calls."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Discrete:
+        """Return the space of the agent's actions: the same object for all agents and calls."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, AgentObservation], dict[str, AgentInfo]]:
+        """Begin an episode and return observations and infos.
+
+        Args:
+            seed: decides the episode; without one, the next episode differs from the last.
+            options: `{"instance": Instance or Scenario}` sets the episode instead of drawing it.
+        """
+        instance = (options or {}).get("instance")
+        if isinstance(instance, Scenario):
+            grid = self.simulator.source.grid or self.simulator.grid(0)
+            instance = Instance(grid, instance)
+        if instance is not None and not isinstance(instance, Instance):
+            raise TypeError(f"options['instance']: expected an Instance or a Scenario, got {type(instance).__name__}")
+        self.simulator.reset(
+            seeds=None if seed is None else {0: seed}, instances=None if instance is None else {0: instance}
+        )
+        self.agents = self.possible_agents.copy()
+        self._began = True
+        return self._observe()
+
+    def step(self, actions: dict[str, int]) -> StepResult:
+        """Take one step with an action for each of `self.agents`.
+
+        Returns observations, rewards, terminations, truncations and infos of the agents that acted. Raises
+        `ValueError` for a missing, unknown or impossible action, `RuntimeError` before `reset()` and after the end.
+        """
+        if not self.agents:
+            raise RuntimeError("the episode is over, call reset()" if self._began else "call reset() before step()")
+        self.simulator.step(self._numbers(actions))
+        crew = self._crew
+        observations, infos = self._observe()
+        rewards = self._by_agent(crew["reward"])
+        terminations, truncations = self._by_agent(crew["terminated"]), self._by_agent(crew["truncated"])
+        self.agents = [agent for agent in self.agents if not (terminations[agent] or truncations[agent])]
+        return observations, rewards, terminations, truncations, infos
+
+    def _numbers(self, actions: dict[str, int]) -> Ints:
+        """Return the actions as (1, N) int64, 0 for agents that have left; raises `ValueError`."""
+        unknown = actions.keys() - self._index.keys()
+        if unknown:
+            raise ValueError(
+                f"action for an unknown agent {sorted(unknown)[0]!r}: expected names out of possible_agents"
+            )
+        missing = self._index.keys() & set(self.agents) - actions.keys()
+        if missing:
+            raise ValueError(f"no action for {sorted(missing)[0]!r}: expected one for each of the agents left")
+        given = np.array([actions[agent] for agent in self.agents])
+        allowed = (given >= 0) & (given < self.simulator.num_actions) & np.issubdtype(given.dtype, np.integer)
+        if given.ndim != 1 or not allowed.all():
+            worst = int(np.argmin(allowed)) if given.ndim == 1 else 0
+            raise ValueError(
+                f"action {actions[self.agents[worst]]!r} of {self.agents[worst]!r}: expected a whole number from 0 to "
+                f"{self.simulator.num_actions - 1}"
+            )
+        numbers = np.zeros((1, self.simulator.num_agents), np.int64)
+        numbers[0, [self._index[agent] for agent in self.agents]] = given
+        return numbers
+
+    @property
+    def _crew(self) -> NDArray[np.void]:
+        """(N,) AGENT: the agents' records."""
+        return self.simulator.state.agents[0]
+
+    def _observe(self) -> tuple[dict[str, AgentObservation], dict[str, AgentInfo]]:
+        seen, crew = self.simulator.observe(), self._crew
+        counts = {
+            key: self._by_agent(crew[key].astype(np.int64)) for key in ("at_goal", "arrived", "blocked", "arrivals")
+        }
+        counts["moved"] = self._by_agent((crew["cell"] != crew["was_cell"]).astype(np.int64))
+        observations: dict[str, AgentObservation] = {}
+        infos: dict[str, AgentInfo] = {}
+        for agent in self.agents:
+            i = self._index[agent]
+            observations[agent] = self._agent_observation(seen, i)
+            infos[agent] = {"action_mask": seen.action_mask[0, i]} | {
+                key: count[agent] for key, count in counts.items()
+            }
+        return observations, infos
+
+    def _agent_observation(self, seen: Observation, i: int) -> AgentObservation:
+        if not self.simulator.layout.num_features:
+            return seen.image[0, i]
+        return {"image": seen.image[0, i], "features": seen.features[0, i]}
+
+    def _by_agent(self, values: NDArray[Any]) -> dict[str, Any]:
+        """Turn (N,) values into a dictionary of Python numbers of the agents that act."""
+        numbers = values.tolist()
+        return {agent: numbers[self._index[agent]] for agent in self.agents}
+
+    def state(self) -> NDArray[np.float32]:
+        """Return the whole map as (7, H, W) float32, in [-1, 1]; `STATE_PLANES` names the planes.
+
+        The distance to go stands on the agent's cell, in units of `(H + W) * mean weight`, at most 1.
+        """
+        simulator, state = self.simulator, self.simulator.state
+        height, width = simulator.shape
+        planes = np.zeros((len(STATE_PLANES), height, width), np.float32)
+        flat = planes.reshape(len(STATE_PLANES), -1)
+        crew = self._crew[self._crew["active"]]
+        cells, angles = crew["cell"], crew["heading"] * (np.pi / 2)
+        scale = (height + width) * simulator.world.mean_weight[state.map[0]]
+        flat[0] = simulator.world.obstacle[state.map[0], :-1]
+        flat[1, cells] = 1
+        flat[2, cells] = np.sin(angles)
+        flat[3, cells] = np.cos(angles)
+        flat[4, crew["goal"]] = 1
+        flat[5, cells] = np.minimum(simulator.distance_to_go(0)[self._crew["active"]] / scale, 1)
+        flat[6] = min(state.time[0] / self.config.max_steps, 1)
+        return planes
+
+    def metrics(self) -> dict[str, float]:
+        """Return the episode's metrics as if it ended now: see `mapf_pz.metrics.episode_metrics`."""
+        return self.simulator.metrics(0)
+
+    def render(self) -> NDArray[np.uint8] | str | None:
+        """Return a picture (rows, cols, 3) uint8 or a text, by `render_mode`; None without one."""
+        free = self.simulator.grid(0).free
+        rotates = self.config.action_model == "rotate"
+        scene = (self.positions, self.headings if rotates else None, self.goals, self._crew["active"])
+        if self.render_mode == "ansi":
+            from mapf_pz.render import ansi
+
+            return ansi.draw(free, *scene)
+        if self.render_mode == "rgb_array":
+            from mapf_pz.render.rgb import Canvas
+
+            if self._canvas is None or self._canvas.free is not free:
+                self._canvas = Canvas(free, self.simulator.num_agents)
+            return self._canvas.draw(*scene)
+        return None
+
+    def close(self) -> None:
+        """Nothing is held open."""
+
+    @property
+    def positions(self) -> Ints:
+        """(N, 2) int: where each agent is, [row, col]; a copy."""
+        return self.simulator.positions(0)
+
+    @property
+    def goals(self) -> Ints:
+        """(N, 2) int: where each agent shall go now, [row, col]; a copy."""
+        return self.simulator.goals(0)
+
+    @property
+    def headings(self) -> Ints:
+        """(N,) int: where each agent looks, a `Heading`; a copy."""
+        return self._crew["heading"].astype(np.int64)
+
+    @property
+    def grid(self) -> Bools:
+        """(H, W) bool: True where a cell is free; read-only."""
+        return self.simulator.grid(0).free
+
+    @property
+    def step_count(self) -> int:
+        """Steps taken in this episode."""
+        return int(self.simulator.state.time[0])
+
+
+def parallel_env(**keywords: Any) -> MapfEnv:
+    """Make the environment; the keywords, their defaults and meanings are the fields of `EnvConfig`.
+
+    Raises `TypeError` for an unknown keyword, `ValueError` for a value that is not allowed, and `FormatError` or
+    `FileNotFoundError` for files.
+    """
+    return MapfEnv(EnvConfig.from_keywords(**keywords))
+
+
+def env(**keywords: Any) -> AECEnv[str, AgentObservation, int]:
+    """Make the environment in its AEC form, where agents act one after the other; keywords as in `parallel_env`."""
+    return parallel_to_aec(parallel_env(**keywords))

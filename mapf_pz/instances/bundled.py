@@ -1,0 +1,61 @@
+"""The bundled maps: the one table that says how each of them is made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from mapf_pz.instances import generate
+from mapf_pz.instances.movingai import write_map
+from mapf_pz.types import Grid
+
+
+class Recipe(NamedTuple):
+    """How a bundled map is made."""
+
+    generator: Callable[..., Grid]
+    """Makes the map; takes `rng` where a seed is given."""
+    seed: int | None = None
+    """The seed, or None where nothing is random."""
+    blocked: str = "@"
+    """The character of obstacles in the file."""
+
+    def make(self) -> Grid:
+        """Make the map."""
+        if self.seed is None:
+            return self.generator()
+        return self.generator(rng=np.random.default_rng(self.seed))
+
+
+BUNDLED: dict[str, Recipe] = {
+    "empty-8-8": Recipe(partial(generate.empty, 8, 8)),
+    "empty-16-16": Recipe(partial(generate.empty, 16, 16)),
+    "empty-32-32": Recipe(partial(generate.empty, 32, 32)),
+    "empty-48-48": Recipe(partial(generate.empty, 48, 48)),
+    "warehouse-10-20-10-2-1": Recipe(partial(generate.warehouse, 10, 20, 10, 2, 1), blocked="T"),
+    "warehouse-10-20-10-2-2": Recipe(partial(generate.warehouse, 10, 20, 10, 2, 2), blocked="T"),
+    "warehouse-20-40-10-2-2": Recipe(partial(generate.warehouse, 20, 40, 10, 2, 2), blocked="T"),
+    "random-12-12-15": Recipe(partial(generate.random, 12, 12, 0.15), seed=0),
+    "random-16-16-20": Recipe(partial(generate.random, 16, 16, 0.20), seed=0),
+    "random-24-24-20": Recipe(partial(generate.random, 24, 24, 0.20), seed=2),
+    "maze-13-13-1": Recipe(partial(generate.maze, 13, 13, corridor=1), seed=0),
+    "maze-16-16-2": Recipe(partial(generate.maze, 16, 16, corridor=2), seed=0),
+    "room-16-16-4": Recipe(partial(generate.room, 16, 16, size=4), seed=0),
+    "room-20-20-5": Recipe(partial(generate.room, 20, 20, size=5), seed=0),
+}
+"""How each bundled map is made, by name. The random ones have the least seed that makes a map of one component."""
+
+
+def generate_bundled(folder: str | Path) -> list[Path]:
+    """Write all bundled maps into `folder`, which is made where it is missing, and return their files."""
+    target = Path(folder)
+    target.mkdir(parents=True, exist_ok=True)
+    files: list[Path] = []
+    for name, recipe in BUNDLED.items():
+        files.append(target / f"{name}.map")
+        write_map(recipe.make(), files[-1], recipe.blocked)
+    return files

@@ -1,0 +1,118 @@
+"""Maps and scenarios by name, file, drawing or array."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import textwrap
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from mapf_pz.instances.movingai import parse_cells, read_map, read_scenario
+from mapf_pz.types import Bools, Grid, Scenario
+
+BENCHMARK_VARIABLE = "MAPF_PZ_BENCHMARK"
+"""The environment variable that names a folder with the benchmark's `maps/` and `scens/`."""
+
+
+def load_map(map: str | Path | Bools | Grid) -> Grid:
+    """Return the map that `map` stands for.
+
+    Args:
+        map: One of these, told apart in this order:
+            a `Grid`, returned as it is; a bool array (H, W), True where a cell is free;
+            a `Path`: a file;
+            a str with a line end: a drawing, `.` free and any of `#@OTW` blocked; indentation and empty lines around
+            it do not count;
+            a str that ends in `.map`: a file's path;
+            any other str: a name of `map_names()`, or of a map in the folder `$MAPF_PZ_BENCHMARK/maps`.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        FormatError: The file or the drawing is malformed.
+        ValueError: There is no map of that name, or the array is not two-dimensional.
+        TypeError: `map` is none of these.
+    """
+    if isinstance(map, Grid):
+        return map
+    if isinstance(map, str) and "\n" in map:
+        return _parse_drawing(map)
+    if isinstance(map, (str, Path)):
+        return read_map(_resolve(map, ".map", [_bundled(), *_benchmark("maps")]))
+    return _from_array(map)
+
+
+def load_scenario(scenario: str | Path | Scenario, grid: Grid | None = None) -> Scenario:
+    """Return the scenario that `scenario` stands for.
+
+    Args:
+        scenario: A `Scenario`, returned as it is; a `Path` or a str that ends in `.scen`: a file; any other str: a
+            name in the folder `$MAPF_PZ_BENCHMARK/scens`, such as `den312d-random-1`.
+        grid: The map; a file that does not fit it is refused.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        FormatError: The file is malformed, or does not fit the map.
+        ValueError: There is no scenario of that name.
+        TypeError: `scenario` is none of these.
+    """
+    if isinstance(scenario, Scenario):
+        return scenario
+    return read_scenario(_resolve(scenario, ".scen", _benchmark("scens")), grid)
+
+
+def map_names() -> list[str]:
+    """Return the names of the bundled maps, sorted."""
+    return sorted(file.stem for file in _bundled().glob("*.map"))
+
+
+def _bundled() -> Path:
+    return Path(str(resources.files("mapf_pz.maps")))
+
+
+def _benchmark(folder: str) -> list[Path]:
+    """Return the benchmark's folder of this name, if one is set."""
+    root = os.environ.get(BENCHMARK_VARIABLE)
+    return [Path(root) / folder] if root else []
+
+
+def _resolve(source: object, ending: str, folders: list[Path]) -> Path:
+    """Return the file that a path or a name stands for; the first of `folders` that has a name wins."""
+    if isinstance(source, Path):
+        return source
+    if not isinstance(source, str):
+        raise TypeError(f"expected a name or the path of a {ending} file, got {type(source).__name__}")
+    if source.endswith(ending):
+        return Path(source)
+    files = [file for folder in folders for file in sorted(folder.glob(f"*{ending}"))]
+    for file in files:
+        if file.stem == source:
+            return file
+    near = difflib.get_close_matches(source, dict.fromkeys(file.stem for file in files))
+    hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
+    raise ValueError(
+        f"no {ending} file is named {source!r}: {hint}A path ends in {ending}; for the names of the benchmark, set "
+        f"{BENCHMARK_VARIABLE} to a folder with its maps/ and scens/ (https://movingai.com/benchmarks/mapf.html)"
+    )
+
+
+def _from_array(array: Bools) -> Grid:
+    # Other arrays are not converted: in many of them 1 is an obstacle.
+    free = np.asarray(array)
+    if free.dtype != np.bool_:
+        got = f"{type(array).__name__} of {free.dtype}"
+        raise TypeError(f"map: expected a name, a .map file, a drawing, or a bool array with True for free, got {got}")
+    return Grid(free)
+
+
+def _parse_drawing(text: str) -> Grid:
+    """Parse a map drawn as text; messages count its lines from the first, empty ones included."""
+    lines = [line.rstrip() for line in textwrap.dedent(text).split("\n")]
+    drawn = [number for number, line in enumerate(lines) if line]
+    if not drawn:
+        raise ValueError("map: the drawing is empty")
+    first, last = drawn[0], drawn[-1]
+    rows = lines[first : last + 1]
+    return Grid(parse_cells(rows, len(rows[0]), "map", first + 1, passable=".", blocked="#@OTW"))

@@ -1,0 +1,243 @@
+"""The files of the MovingAI benchmark: `.map` (which cells are free) and `.scen` (where agents start and go).
+
+Both are read as untrusted, and written as the benchmark writes them. Only here, x is the column and y the row.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from array import array
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from pathlib import Path
+from reprlib import repr as shortened
+
+import numpy as np
+
+from mapf_pz.instances.octile import octile_distances
+from mapf_pz.instances.textfile import read_text
+from mapf_pz.types import Bools, FormatError, Grid, Ints, Scenario
+
+PASSABLE = ".GS"
+"""Characters of free cells: ground (two), swamp."""
+BLOCKED = "@OTW"
+"""Characters of obstacles: out of bounds (two), trees, water."""
+MAX_CELLS = 16_000_000
+"""Larger maps are refused."""
+
+_NUMBER = r"\d{1,9}"
+_HEADER = {
+    "'type octile'": r"type\s+octile\s*",
+    "'height' and a number": rf"height\s+({_NUMBER})\s*",
+    "'width' and a number": rf"width\s+({_NUMBER})\s*",
+    "'map'": r"map\s*",
+}
+_VERSION = re.compile(r"version\s+1(\.0)?\s*")
+_COLUMNS = {
+    "bucket": _NUMBER,
+    "map name": r"[^\t]+",
+    "map width": f"({_NUMBER})",
+    "map height": f"({_NUMBER})",
+    "start x": f"({_NUMBER})",
+    "start y": f"({_NUMBER})",
+    "goal x": f"({_NUMBER})",
+    "goal y": f"({_NUMBER})",
+    "distance": r"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?",
+}
+_AGENT = re.compile(r"\t".join(_COLUMNS.values()), re.ASCII)
+
+
+def read_map(path: str | Path, passable: str = PASSABLE) -> Grid:
+    """Read a `.map` file; the map is named like the file.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        FormatError: The file is not a map.
+    """
+    return parse_map(read_text(path), path, passable)
+
+
+def parse_map(text: str, origin: str | Path, passable: str = PASSABLE) -> Grid:
+    """Parse the text of a `.map` file that came from `origin`; a second map after the first is ignored.
+
+    Characters in `passable` are free cells, others in `BLOCKED` obstacles. Raises `FormatError` for anything else.
+    """
+    lines = _lines(text)
+    height, width = _parse_header(lines, origin)
+    first = len(_HEADER) + 1
+    rows = list(islice(lines, height))
+    free = parse_cells(rows, width, origin, first, passable)
+    if len(rows) < height:
+        raise FormatError(origin, f"expected {height} rows, got {len(rows)}", first + len(rows))
+    for number, line in enumerate(lines, first + height):
+        if line.startswith("type "):
+            break
+        if line.strip():
+            raise FormatError(origin, f"expected the end of the file after {height} rows", number, 1)
+    return Grid(free, Path(origin).stem)
+
+
+def parse_cells(
+    rows: Iterable[str],
+    width: int,
+    origin: str | Path,
+    first_line: int,
+    passable: str = PASSABLE,
+    blocked: str = BLOCKED,
+) -> Bools:
+    """Parse drawn rows of `width` characters each into a (rows, width) array, True where the cell is free.
+
+    Raises `FormatError` for a row of another length or with a strange character; `first_line` is the first row's line.
+    """
+    strange = re.compile(f"[^{re.escape(passable + blocked)}]")
+    cells = bytearray()
+    for line, row in enumerate(rows, first_line):
+        if found := strange.search(row):
+            message = f"expected one of {passable}{blocked}, got {found[0]!r}"
+            raise FormatError(origin, message, line, found.start() + 1)
+        if len(row) != width:
+            message = f"expected a row of {width} cells, got {len(row)}"
+            raise FormatError(origin, message, line, min(len(row), width) + 1)
+        cells += row.encode()
+    return np.isin(np.frombuffer(cells, np.uint8), list(passable.encode())).reshape(-1, width)
+
+
+def format_map(grid: Grid, blocked: str = "@") -> str:
+    """Return the text of a `.map` file; raises `ValueError` unless `blocked`, the obstacles, is one of `BLOCKED`."""
+    if len(blocked) != 1 or blocked not in BLOCKED:
+        raise ValueError(f"blocked={blocked!r}: expected one of {', '.join(BLOCKED)}")
+    height, width = grid.shape
+    cells = np.full((height, width + 1), ord("\n"), np.uint8)
+    cells[:, :-1] = np.where(grid.free, ord("."), ord(blocked))
+    return f"type octile\nheight {height}\nwidth {width}\nmap\n{cells.tobytes().decode()}"
+
+
+def write_map(grid: Grid, path: str | Path, blocked: str = "@") -> None:
+    """Write a `.map` file."""
+    Path(path).write_text(format_map(grid, blocked), "utf-8", newline="\n")
+
+
+def read_scenario(path: str | Path, grid: Grid | None = None) -> Scenario:
+    """Read a `.scen` file and, with a `grid`, check that it fits that map.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        FormatError: The file is not a scenario, or not one of this map.
+    """
+    return parse_scenario(read_text(path), path, grid)
+
+
+def parse_scenario(text: str, origin: str | Path, grid: Grid | None = None) -> Scenario:
+    """Parse the text of a `.scen` file that came from `origin`; raises `FormatError` as `read_scenario` does."""
+    numbers = array("i")
+    first = 1
+    for number, line in enumerate(_lines(text.rstrip()), 1):
+        agent = _AGENT.fullmatch(line)
+        if agent is not None:
+            numbers.extend(map(int, agent.groups()))
+        elif number == 1 and _VERSION.fullmatch(line):
+            first = 2
+        else:
+            raise _malformed_agent(line, origin, number)
+    if not numbers:
+        raise FormatError(origin, "expected a line for each agent, got none", first)
+    table = np.array(numbers, np.int32).reshape(-1, 6)
+    scenario = Scenario(table[:, [3, 2]], table[:, [5, 4]])
+    sizes = table[:, [1, 0]]
+    misfit = _first_misfit(sizes, scenario, grid)
+    if misfit is not None:
+        agent, column, message = misfit
+        line = next(islice(_lines(text), first - 1 + agent, None))
+        raise FormatError(origin, message, first + agent, _column_start(line, list(_COLUMNS).index(column)))
+    return scenario
+
+
+def format_scenario(scenario: Scenario, grid: Grid) -> str:
+    """Return the text of a `.scen` file, with the octile distances that the format asks for.
+
+    Raises `ValueError` for an agent that has several goals, that starts or ends off the map's free cells, or that
+    cannot reach its goal.
+    """
+    if scenario.goals.ndim != 2:
+        raise ValueError("a .scen file holds one goal for each agent: this scenario has several")
+    if re.search(r"[\t\r\n]", grid.name):
+        raise ValueError(f"map name {grid.name!r}: a .scen file cannot hold tabs or line ends in it")
+    height, width = grid.shape
+    misfit = _first_misfit(np.full((len(scenario), 2), grid.shape, np.int32), scenario, grid)
+    if misfit is not None:
+        raise ValueError(f"agent {misfit[0]}: {misfit[2]}")
+    lines = ["version 1"]
+    distances = octile_distances(grid.free, scenario.starts, scenario.goals).tolist()
+    ends = zip(scenario.starts.tolist(), scenario.goals.tolist(), distances, strict=True)
+    for agent, (start, goal, distance) in enumerate(ends):
+        if distance == np.inf:
+            raise ValueError(f"agent {agent}: no path leads from its start to its goal")
+        columns = (int(distance / 4), f"{grid.name}.map", width, height, *start[::-1], *goal[::-1], f"{distance:.8f}")
+        lines.append("\t".join(map(str, columns)))
+    return "\n".join(lines) + "\n"
+
+
+def write_scenario(scenario: Scenario, grid: Grid, path: str | Path) -> None:
+    """Write a `.scen` file; raises `ValueError` as `format_scenario` does."""
+    Path(path).write_text(format_scenario(scenario, grid), "utf-8", newline="\n")
+
+
+def _lines(text: str) -> Iterator[str]:
+    """Yield the lines one by one, so that a hostile file cannot take memory for millions of them."""
+    return (line.rstrip("\r\n") for line in io.StringIO(text))
+
+
+def _parse_header(lines: Iterator[str], origin: str | Path) -> tuple[int, int]:
+    """Take the header off `lines` and return (H, W)."""
+    sizes: list[int] = []
+    for number, (expected, pattern) in enumerate(_HEADER.items(), 1):
+        line = next(lines, "")
+        match = re.fullmatch(pattern, line, re.ASCII)
+        if match is None:
+            raise FormatError(origin, f"expected {expected}, got {shortened(line)}", number, 1)
+        sizes.extend(map(int, match.groups()))
+        if 0 in sizes:
+            raise FormatError(origin, f"expected {expected}, 1 or more", number, line.index("0") + 1)
+    height, width = sizes
+    if height * width > MAX_CELLS:
+        raise FormatError(origin, f"expected at most {MAX_CELLS} cells, got {height} x {width}", 2)
+    return height, width
+
+
+def _malformed_agent(line: str, origin: str | Path, number: int) -> FormatError:
+    """Say which column of an agent's line is wrong."""
+    fields = line.split("\t")
+    if len(fields) != len(_COLUMNS):
+        message = f"expected {len(_COLUMNS)} columns separated by tabs, got {len(fields)}: {shortened(line)}"
+        return FormatError(origin, message, number, _column_start(line, min(len(fields), len(_COLUMNS))))
+    for index, (name, pattern) in enumerate(_COLUMNS.items()):
+        if not re.fullmatch(pattern, fields[index], re.ASCII):
+            message = f"expected the {name}, got {shortened(fields[index])}"
+            return FormatError(origin, message, number, _column_start(line, index))
+    raise AssertionError("a line whose columns are all right is an agent's line")
+
+
+def _column_start(line: str, index: int) -> int:
+    """Return where, from 1, the column `index` of a tab-separated line starts."""
+    return 1 + sum(len(field) + 1 for field in line.split("\t")[:index])
+
+
+def _first_misfit(sizes: Ints, scenario: Scenario, grid: Grid | None) -> tuple[int, str, str] | None:
+    """Find an agent that does not fit its map of size `sizes` (M, 2) or the `grid`: (agent, column, what is wrong)."""
+    if grid is not None:
+        fits: Bools = np.all(sizes == grid.shape, axis=1)
+        if not fits.all():
+            agent = int(np.argmin(fits))
+            height, width = grid.shape
+            expected = f"expected the size of map {grid.name!r}, width {width} and height {height}"
+            return agent, "map width", f"{expected}, got {sizes[agent, 1]} and {sizes[agent, 0]}"
+    for what, cells in (("start", scenario.starts), ("goal", scenario.goals)):
+        usable: Bools = np.all((cells >= 0) & (cells < sizes), axis=1)
+        if grid is not None:
+            usable[usable] = grid.free[cells[usable, 0], cells[usable, 1]]
+        if not usable.all():
+            agent = int(np.argmin(usable))
+            row, col = cells[agent].tolist()
+            return agent, f"{what} x", f"expected the {what} to be a free cell of the map, got x={col}, y={row}"
+    return None

@@ -1,0 +1,54 @@
+"""The metrics of one episode, with POGEMA's names and definitions (POGEMA 1.4.0, `wrappers/metrics.py`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mapf_pz.config import OnTarget
+from mapf_pz.types import Ints
+
+
+@dataclass(frozen=True, eq=False)
+class EpisodeRecord:
+    """What the metrics are computed from: N agents after `num_steps` steps."""
+
+    on_target: OnTarget
+    """The mode: which metrics there are."""
+    num_steps: int
+    """Steps taken so far."""
+    max_steps: int
+    """The episode's limit."""
+    settled: Ints
+    """(N,): the step since which the agent is on its goal (or has disappeared there); -1 where it is not."""
+    arrivals: Ints
+    """(N,): goals reached."""
+    shortest: Ints
+    """(N,): length of each agent's own shortest path from start to goal, in steps; -1 where there is none."""
+
+
+def episode_metrics(record: EpisodeRecord) -> dict[str, float]:
+    """Return the metrics as if the episode ended now.
+
+    `CSR`: 1 if all agents are on their goals (`finish`: have reached them), else 0. `ISR`: the share who are. `SoC`:
+    sum over agents of the step since which they stay on their goals, unsolved ones counting all steps; `makespan`: the
+    latest of these. `ep_length`: steps taken (`finish`: mean step of arrival). `SoC_ratio`: SoC over the sum of the
+    agents' shortest paths. `avg_throughput`: goals reached per step of the limit (`restart` only).
+    """
+    if record.on_target == "restart":
+        return {
+            "avg_throughput": float(record.arrivals.sum() / record.max_steps),
+            "ep_length": float(record.num_steps),
+        }
+    solved = record.settled >= 0
+    costs = np.where(solved, record.settled, record.num_steps)
+    bound = int(np.maximum(record.shortest, 0).sum())
+    return {
+        "CSR": float(solved.all()),
+        "ISR": float(solved.mean()),
+        "SoC": float(costs.sum()),
+        "makespan": float(costs.max()),
+        "ep_length": float(costs.mean()) if record.on_target == "finish" else float(record.num_steps),
+        "SoC_ratio": float(costs.sum() / bound) if bound else 1.0,
+    }

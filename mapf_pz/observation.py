@@ -1,0 +1,106 @@
+"""What the configured channels and features amount to: shapes, Gymnasium spaces, and the kernels' geometry."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from mapf_pz.config import EnvConfig
+from mapf_pz.core.channels import CHANNELS
+from mapf_pz.core.features import FEATURES
+from mapf_pz.core.observe import Sight
+from mapf_pz.types import HEADING_STEPS, Action, CardinalAction, Ints
+
+
+class ObservationLayout:
+    """How one agent's observation is laid out. Raises `ValueError` for unknown names and too large a view."""
+
+    def __init__(self, config: EnvConfig, shape: tuple[int, int]) -> None:
+        """Lay out `config`'s channels and features for maps of `shape` (H, W)."""
+        _check_names("channels", config.channels, CHANNELS)
+        _check_names("features", config.features, FEATURES)
+        if not config.channels:
+            raise ValueError(f"channels: expected at least one of {', '.join(CHANNELS)}")
+        if config.view_size[0] > shape[0] or config.view_size[1] > shape[1]:
+            raise ValueError(f"view_size={config.view_size}: expected at most the map's size, {shape}")
+        self._config = config
+        self.num_actions = len(CardinalAction if config.action_model == "cardinal" else Action)
+        self.planes = _first_places(config.channels, CHANNELS, [CHANNELS[name].planes for name in config.channels])
+        lengths = [FEATURES[name].length(self.num_actions, config.num_last_actions) for name in config.features]
+        self.places = _first_places(config.features, FEATURES, lengths)
+        self.num_planes = sum(CHANNELS[name].planes for name in config.channels)
+        self.num_features = sum(lengths)
+
+    @property
+    def image_shape(self) -> tuple[int, int, int]:
+        """(K, h, w)."""
+        return (self.num_planes, *self._config.view_size)
+
+    @property
+    def needs_distances(self) -> bool:
+        """Whether any channel or feature reads the cost to go."""
+        declared = [CHANNELS[name] for name in self._config.channels] + [FEATURES[n] for n in self._config.features]
+        return any(part.needs_distances for part in declared)
+
+    def space(self) -> spaces.Space[Any]:
+        """Return the space of one agent's observation: `Box (K, h, w)`, or `Dict(image, features)`."""
+        low, high = (
+            np.repeat(
+                [getattr(CHANNELS[name], bound) for name in self._config.channels],
+                [CHANNELS[name].planes for name in self._config.channels],
+            )
+            for bound in ("low", "high")
+        )
+        planes = [np.broadcast_to(bound[:, None, None], self.image_shape) for bound in (low, high)]
+        image = spaces.Box(planes[0].astype(np.float32), planes[1].astype(np.float32), dtype=np.float32)
+        if not self.num_features:
+            return image
+        return spaces.Dict(image=image, features=spaces.Box(-1, 1, (self.num_features,), np.float32))
+
+    def sight(self, num_envs: int) -> Sight:
+        """Return the kernels' geometry, with scratch for `num_envs` environments."""
+        config = self._config
+        height, width = config.view_size
+        row = height - 1 if config.view == "front" else height // 2
+        cells = height * width
+        return Sight(
+            height=height,
+            width=width,
+            here=row * width + width // 2,
+            egocentric=config.frame == "egocentric",
+            see_through_walls=config.see_through_walls,
+            cardinal=config.action_model == "cardinal",
+            max_steps=config.max_steps,
+            offsets=_offsets(height, width, row),
+            steps=HEADING_STEPS.astype(np.int32),
+            planes=self.planes,
+            places=self.places,
+            cells=np.zeros((num_envs, cells), np.uint32),
+            seen=np.ones((num_envs, cells), np.bool_),
+            spots=np.zeros((num_envs, cells), np.uint32),
+            others=np.zeros((num_envs, cells), np.uint32),
+        )
+
+
+def _check_names(field: str, names: tuple[str, ...], known: dict[str, Any]) -> None:
+    for name in names:
+        if name not in known:
+            raise ValueError(f"{field}: unknown {name!r}, expected names out of {', '.join(known)}")
+
+
+def _first_places(names: tuple[str, ...], known: dict[str, Any], lengths: list[int]) -> Ints:
+    """Return (number known,) int32: where each part begins, in the order of `known`; -1: absent."""
+    begins = dict(zip(names, np.cumsum([0, *lengths]).tolist(), strict=False))
+    return np.array([begins.get(name, -1) for name in known], np.int32)
+
+
+def _offsets(height: int, width: int, own_row: int) -> Ints:
+    """Return (4, h * w, 2) int32: the map offset of each cell of the view, for each direction that is up."""
+    rows, cols = np.indices((height, width)).reshape(2, -1)
+    forward, right = own_row - rows, cols - width // 2
+    steps = HEADING_STEPS
+    return np.stack([np.outer(forward, steps[up]) + np.outer(right, steps[(up + 1) % 4]) for up in range(4)]).astype(
+        np.int32
+    )

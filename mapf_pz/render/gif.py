@@ -1,0 +1,80 @@
+"""Pictures as files: one PNG, or many in a GIF. Needs Pillow, the extra `mapf-pz[render]`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+COLOURS = 256  # of one GIF frame
+
+
+def save_gif(frames: Iterable[NDArray[np.uint8]], path: str | Path, fps: float = 4) -> None:
+    """Write an animation that repeats for ever.
+
+    Args:
+        frames: Each (rows, cols, 3), all of one size.
+        path: The file; it is replaced as a whole, or not at all.
+        fps: Frames per second; GIF knows hundredths of a second, and viewers rarely show more than 50 a second.
+
+    Raises:
+        ValueError: If there are no frames, they differ in size, or `fps` is not in 0 to 100 (0 excluded).
+        ImportError: If Pillow is missing.
+    """
+    if not 0 < fps <= 100:
+        raise ValueError(f"fps={fps}: expected more than 0, and 100 at most")
+    images = _palette_images(frames)
+    first = next(images, None)
+    if first is None:
+        raise ValueError("no frames to save")
+    with _replacing(Path(path)) as file:
+        first.save(file, format="GIF", save_all=True, append_images=images, duration=round(1000 / fps), loop=0)
+
+
+def save_png(frame: NDArray[np.uint8], path: str | Path) -> None:
+    """Write one picture (rows, cols, 3); `path` is replaced as a whole, or not at all.
+
+    Raises:
+        ImportError: If Pillow is missing.
+    """
+    image = _image(frame)
+    with _replacing(Path(path)) as file:
+        image.save(file, format="PNG")
+
+
+def _palette_images(frames: Iterable[NDArray[np.uint8]]) -> Iterator[Image.Image]:
+    """Give each frame its own best colours: Pillow's default would dither, and speckle even areas."""
+    size = None
+    for frame in frames:
+        image = _image(frame)
+        size = size or image.size
+        if image.size != size:
+            raise ValueError(f"frames differ in size: {image.size} after {size} (columns, rows)")
+        yield image.quantize(COLOURS)
+
+
+def _image(frame: NDArray[np.uint8]) -> Image.Image:
+    try:
+        from PIL import Image
+    except ImportError as error:
+        raise ImportError("saving pictures needs Pillow: pip install 'mapf-pz[render]'") from error
+    return Image.fromarray(frame)
+
+
+@contextmanager
+def _replacing(path: Path) -> Generator[Path, None, None]:
+    """Give a file beside `path` to write, which takes its place at the end and is removed on an error."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)

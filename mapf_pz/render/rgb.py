@@ -1,0 +1,161 @@
+"""Pictures of an instance as arrays: obstacles dark, each agent a disc that looks somewhere, its goal a square."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapf_pz.types import Bools, Floats, Heading, Ints
+
+Picture = NDArray[np.uint8]
+
+FREE = (251, 250, 247)
+OBSTACLE = (70, 77, 92)
+GRID_LINE = (233, 231, 225)
+HEADING_MARK = (255, 255, 255)
+
+LARGEST_PICTURE = 1400  # px of the longer side, where the smallest cell allows it
+SMALLEST_CELL, LARGEST_CELL = 6, 48  # px
+DETAILED_CELL = 12  # px: in smaller cells there are no grid lines, and a disc fills its cell
+SAMPLES = 8  # per pixel and axis, for smooth edges
+DISC_RADIUS, FULL_RADIUS = 0.375, 0.49  # of a cell; the first leaves a goal's frame visible, the second its corners
+GOAL_TINT = 0.16
+GOLDEN_RATIO = 0.6180339887
+
+
+def draw(
+    free: Bools,
+    positions: Ints,
+    headings: Ints | None,
+    goals: Ints,
+    active: Bools | None = None,
+    cell_size: int | None = None,
+) -> Picture:
+    """Draw one picture; for many pictures of one map, keep a `Canvas`.
+
+    Args:
+        free: (H, W), True where an agent can stand.
+        positions: (N, 2), [row, col].
+        headings: (N,), or None for agents that look nowhere.
+        goals: (N, 2), [row, col].
+        active: (N,); an agent that is not active is left out, with its goal. None: all are.
+        cell_size: Pixels per cell; None chooses by the map's size.
+
+    Returns:
+        (H * cell_size, W * cell_size, 3).
+
+    Raises:
+        ValueError: If `cell_size` is less than 1.
+    """
+    return Canvas(free, len(positions), cell_size).draw(positions, headings, goals, active)
+
+
+class Canvas:
+    """What does not change between the pictures of one map: the background, the colours and the agents' shapes."""
+
+    def __init__(self, free: Bools, num_agents: int, cell_size: int | None = None) -> None:
+        """Prepare pictures of the map `free` (H, W) with `num_agents` agents; `cell_size` as in `draw`."""
+        if cell_size is not None and cell_size < 1:
+            raise ValueError(f"cell_size={cell_size}: expected 1 pixel or more")
+        self.cell_size = cell_size or fitting_cell_size(*free.shape)
+        self._background = _background(free, self.cell_size)
+        self._colours = agent_colours(num_agents)
+        radius = DISC_RADIUS if self.cell_size >= DETAILED_CELL else FULL_RADIUS
+        self._disc = _coverage(self.cell_size, lambda row, col: row**2 + col**2 <= radius**2)
+        self._marks = _heading_marks(self.cell_size, radius)
+        self._goal = _goal_mask(self.cell_size)
+
+    def draw(self, positions: Ints, headings: Ints | None, goals: Ints, active: Bools | None = None) -> Picture:
+        """Draw one picture; arguments and result as in the function `draw`."""
+        picture = self._background.copy()
+        shown = np.arange(len(positions)) if active is None else np.flatnonzero(active)
+        colours = self._colours[shown]
+        self._blend(picture, goals[shown], colours, self._goal)
+        self._blend(picture, positions[shown], colours, self._disc)
+        if headings is not None:
+            self._blend(picture, positions[shown], np.array(HEADING_MARK, np.float32), self._marks[headings[shown]])
+        return picture
+
+    def _blend(self, picture: Picture, cells: Ints, colours: Floats, masks: Floats) -> None:
+        """Lay `colours` ((n,) 3) over the `cells` (n, 2) of `picture`, as opaque as `masks` ((n,) size, size) say."""
+        size = self.cell_size
+        height, width = picture.shape[0] // size, picture.shape[1] // size
+        by_cell = picture.reshape(height, size, width, size, 3).transpose(0, 2, 1, 3, 4)
+        rows, cols = cells[:, 0], cells[:, 1]
+        under = by_cell[rows, cols].astype(np.float32)
+        over = under + (colours[..., None, None, :] - under) * masks[..., None]
+        by_cell[rows, cols] = np.rint(over).astype(np.uint8)
+
+
+def fitting_cell_size(height: int, width: int) -> int:
+    """Choose the pixels per cell for a map of `height` x `width` cells."""
+    return int(np.clip(LARGEST_PICTURE // max(height, width), SMALLEST_CELL, LARGEST_CELL))
+
+
+def agent_colours(num_agents: int) -> Floats:
+    """Choose a colour per agent, (N, 3) float32 of 0 to 255: golden-ratio hues of like lightness, three shades in turn.
+
+    The hues lie in OKLCH, where equal numbers look equally light, so no agent stands out.
+    """
+    index = np.arange(num_agents)
+    hue = 2 * np.pi * ((index * GOLDEN_RATIO + 0.7) % 1)
+    lightness = np.array([0.62, 0.52, 0.70])[index % 3]
+    green_red, blue_yellow = 0.16 * np.cos(hue), 0.16 * np.sin(hue)
+    cones = np.stack(
+        [
+            lightness + 0.3963377774 * green_red + 0.2158037573 * blue_yellow,
+            lightness - 0.1055613458 * green_red - 0.0638541728 * blue_yellow,
+            lightness - 0.0894841775 * green_red - 1.2914855480 * blue_yellow,
+        ]
+    )
+    to_linear = np.array(
+        [
+            [4.0767416621, -3.3077115913, 0.2309699292],
+            [-1.2684380046, 2.6097574011, -0.3413193965],
+            [-0.0041960863, -0.7034186147, 1.7076147010],
+        ]
+    )
+    linear = np.clip((to_linear @ cones**3).T, 0, 1)
+    gamma = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return (255 * gamma).astype(np.float32)
+
+
+def _background(free: Bools, size: int) -> Picture:
+    tile = np.full((size, size, 3), FREE, np.uint8)
+    if size >= DETAILED_CELL:
+        tile[0, :] = tile[:, 0] = GRID_LINE
+    background = np.tile(tile, (*free.shape, 1))
+    background[~np.kron(free, np.ones((size, size), np.bool_))] = OBSTACLE
+    return background
+
+
+def _coverage(size: int, inside: Callable[[Floats, Floats], Bools]) -> Floats:
+    """Tell how much of each pixel a shape covers: (size, size) float32 of 0 to 1.
+
+    Args:
+        size: Pixels per cell.
+        inside: Of (row, col) in cells from the centre, -0.5 to 0.5: whether that point is in the shape.
+    """
+    centres = (np.arange(size * SAMPLES) + 0.5) / (size * SAMPLES) - 0.5
+    samples = inside(centres[:, None], centres[None, :])
+    return samples.reshape(size, SAMPLES, size, SAMPLES).mean(axis=(1, 3), dtype=np.float32)
+
+
+def _heading_marks(size: int, radius: float) -> Floats:
+    """Draw a triangle in the disc of `radius` cells, its tip where the agent looks: (4, size, size) by heading."""
+    tip, base, slope = 0.9 * radius, -0.2 * radius, 0.62
+    east = _coverage(size, lambda row, col: (col >= base) & (np.abs(row) <= slope * (tip - col)))
+    quarter_turns = {Heading.EAST: 0, Heading.SOUTH: -1, Heading.WEST: -2, Heading.NORTH: -3}
+    return np.stack([np.rot90(east, quarter_turns[heading]) for heading in Heading])
+
+
+def _goal_mask(size: int) -> Floats:
+    """Draw a hollow square on whole pixels, lightly tinted inside: (size, size)."""
+    margin, stroke = round(0.03 * size), max(1, round(0.06 * size))
+    mask = np.zeros((size, size), np.float32)
+    mask[margin : size - margin, margin : size - margin] = 1
+    inner = margin + stroke
+    mask[inner : size - inner, inner : size - inner] = GOAL_TINT
+    return mask

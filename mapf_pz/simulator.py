@@ -1,0 +1,260 @@
+"""The simulator: B environments of N agents in preallocated arrays. Both environments stand on it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from mapf_pz.config import EnvConfig, RewardConfig
+from mapf_pz.core import world
+from mapf_pz.core.conflict import COLLISION_SYSTEMS
+from mapf_pz.core.distance import shortest_steps
+from mapf_pz.core.observe import observe, observe_in_parallel
+from mapf_pz.core.state import Rules, allocate_state
+from mapf_pz.core.step import ON_TARGET, step, step_in_parallel
+from mapf_pz.core.tables import DistanceTables
+from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.instances.configured import goals_per_agent, make_source
+from mapf_pz.instances.place import place
+from mapf_pz.metrics import EpisodeRecord, episode_metrics
+from mapf_pz.observation import ObservationLayout
+from mapf_pz.types import Floats, Grid, Heading, Instance, Ints
+
+
+class Observation(NamedTuple):
+    """What all agents observe; the arrays are the caller's own."""
+
+    image: Floats  # (B, N, K, h, w) float32
+    features: Floats  # (B, N, F) float32
+    action_mask: Ints  # (B, N, A) int8
+
+
+class Simulator:
+    """B environments with one configuration, stepped together.
+
+    Row `b` of a batch that is seeded with `s` is the single environment seeded with `s + b`, to the bit.
+    """
+
+    def __init__(self, config: EnvConfig, num_envs: int = 1, num_threads: int = 1) -> None:
+        """Allocate everything; raises `ValueError` where the configuration and the map do not fit."""
+        for name, value in (("num_envs", num_envs), ("num_threads", num_threads)):
+            if value < 1:
+                raise ValueError(f"{name}={value}: expected a whole number, 1 or more")
+        self.config = config
+        self.source = make_source(config)
+        self.num_envs = num_envs
+        self.num_agents = self.source.num_agents
+        self.shape = self.source.shape
+        self.layout = ObservationLayout(config, self.shape)
+        self.num_actions = self.layout.num_actions
+        self.needs_distances = self.layout.needs_distances or config.rewards.progress != 0
+        self._num_threads = min(num_threads, numba.config.NUMBA_NUM_THREADS)
+        self._one_map = self.source.grid is not None and config.edge_weights != "random"
+        self._grids: list[Grid | None] = [None] * (1 if self._one_map else num_envs)
+        self.world = world.allocate(len(self._grids), self.shape)
+        self._num_headings = 1 if config.action_model == "cardinal" else 4
+        self.tables = DistanceTables(self.world, self._num_headings, config.distance_bytes, self._num_threads)
+        self.state = allocate_state(
+            num_envs, self.num_agents, self.shape[0] * self.shape[1], goals_per_agent(config), config.num_last_actions
+        )
+        self._starts = np.zeros((num_envs, self.num_agents), np.int32)
+        self._start_headings = np.zeros((num_envs, self.num_agents), np.int8)
+        self._rules = _rules(config, config.rewards)
+        self._sight = self.layout.sight(num_envs)
+        self._rngs = [np.random.default_rng() for _ in range(num_envs)]
+
+    def reset(
+        self,
+        envs: Iterable[int] | None = None,
+        seeds: Mapping[int, int] | None = None,
+        instances: Mapping[int, Instance] | None = None,
+    ) -> None:
+        """Begin new episodes in the environments `envs` (default: all).
+
+        Args:
+            envs: which of the B environments.
+            seeds: for environments that shall be seeded afresh; the others go on with their own generators.
+            instances: for environments that shall not draw their instance from the source.
+        """
+        chosen = list(range(self.num_envs) if envs is None else envs)
+        for b in chosen:
+            if seeds is not None and b in seeds:
+                self._rngs[b] = np.random.default_rng(seeds[b])
+            given = None if instances is None else instances.get(b)
+            self._begin(b, self.source.sample(self._rngs[b]) if given is None else given)
+        if self.needs_distances:
+            self.require_distances()
+
+    def step(self, actions: Ints) -> None:
+        """Take one step in all environments: `actions` (B, N) int64, each in 0 to A - 1 (not checked here)."""
+        if self._num_threads == 1:
+            step(self._rules, self.world, self.tables.arrays, self.state, actions)
+        else:
+            numba.set_num_threads(self._num_threads)
+            step_in_parallel(self._rules, self.world, self.tables.arrays, self.state, actions)
+        if self.needs_distances and self.config.on_target == "restart":
+            self.require_distances()
+
+    def observe(self) -> Observation:
+        """Return what all agents observe now, in new arrays; agents that have disappeared observe zeros."""
+        lead = (self.num_envs, self.num_agents)
+        channels, height, width = self.layout.image_shape
+        agents = self.num_envs * self.num_agents
+        image = np.empty((agents * channels, height * width), np.float32)
+        features = np.empty((agents, self.layout.num_features), np.float32)
+        mask = np.empty((agents, self.num_actions), np.int8)
+        kernel = observe if self._num_threads == 1 else observe_in_parallel
+        kernel(self._sight, self.world, self.tables.arrays, self.state, image, features, mask)
+        return Observation(
+            image.reshape(*lead, channels, height, width), features.reshape(*lead, -1), mask.reshape(*lead, -1)
+        )
+
+    def require_distances(self) -> None:
+        """Make sure that the cost to go to every agent's goal is known."""
+        maps = np.repeat(self.state.map, self.num_agents)
+        self.tables.require(maps, self.state.agents["goal"].reshape(-1))
+
+    def distance_to_go(self, b: int) -> Floats:
+        """Return the cost to go (N,) float32 of each agent in environment `b`; `inf` where there is no path."""
+        self.require_distances()
+        tables, crew = self.tables.arrays, self.state.agents[b]
+        slots = tables.slot[self.state.map[b], crew["goal"]]
+        return tables.to_go[slots, crew["cell"], crew["heading"] % self._num_headings]
+
+    def grid(self, b: int) -> Grid:
+        """Return the map of environment `b`; raises `RuntimeError` before the first reset."""
+        grid = self._grids[self.state.map[b]]
+        if grid is None:
+            raise RuntimeError("call reset() first")
+        return grid
+
+    def metrics(self, b: int) -> dict[str, float]:
+        """Return the metrics of environment `b` as if its episode ended now: see `mapf_pz.metrics`."""
+        crew = self.state.agents[b]
+        return episode_metrics(
+            EpisodeRecord(
+                on_target=self.config.on_target,
+                num_steps=int(self.state.time[b]),
+                max_steps=self.config.max_steps,
+                settled=crew["settled"],
+                arrivals=crew["arrivals"],
+                shortest=self._shortest_steps(b),
+            )
+        )
+
+    def positions(self, b: int) -> Ints:
+        """Return where the agents of environment `b` are: (N, 2) int, [row, col]."""
+        return self._places(self.state.agents["cell"][b])
+
+    def goals(self, b: int) -> Ints:
+        """Return the present goals of the agents of environment `b`: (N, 2) int, [row, col]."""
+        return self._places(self.state.agents["goal"][b])
+
+    def _places(self, cells: Ints) -> Ints:
+        return np.stack(np.divmod(cells, self.shape[1]), axis=-1).astype(np.int64)
+
+    def _shortest_steps(self, b: int) -> Ints:
+        """Return the length (N,) of each agent's shortest path from its start to its first goal."""
+        cells = self.world.obstacle.shape[1]
+        to_go = np.empty((cells, self._num_headings), np.float32)
+        scratch = np.empty((2, cells * self._num_headings), np.int32)
+        lengths = np.empty(self.num_agents, np.int32)
+        order = np.argsort(self.state.goals[b, :, 0], kind="stable")
+        starts, headings = self._starts[b, order], self._start_headings[b, order]
+        goals = self.state.goals[b, order, 0]
+        shortest_steps(self.world, int(self.state.map[b]), starts, headings, goals, to_go, scratch, lengths)
+        return lengths[np.argsort(order)]
+
+    def _begin(self, b: int, instance: Instance) -> None:
+        """Put `instance` into row `b`."""
+        self._check(instance)
+        rng, state = self._rngs[b], self.state
+        m = 0 if self._one_map else b
+        self._lay_out(m, instance.grid, rng)
+        headings = self._headings(instance, rng)
+        numbering = np.array([self.shape[1], 1])
+        starts = instance.scenario.starts @ numbering
+        state.map[b] = m
+        state.time[b] = 0
+        state.goals[b] = self._goals(instance, rng) @ numbering
+        state.history[b] = (-1, 0)
+        state.occupant[b] = -1
+        state.occupant[b, starts] = np.arange(self.num_agents)
+        crew = state.agents[b]
+        crew.fill(0)
+        crew["cell"] = crew["was_cell"] = self._starts[b] = starts
+        crew["heading"] = crew["was_heading"] = self._start_headings[b] = headings
+        crew["goal"] = crew["was_goal"] = state.goals[b, :, 0]
+        crew["active"] = crew["was_active"] = True
+        crew["settled"] = -1
+
+    def _check(self, instance: Instance) -> None:
+        expected = (self.num_agents, self.shape)
+        if (instance.num_agents, instance.grid.shape) != expected:
+            raise ValueError(
+                f"instance of {instance.num_agents} agents on {instance.grid.shape} cells: this environment has "
+                f"{self.num_agents} agents on {self.shape} cells"
+            )
+        if self._one_map and self.num_envs > 1 and instance.grid is not self.source.grid:
+            raise ValueError("instance on another map: this batch shares one map, use a source of several maps")
+
+    def _lay_out(self, m: int, grid: Grid, rng: np.random.Generator) -> None:
+        if grid is self._grids[m] and self.config.edge_weights != "random":
+            return
+        self._grids[m] = grid
+        world.lay_out(self.world, m, grid.free, self._guidance(grid, rng))
+        self.tables.forget(m)
+
+    def _guidance(self, grid: Grid, rng: np.random.Generator) -> GuidanceGraph:
+        weights = self.config.edge_weights
+        if isinstance(weights, GuidanceGraph):
+            if weights.shape != grid.shape:
+                raise ValueError(f"edge_weights of shape {weights.shape}: the map's shape is {grid.shape}")
+            return weights
+        if weights == "random":
+            return GuidanceGraph.random(grid.free, rng)
+        return GuidanceGraph.uniform(grid.free) if weights == "uniform" else GuidanceGraph.crisscross(grid.free)
+
+    def _goals(self, instance: Instance, rng: np.random.Generator) -> Ints:
+        """Return each agent's goals in order, (N, G, 2); where only one is given and more are needed, draw the rest."""
+        goals = instance.scenario.goals.reshape(self.num_agents, -1, 2)
+        needed = self.state.goals.shape[2]
+        if goals.shape[1] == 1 and needed > 1:
+            drawn = place(instance.grid, self.num_agents, rng, goals_per_agent=needed).goals
+            goals = np.concatenate([goals, drawn[:, 1:]], axis=1)
+        return goals[:, np.arange(needed) % goals.shape[1]]
+
+    def _headings(self, instance: Instance, rng: np.random.Generator) -> Ints:
+        initial = self.config.initial_heading
+        if self.config.action_model == "cardinal":
+            return np.full(self.num_agents, Heading.NORTH)
+        if instance.headings is not None:
+            return instance.headings
+        if not isinstance(initial, str):
+            return np.asarray(initial)
+        if initial == "east":
+            return np.full(self.num_agents, Heading.EAST)
+        return rng.integers(4, size=self.num_agents)
+
+
+def _rules(config: EnvConfig, rewards: RewardConfig) -> Rules:
+    return Rules(
+        cardinal=config.action_model == "cardinal",
+        collision=COLLISION_SYSTEMS[config.collision_system],
+        on_target=ON_TARGET[config.on_target],
+        max_steps=config.max_steps,
+        forward=float(rewards.forward),
+        rotate=float(rewards.rotate),
+        wait=float(rewards.wait),
+        goal=float(rewards.goal),
+        pay_blocked_forward=bool(rewards.pay_blocked_forward),
+        progress=float(rewards.progress),
+        step_cost=float(rewards.step_cost),
+        blocked=float(rewards.blocked),
+        team_goal=float(rewards.team_goal),
+        share=float(rewards.share),
+        share_radius=int(rewards.share_radius),
+    )

@@ -1,0 +1,1 @@
+"""The bundled maps: data only, made by `mapf-pz maps generate`."""

@@ -1,0 +1,12 @@
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="session")
+def benchmark() -> Path:
+    """The folder of benchmark data, which stands beside the repository."""
+    folder = Path(__file__).parents[2] / "shared" / "mapf-benchmark"
+    if not folder.is_dir():
+        pytest.skip(f"{folder} is absent: the benchmark's data is not part of the repository")
+    return folder

@@ -1,0 +1,145 @@
+from importlib import resources
+
+import numpy as np
+import pytest
+
+from mapf_pz.instances import components, format_map, generate, generate_bundled, load_map
+from mapf_pz.instances.bundled import BUNDLED
+
+MAPS = resources.files("mapf_pz.maps")
+SEEDS = range(20)
+
+
+def rng(seed=0):
+    return np.random.default_rng(seed)
+
+
+def drawing(grid):
+    return format_map(grid).split("\n")[4:-1]
+
+
+def num_components(grid):
+    return components(grid.free).max() + 1
+
+
+@pytest.mark.parametrize("size", [8, 16, 32, 48])
+def test_empty_maps_are_the_benchmarks(benchmark, size):
+    grid = generate.empty(size, size)
+    assert format_map(grid).encode() == (benchmark / "maps" / f"{grid.name}.map").read_bytes()
+
+
+@pytest.mark.parametrize("parameters", [(10, 20, 10, 2, 1), (10, 20, 10, 2, 2), (20, 40, 10, 2, 2)])
+def test_warehouses_are_the_benchmarks(benchmark, parameters):
+    grid = generate.warehouse(*parameters)
+    assert format_map(grid, blocked="T").encode() == (benchmark / "maps" / f"{grid.name}.map").read_bytes()
+
+
+def test_a_small_warehouse():
+    grid = generate.warehouse(columns=2, rows=2, length=3, depth=1, aisle=1, margin=2)
+    assert drawing(grid) == [
+        "@@@@@@@@@@@@@",
+        "@...........@",
+        "@..@@@.@@@..@",
+        "@...........@",
+        "@..@@@.@@@..@",
+        "@...........@",
+        "@@@@@@@@@@@@@",
+    ]
+    assert grid.name == "warehouse-2-2-3-1-1"
+    assert generate.warehouse(1, 1, 2, 1, 1, margin=0).shape == (5, 4)
+
+
+@pytest.mark.parametrize(("height", "width", "density", "obstacles"), [(12, 12, 0.15, 22), (7, 9, 0, 0), (5, 5, 0.99, 25)])
+def test_random_has_the_obstacles_asked_for(height, width, density, obstacles):
+    grid = generate.random(height, width, density, rng())
+    assert grid.shape == (height, width)
+    assert (~grid.free).sum() == obstacles
+
+
+def test_random_differs_by_the_seed_alone():
+    first, again, other = (generate.random(16, 16, 0.2, rng(seed)) for seed in (1, 1, 2))
+    assert first.name == "random-16-16-20"
+    assert np.array_equal(first.free, again.free)
+    assert not np.array_equal(first.free, other.free)
+
+
+@pytest.mark.parametrize(("shape", "corridor"), [((13, 13), 1), ((16, 16), 2), ((9, 20), 3), ((2, 2), 1)])
+def test_mazes_are_connected_and_have_no_cycles(shape, corridor):
+    for seed in SEEDS:
+        grid = generate.maze(*shape, rng(seed), corridor)
+        assert grid.shape == shape
+        assert num_components(grid) == 1
+        # Seen at one cell a room and one a passage, a tree has one edge less than cells.
+        rooms, passages = grid.free[1 :: corridor + 1, 1 :: corridor + 1], []
+        passages.append(grid.free[1 :: corridor + 1, corridor + 1 :: corridor + 1][:, : rooms.shape[1] - 1])
+        passages.append(grid.free[corridor + 1 :: corridor + 1, 1 :: corridor + 1][: rooms.shape[0] - 1])
+        assert rooms.all()
+        assert sum(int(p.sum()) for p in passages) == rooms.size - 1
+
+
+def test_a_maze_as_drawn():
+    grid = generate.maze(7, 7, rng(3), 2)
+    rows = drawing(grid)
+    assert rows[0] == "@" * 7
+    assert rows[6] == "@" * 7
+    assert all(row[0] == row[6] == "@" for row in rows)
+    assert sum(row.count(".") for row in rows) == 4 * 4 + 3 * 2
+
+
+@pytest.mark.parametrize(("shape", "size"), [((16, 16), 4), ((20, 20), 5), ((15, 22), 4), ((9, 9), 2)])
+def test_rooms_are_connected_and_have_one_door_a_wall(shape, size):
+    shut = total = 0
+    for seed in SEEDS:
+        grid = generate.room(*shape, rng(seed), size)
+        assert grid.shape == shape
+        assert num_components(grid) == 1
+        assert not grid.free[0].any()
+        assert not grid.free[:, 0].any()
+        for free in (grid.free, grid.free.T):
+            for top in range(size, free.shape[0], size):
+                for left in range(0, free.shape[1], size):
+                    doors = free[top, left + 1 : left + size].sum()
+                    # A last column that is a wall has no room behind it.
+                    if left + 1 < free.shape[1] and top + 1 < free.shape[0]:
+                        assert doors <= 1
+                        shut += doors == 0
+                        total += 1
+    assert 0.05 < shut / total < 0.35
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: generate.empty(0, 3), "height=0"),
+        (lambda: generate.random(3, 3, 1.0, rng()), r"density=1\.0: expected at least 0 and less than 1"),
+        (lambda: generate.random(3, 3, float("nan"), rng()), "density=nan"),
+        (lambda: generate.maze(1, 9, rng()), "height=1"),
+        (lambda: generate.maze(9, 9, rng(), corridor=0), "corridor=0"),
+        (lambda: generate.room(9, 9, rng(), size=1), "size=1"),
+        (lambda: generate.warehouse(1, 1, 1, 1, 0), "aisle=0"),
+        (lambda: generate.warehouse(1, 1, 1, 1, 1, margin=-1), "margin=-1"),
+    ],
+)
+def test_senseless_parameters_are_refused(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+def test_the_bundled_files_are_what_the_table_makes(tmp_path):
+    files = generate_bundled(tmp_path / "maps")
+    assert [file.stem for file in files] == list(BUNDLED)
+    for file in files:
+        assert file.read_bytes() == (MAPS / file.name).read_bytes()
+
+
+@pytest.mark.parametrize("name", BUNDLED)
+def test_a_bundled_map_is_one_component_under_its_own_name(name):
+    assert BUNDLED[name].make().name == name
+    assert num_components(load_map(name)) == 1
+
+
+def test_the_readme_of_the_maps_lists_them_all():
+    text = (MAPS / "README.md").read_text()
+    for name in BUNDLED:
+        assert f"`{name}` | " in text
+        assert str(load_map(name).free.sum()) in text
