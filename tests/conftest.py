@@ -1,6 +1,11 @@
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# The first call of a kernel compiles it.
+settings.register_profile("mapf_pz", deadline=None)
+settings.load_profile("mapf_pz")
 
 
 @pytest.fixture(scope="session")

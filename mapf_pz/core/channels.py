@@ -43,6 +43,13 @@ VIEW, GOAL, ORIENTATION, EDGE_WEIGHTS, COST_TO_GO, HEURISTIC, OTHER_GOALS, OTHER
 
 
 @jit
+def clear(image: Array, plane: int) -> None:
+    """Set a plane to 0."""
+    for j in range(image.shape[1]):
+        image[plane, j] = 0.0
+
+
+@jit
 def draw_view(
     obstacle: Array, m: int, cells: Array, seen: Array, spots: Array, count: int, image: Array, plane: int
 ) -> None:
@@ -65,8 +72,7 @@ def draw_orientation(
     crew: Array, i: int, first: int, here: int, spots: Array, others: Array, count: int, image: Array, plane: int
 ) -> None:
     """On each agent in view, the observer (agent `i` at `here`) among them, `(1 + k) / 4` with `k` its heading."""
-    for j in range(image.shape[1]):
-        image[plane, j] = 0.0
+    clear(image, plane)
     image[plane, here] = (1 + (crew[i].heading - first) % 4) / 4
     for k in range(count):
         image[plane, spots[k]] = (1 + (crew[others[k]].heading - first) % 4) / 4
@@ -121,7 +127,6 @@ def mark_cell(
 @jit
 def draw_others_at_goal(crew: Array, spots: Array, others: Array, count: int, image: Array, plane: int) -> None:
     """On each other agent in view 1 if it is on its goal, else -1."""
-    for j in range(image.shape[1]):
-        image[plane, j] = 0.0
+    clear(image, plane)
     for k in range(count):
         image[plane, spots[k]] = 1.0 if crew[others[k]].cell == crew[others[k]].goal else -1.0

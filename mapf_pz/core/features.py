@@ -1,4 +1,5 @@
-"""The features: numbers observed beside the image. Each declares its length, and has one kernel that writes it.
+"""The features: numbers observed beside the image. Each declares its length, and has a kernel that writes it (the
+`action_advantage`'s is `path.advantage`).
 
 A feature's numbers stand in `values` (B * N, F) float32 in the agent's `row` from column `at` on; all are in [-1, 1].
 """
@@ -11,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mapf_pz.core.jit import jit
-from mapf_pz.core.path import advantage
-from mapf_pz.core.state import Array, World
+from mapf_pz.core.state import Array
 
 
 @dataclass(frozen=True)
@@ -37,37 +37,30 @@ GOAL_VECTOR, LOCATION, ACTION_ADVANTAGE, LAST_ACTIONS, TIME = range(5)
 
 
 @jit
-def write_goal_vector(world: World, agent: Array, down: int, right: int, values: Array, row: int, at: int) -> None:
+def write_goal_vector(
+    height: int, width: int, agent: Array, down: int, right: int, values: Array, row: int, at: int
+) -> None:
     """Unit vector to the goal (up, right in the view), `log(1 + distance) / log(1 + H + W)`, and 1 on the goal.
 
     `(down, right)` is the map step that leads one row up in the view.
     """
-    rows = agent.goal // world.width - agent.cell // world.width
-    cols = agent.goal % world.width - agent.cell % world.width
+    rows = agent.goal // width - agent.cell // width
+    cols = agent.goal % width - agent.cell % width
     distance = np.sqrt(rows * rows + cols * cols)
     length = max(distance, 1.0)
     values[row, at] = (rows * down + cols * right) / length
     values[row, at + 1] = (rows * right - cols * down) / length
-    values[row, at + 2] = np.log1p(distance) / np.log1p(world.height + world.width)
+    values[row, at + 2] = np.log1p(distance) / np.log1p(height + width)
     values[row, at + 3] = 1.0 if distance == 0 else 0.0
 
 
 @jit
-def write_location(world: World, agent: Array, values: Array, row: int, at: int) -> None:
+def write_location(height: int, width: int, agent: Array, values: Array, row: int, at: int) -> None:
     """`row / H`, `col / W`, and the heading as one of four."""
-    values[row, at] = agent.cell // world.width / world.height
-    values[row, at + 1] = agent.cell % world.width / world.width
+    values[row, at] = agent.cell // width / height
+    values[row, at + 1] = agent.cell % width / width
     for heading in range(4):
         values[row, at + 2 + heading] = 1.0 if agent.heading == heading else 0.0
-
-
-@jit
-def write_action_advantage(
-    world: World, m: int, to_go: Array, slot: int, cardinal: bool, agent: Array, values: Array, row: int, at: int
-) -> None:
-    """For each action how much it costs more than the best one, from 0 (nothing) to -1."""
-    for action in range(5 if cardinal else 4):
-        values[row, at + action] = advantage(world, m, to_go, slot, cardinal, agent, action)
 
 
 @jit

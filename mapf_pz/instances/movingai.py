@@ -29,8 +29,8 @@ MAX_CELLS = 16_000_000
 _NUMBER = r"\d{1,9}"
 _HEADER = {
     "'type octile'": r"type\s+octile\s*",
-    "'height' and a number": rf"height\s+({_NUMBER})\s*",
-    "'width' and a number": rf"width\s+({_NUMBER})\s*",
+    "'height' and a number": r"height\s+(\d{1,18})\s*",
+    "'width' and a number": r"width\s+(\d{1,18})\s*",
     "'map'": r"map\s*",
 }
 _VERSION = re.compile(r"version\s+1(\.0)?\s*")
@@ -206,11 +206,13 @@ def _parse_header(lines: Iterator[str], origin: str | Path) -> tuple[int, int]:
 
 
 def _malformed_agent(line: str, origin: str | Path, number: int) -> FormatError:
-    """Say which column of an agent's line is wrong."""
+    """Say what is wrong with a line that should be an agent's."""
+    if number == 1 and line.startswith("version"):
+        return FormatError(origin, f"expected 'version 1', got {shortened(line)}", number, 1)
     fields = line.split("\t")
     if len(fields) != len(_COLUMNS):
-        message = f"expected {len(_COLUMNS)} columns separated by tabs, got {len(fields)}: {shortened(line)}"
-        return FormatError(origin, message, number, _column_start(line, min(len(fields), len(_COLUMNS))))
+        message = f"expected {len(_COLUMNS)} columns separated by tabs, got {len(fields)}"
+        return FormatError(origin, message, number, min(len(line) + 1, _column_start(line, len(_COLUMNS))))
     for index, (name, pattern) in enumerate(_COLUMNS.items()):
         if not re.fullmatch(pattern, fields[index], re.ASCII):
             message = f"expected the {name}, got {shortened(fields[index])}"

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from mapf_pz.core.jit import jit
+from mapf_pz.core.state import Array
 from mapf_pz.types import Bools, Floats, Ints
-
-Array = Any  # numpy arrays; the comments give shape and dtype
 
 _DIAGONAL = 1.414213562  # the root of 2 to as many digits as the benchmark took, so that its last columns come out
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from mapf_pz.core.jit import jit
+from mapf_pz.core.state import Array
 from mapf_pz.types import Bools, Grid, Ints, Scenario
-
-Array = Any  # numpy arrays; the comments give shape and dtype
 
 
 def components(free: Bools) -> Ints:
@@ -57,7 +54,7 @@ def place_on(cells: Ints, num_agents: int, rng: np.random.Generator, goals_per_a
 
 def _goals(starts: Ints, size: int, rng: np.random.Generator) -> Ints:
     """Draw different goals (N,) below `size`, each other than its start."""
-    # Even with an agent on every cell, more than a third of all draws are good.
+    # Even with an agent on every cell, at least a third of all draws are good.
     while True:
         goals = rng.choice(size, len(starts), replace=False)
         if size == 1 or (goals != starts).all():

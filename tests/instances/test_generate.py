@@ -49,7 +49,9 @@ def test_a_small_warehouse():
     assert generate.warehouse(1, 1, 2, 1, 1, margin=0).shape == (5, 4)
 
 
-@pytest.mark.parametrize(("height", "width", "density", "obstacles"), [(12, 12, 0.15, 22), (7, 9, 0, 0), (5, 5, 0.99, 25)])
+@pytest.mark.parametrize(
+    ("height", "width", "density", "obstacles"), [(12, 12, 0.15, 22), (7, 9, 0, 0), (5, 5, 0.99, 25)]
+)
 def test_random_has_the_obstacles_asked_for(height, width, density, obstacles):
     grid = generate.random(height, width, density, rng())
     assert grid.shape == (height, width)

@@ -88,9 +88,10 @@ def test_tolerated_maps(text):
         (MAP.replace("...", ".."), "m:6:3: expected a row of 3 cells, got 2"),
         (MAP.replace("...", "...."), "m:6:4: expected a row of 3 cells, got 4"),
         (MAP.replace("2", "3"), "m:7: expected 3 rows, got 2"),
+        (MAP[:-8], "m:5: expected 2 rows, got 0"),
         (MAP.replace("2", "1"), "m:6:1: expected the end of the file after 1 rows"),
-        (MAP.replace("2", "1000000000"), "m:2:1: expected 'height' and a number, got 'height 1000000000'"),
-        (MAP.replace("2", "999999999"), "m:2: expected at most 16000000 cells, got 999999999 x 3"),
+        (MAP.replace("2", "1000000000"), "m:2: expected at most 16000000 cells, got 1000000000 x 3"),
+        (MAP.replace("2", "9" * 5000), "m:2:1: expected 'height' and a number, got 'height 99999...9999999999999'"),
     ],
 )
 def test_malformed_maps(text, message):
@@ -137,12 +138,13 @@ def test_tolerated_scenarios(text):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("version 1", "version 2", "s:1:1: expected 9 columns separated by tabs, got 1: 'version 2'"),
-        ("\t3\t2\t", "\t", "s:2:28: expected 9 columns separated by tabs, got 7: '0\\ttiny.map...\\t3.00000000'"),
+        ("version 1", "version 2", "s:1:1: expected 'version 1', got 'version 2'"),
+        ("\t3\t2\t", "\t", "s:2:30: expected 9 columns separated by tabs, got 7"),
+        ("00\n", "00\t\n7", "s:2:35: expected 9 columns separated by tabs, got 10"),
         ("\t0\t1", "\tzero\t1", "s:2:16: expected the start x, got 'zero'"),
         ("\t0\t1", "\t-1\t1", "s:2:16: expected the start x, got '-1'"),
         ("3.0", "three", "s:2:24: expected the distance, got 'three0000000'"),
-        ("00\n", "00\n\n0\n", "s:3:1: expected 9 columns separated by tabs, got 1: ''"),
+        ("00\n", "00\n\n0\n", "s:3:1: expected 9 columns separated by tabs, got 1"),
         (SCENARIO, "version 1\n", "s:2: expected a line for each agent, got none"),
         (SCENARIO, "", "s:1: expected a line for each agent, got none"),
         ("3\t2", "2\t3", "s:2:12: expected the size of map 'tiny', width 3 and height 2, got 2 and 3"),
@@ -200,7 +202,6 @@ def test_octile_distance_cuts_no_corner():
     grid = parse_map("type octile\nheight 3\nwidth 3\nmap\n.@.\n...\n...\n", "m")
     starts, goals = [[0, 0], [0, 0], [0, 0], [2, 2]], [[0, 2], [2, 2], [0, 0], [1, 0]]
     expected = [4, 2 + diagonal, 0, 1 + diagonal]
-    expected[1] = 1 + diagonal + 1  # down, then across, then along
     distances = octile_distances(grid.free, np.array(starts), np.array(goals))
     assert distances.tolist() == pytest.approx(expected)
 
@@ -279,7 +280,9 @@ def test_all_benchmark_files_load(benchmark):
         assert len(scenario) == file.read_bytes().count(b"\n") - 1
 
 
-@pytest.mark.parametrize("name", ["Berlin_1_256", "den312d", "maze-128-128-2", "random-32-32-10", "warehouse-10-20-10-2-2"])
+@pytest.mark.parametrize(
+    "name", ["Berlin_1_256", "den312d", "maze-128-128-2", "random-32-32-10", "warehouse-10-20-10-2-2"]
+)
 def test_benchmark_scenarios_are_written_byte_for_byte(benchmark, name):
     grid = read_map(benchmark / "maps" / f"{name}.map")
     for file in (benchmark / "scens" / f"{name}-random-1.scen", benchmark / "scens" / f"{name}-even-1.scen"):
