@@ -10,7 +10,7 @@ from gymnasium import spaces
 from mapf_pz.config import EnvConfig
 from mapf_pz.core.channels import CHANNELS
 from mapf_pz.core.features import FEATURES
-from mapf_pz.core.observe import Sight
+from mapf_pz.core.image import Sight
 from mapf_pz.types import HEADING_STEPS, Action, CardinalAction, Ints
 
 
@@ -71,16 +71,11 @@ class ObservationLayout:
             here=row * width + width // 2,
             egocentric=config.frame == "egocentric",
             see_through_walls=config.see_through_walls,
-            cardinal=config.action_model == "cardinal",
-            max_steps=config.max_steps,
             offsets=_offsets(height, width, row),
-            steps=HEADING_STEPS.astype(np.int32),
             planes=self.planes,
-            places=self.places,
             cells=np.zeros((num_envs, cells), np.uint32),
             seen=np.ones((num_envs, cells), np.bool_),
-            spots=np.zeros((num_envs, cells), np.uint32),
-            others=np.zeros((num_envs, cells), np.uint32),
+            others=np.zeros((num_envs, 2, cells), np.uint32),
         )
 
 

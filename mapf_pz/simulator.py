@@ -12,7 +12,9 @@ from mapf_pz.config import EnvConfig, RewardConfig
 from mapf_pz.core import world
 from mapf_pz.core.conflict import COLLISION_SYSTEMS
 from mapf_pz.core.distance import shortest_steps
-from mapf_pz.core.observe import observe, observe_in_parallel
+from mapf_pz.core.features import write_features, write_features_in_parallel
+from mapf_pz.core.image import draw_images, draw_images_in_parallel
+from mapf_pz.core.mask import write_masks, write_masks_in_parallel
 from mapf_pz.core.state import Rules, allocate_state
 from mapf_pz.core.step import ON_TARGET, step, step_in_parallel
 from mapf_pz.core.tables import DistanceTables
@@ -106,11 +108,22 @@ class Simulator:
         image = np.empty((agents * channels, height * width), np.float32)
         features = np.empty((agents, self.layout.num_features), np.float32)
         mask = np.empty((agents, self.num_actions), np.int8)
-        kernel = observe if self._num_threads == 1 else observe_in_parallel
-        kernel(self._sight, self.world, self.tables.arrays, self.state, image, features, mask)
+        self._write_observation(image, features, mask)
         return Observation(
             image.reshape(*lead, channels, height, width), features.reshape(*lead, -1), mask.reshape(*lead, -1)
         )
+
+    def _write_observation(self, image: Floats, features: Floats, mask: Ints) -> None:
+        """Fill `image` (B * N * K, h * w), `features` (B * N, F) and `mask` (B * N, A)."""
+        one = self._num_threads == 1
+        cardinal, egocentric = self.config.action_model == "cardinal", self.config.frame == "egocentric"
+        tables, state = self.tables.arrays, self.state
+        (draw_images if one else draw_images_in_parallel)(self._sight, self.world, tables, state, image)
+        (write_masks if one else write_masks_in_parallel)(cardinal, self.world.leads_to, state, mask)
+        if self.layout.num_features:
+            write = write_features if one else write_features_in_parallel
+            places, limit = self.layout.places, self.config.max_steps
+            write(places, cardinal, egocentric, limit, self.world, tables, state, features)
 
     def require_distances(self) -> None:
         """Make sure that the cost to go to every agent's goal is known."""

@@ -14,6 +14,7 @@ import numpy as np
 
 from mapf_pz.core.jit import jit
 from mapf_pz.core.state import Array
+from mapf_pz.core.world import STEPS
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ CHANNELS: dict[str, Channel] = {
     "others_next": Channel(planes=1, low=0, high=1, needs_distances=True),
     "others_at_goal": Channel(planes=1, low=-1, high=1),
 }
-"""All channels by name; `core/observe.py` numbers them in this order."""
+"""All channels by name; `core/image.py` numbers them in this order."""
 
 VIEW, GOAL, ORIENTATION, EDGE_WEIGHTS, COST_TO_GO, HEURISTIC, OTHER_GOALS, OTHERS_NEXT, OTHERS_AT_GOAL = range(9)
 
@@ -110,13 +111,12 @@ def draw_heuristic(
 
 
 @jit
-def mark_cell(
-    marked: int, cell: int, map_width: int, down: int, right: int, here: int, width: int, image: Array, plane: int
-) -> None:
+def mark_cell(marked: int, cell: int, map_width: int, up: int, here: int, width: int, image: Array, plane: int) -> None:
     """Set the place of the map cell `marked` to 1 where it lies in the view of an observer on `cell`.
 
-    `(down, right)` is the map step that leads one row up in the view; `here` the observer's place, `width` the view's.
+    `up` is the direction that is up in the view, `here` the observer's place in it and `width` the view's width.
     """
+    down, right = STEPS[up]
     rows, cols = marked // map_width - cell // map_width, marked % map_width - cell % map_width
     row = here // width - (rows * down + cols * right)
     col = here % width + (rows * right - cols * down)

@@ -11,7 +11,7 @@ import numpy as np
 from numba import prange
 
 from mapf_pz.core.jit import jit, parallel_jit
-from mapf_pz.core.state import Array, Distances, World
+from mapf_pz.core.state import WAIT_WEIGHT, Array, Distances, World
 
 
 def _fill_tables(world: World, maps: Array, goals: Array, slots: Array, distances: Distances, scratch: Array) -> None:
@@ -90,11 +90,11 @@ def _dijkstra(world: World, m: int, goal: int, cost: Array, headings: int, heap:
                 continue
             before = world.leads_to[m, (d + 2) % 4, cell]
             if before != cell:
-                price = cost[state] + world.move[m, d, before]
+                price = cost[state] + world.weight[m, d, before]
                 size = _lower(cost, heap, place, size, before * headings + heading, price)
         if headings == 4:
             for turn in (1, 3):
-                price = cost[state] + world.wait[m, cell]
+                price = cost[state] + world.weight[m, WAIT_WEIGHT, cell]
                 size = _lower(cost, heap, place, size, cell * 4 + (heading + turn) % 4, price)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from mapf_pz.core.conflict import NO_MOVE, direction
 from mapf_pz.core.jit import jit
-from mapf_pz.core.state import Array, Distances, World
+from mapf_pz.core.state import WAIT_WEIGHT, Array, Distances, World
 from mapf_pz.types import Action
 
 _LEFT, _RIGHT = int(Action.ROTATE_LEFT), int(Action.ROTATE_RIGHT)
@@ -33,11 +33,11 @@ def advantage(world: World, m: int, to_go: Array, slot: int, cardinal: bool, age
     if own == np.inf or (towards != NO_MOVE and world.leads_to[m, towards, cell] == cell):
         return -1.0
     if towards != NO_MOVE:
-        after = world.move[m, towards, cell] + to_go[slot, world.leads_to[m, towards, cell], facing]
+        after = world.weight[m, towards, cell] + to_go[slot, world.leads_to[m, towards, cell], facing]
     elif cardinal or turned(heading, action) == heading:
-        after = own + (0.0 if cell == agent.goal else world.wait[m, cell])  # resting on the goal is free
+        after = own + (0.0 if cell == agent.goal else world.weight[m, WAIT_WEIGHT, cell])  # resting on the goal is free
     else:
-        after = world.wait[m, cell] + to_go[slot, cell, turned(heading, action)]
+        after = world.weight[m, WAIT_WEIGHT, cell] + to_go[slot, cell, turned(heading, action)]
     return min(max((own - after) / world.mean_weight[m], -2.0), 0.0) / 2
 
 
@@ -56,9 +56,9 @@ def next_cell(world: World, m: int, to_go: Array, slot: int, cell: int, heading:
         turn, turns = _STRAIGHT_RIGHT_LEFT_BACK[k]
         towards = (heading + turn) % 4 if rotates else k
         target = world.leads_to[m, towards, cell]
-        cost = world.move[m, towards, cell] + to_go[slot, target, towards % to_go.shape[2]]
+        cost = world.weight[m, towards, cell] + to_go[slot, target, towards % to_go.shape[2]]
         if rotates:
-            cost += turns * world.wait[m, cell]
+            cost += turns * world.weight[m, WAIT_WEIGHT, cell]
         if cost < best_cost:
             best, best_cost = target, cost
     return best

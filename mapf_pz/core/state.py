@@ -50,12 +50,14 @@ class World(NamedTuple):
     height: int
     width: int
     leads_to: Array  # (M, 4, C + 1) int32: the cell that a move in each direction ends in; the own cell if blocked
+    weight: Array  # (M, 5, C + 1) float32: of leaving in each direction (inf: blocked), and of waiting or turning
     obstacle: Array  # (M, C + 1) float32: 1 on obstacles and outside, 0 on free cells
-    move: Array  # (M, 4, C + 1) float32: weight of leaving in each direction; inf if blocked
-    wait: Array  # (M, C + 1) float32: weight of waiting or turning
-    edge: Array  # (M, 4, C + 1) float32: `move` over the largest finite weight; blocked -1, outside 0
+    edge: Array  # (M, 4, C + 1) float32: weight of leaving over the largest finite one; blocked -1, outside 0
     mean_weight: Array  # (M,) float32: mean of the finite weights of moving and waiting on free cells
     equal_weight: Array  # (M,) float32: the one weight of all edges and waits; 0 where they differ
+
+
+WAIT_WEIGHT = 4  # the plane of `World.weight` after the four headings
 
 
 class Distances(NamedTuple):

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from mapf_pz.core.jit import jit
-from mapf_pz.core.state import Array, World
+from mapf_pz.core.state import WAIT_WEIGHT, Array, World
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.types import HEADING_STEPS, Bools
 
-_STEPS = tuple((int(r), int(c)) for r, c in HEADING_STEPS)
+STEPS = tuple((int(r), int(c)) for r, c in HEADING_STEPS)
 
 
 def allocate(num_maps: int, shape: tuple[int, int]) -> World:
@@ -19,9 +19,8 @@ def allocate(num_maps: int, shape: tuple[int, int]) -> World:
         height=shape[0],
         width=shape[1],
         leads_to=np.zeros((num_maps, 4, cells), np.int32),
+        weight=np.full((num_maps, 5, cells), np.inf, np.float32),
         obstacle=np.ones((num_maps, cells), np.float32),
-        move=np.full((num_maps, 4, cells), np.inf, np.float32),
-        wait=np.ones((num_maps, cells), np.float32),
         edge=np.zeros((num_maps, 4, cells), np.float32),
         mean_weight=np.ones(num_maps, np.float32),
         equal_weight=np.ones(num_maps, np.float32),
@@ -35,9 +34,8 @@ def lay_out(world: World, m: int, free: Bools, guidance: GuidanceGraph) -> None:
         guidance.move,
         guidance.wait,
         world.leads_to[m],
+        world.weight[m],
         world.obstacle[m],
-        world.move[m],
-        world.wait[m],
         world.edge[m],
         world.mean_weight[m : m + 1],
         world.equal_weight[m : m + 1],
@@ -50,9 +48,8 @@ def _lay_out(
     free_move: Array,
     free_wait: Array,
     leads_to: Array,
+    weight: Array,
     obstacle: Array,
-    move: Array,
-    wait: Array,
     edge: Array,
     mean_weight: Array,
     equal_weight: Array,
@@ -66,32 +63,37 @@ def _lay_out(
         for col in range(width):
             here = row * width + col
             obstacle[here] = 0.0 if free[row, col] else 1.0
-            wait[here] = free_wait[row, col]
+            weight[WAIT_WEIGHT, here] = free_wait[row, col]
             if free[row, col]:
-                total, count = total + wait[here], count + 1
-                largest, smallest = max(largest, wait[here]), min(smallest, wait[here])
+                price = weight[WAIT_WEIGHT, here]
+                total, count, largest, smallest = total + price, count + 1, max(largest, price), min(smallest, price)
             for d in range(4):
-                r, c = row + _STEPS[d][0], col + _STEPS[d][1]
+                r, c = row + STEPS[d][0], col + STEPS[d][1]
                 is_open = free[row, col] and 0 <= r < height and 0 <= c < width and free[r, c]
                 leads_to[d, here] = r * width + c if is_open else here
-                move[d, here] = free_move[d, row, col] if is_open else np.inf
-                one_way |= is_open and move[d, here] == np.inf
-                if move[d, here] < np.inf:
-                    total, count = total + move[d, here], count + 1
-                    largest, smallest = max(largest, move[d, here]), min(smallest, move[d, here])
+                price = np.float32(free_move[d, row, col] if is_open else np.inf)
+                weight[d, here] = price
+                one_way |= is_open and price == np.inf
+                if price < np.inf:
+                    total, count, largest, smallest = (
+                        total + price,
+                        count + 1,
+                        max(largest, price),
+                        min(smallest, price),
+                    )
     mean_weight[0] = total / count if count else 1.0
     equal_weight[0] = largest if largest == smallest and not one_way else 0.0
-    _scale_edges(move, edge)
+    _scale_edges(weight, edge)
 
 
 @jit
-def _scale_edges(move: Array, edge: Array) -> None:
+def _scale_edges(weight: Array, edge: Array) -> None:
     """Divide by the largest finite weight of a move; blocked edges become -1, those outside stay 0."""
     largest = 0.0
     for d in range(4):
-        for cell in range(move.shape[1] - 1):
-            if largest < move[d, cell] < np.inf:
-                largest = move[d, cell]
+        for cell in range(edge.shape[1] - 1):
+            if largest < weight[d, cell] < np.inf:
+                largest = weight[d, cell]
     for d in range(4):
-        for cell in range(move.shape[1] - 1):
-            edge[d, cell] = move[d, cell] / largest if move[d, cell] < np.inf else -1.0
+        for cell in range(edge.shape[1] - 1):
+            edge[d, cell] = weight[d, cell] / largest if weight[d, cell] < np.inf else -1.0

@@ -1,4 +1,4 @@
-"""One observation: lay the view over the map, find the agents in it, then draw each channel and write each feature."""
+"""The image: lay each agent's view over the map, find the other agents in it, then draw channel after channel."""
 
 from __future__ import annotations
 
@@ -8,57 +8,45 @@ import numpy as np
 from numba import prange
 
 from mapf_pz.core import channels as ch
-from mapf_pz.core import features as ft
-from mapf_pz.core.conflict import NO_MOVE, direction
 from mapf_pz.core.jit import jit, parallel_jit
-from mapf_pz.core.path import advantage, find_next_cells
+from mapf_pz.core.path import find_next_cells
 from mapf_pz.core.state import Array, Distances, State, World
-from mapf_pz.types import Action, CardinalAction, Heading
+from mapf_pz.types import Heading
 
 _EAST, _NORTH = int(Heading.EAST), int(Heading.NORTH)
-_WAIT, _CARDINAL_WAIT = int(Action.WAIT), int(CardinalAction.WAIT)
 
 
 class Sight(NamedTuple):
-    """The view's geometry, what is observed, and the scratch of B environments. `V = h * w` cells of the view."""
+    """The view's geometry, and the scratch of B environments. `V = h * w` cells of the view."""
 
     height: int
     width: int
     here: int  # the observer's own place in the view
     egocentric: bool
     see_through_walls: bool
-    cardinal: bool
-    max_steps: int
     offsets: Array  # (4, V, 2) int32: (row, col) from the observer, for each direction that is up in the view
-    steps: Array  # (4, 2) int32: the map step that leads one row up in the view
     planes: Array  # (number of channels,) int32: the channel's first plane; -1: not observed
-    places: Array  # (number of features,) int32: where the feature's numbers begin; -1: not observed
-    cells: Array  # (B, V) uint32: scratch
+    cells: Array  # (B, V) uint32: scratch: the map cell under each cell of the view
     seen: Array  # (B, V) bool: scratch; stays True where one sees through walls
-    spots: Array  # (B, V) uint32: scratch
-    others: Array  # (B, V) uint32: scratch
+    others: Array  # (B, 2, V) uint32: scratch: places and indices of the other agents in view
 
 
-def _observe(
-    sight: Sight, world: World, distances: Distances, state: State, image: Array, features: Array, mask: Array
-) -> None:
-    """Write what all agents observe: image (B * N * K, V), features (B * N, F), both float32, mask (B * N, A) int8."""
+def _draw_images(sight: Sight, world: World, distances: Distances, state: State, image: Array) -> None:
+    """Draw what all agents see to `image` (B * N * K, V) float32; agents that have disappeared see zeros."""
     for b in prange(state.time.size):
         m, crew = state.map[b], state.agents[b]
         if sight.planes[ch.OTHERS_NEXT] >= 0:
             find_next_cells(world, m, distances, crew)
-        _draw_images(sight, world, m, distances, b, crew, state.occupant, image)
-        _write_features(sight, world, m, distances, b, crew, state, features)
-        _write_masks(sight.cardinal, world.leads_to, m, b, crew, mask)
+        _draw_crew(sight, world, m, distances, b, crew, state.occupant[b], image)
 
 
 @jit
-def _draw_images(
+def _draw_crew(
     sight: Sight, world: World, m: int, distances: Distances, b: int, crew: Array, occupant: Array, image: Array
 ) -> None:
     """Draw what the crew of environment `b` sees on map `m`."""
-    cells, seen, spots, others, at = sight.cells[b], sight.seen[b], sight.spots[b], sight.others[b], sight.planes
-    num_planes = image.shape[0] // (occupant.shape[0] * crew.size)
+    cells, seen, spots, others, at = sight.cells[b], sight.seen[b], sight.others[b, 0], sight.others[b, 1], sight.planes
+    num_planes = image.shape[0] // (sight.cells.shape[0] * crew.size)
     for i in range(crew.size):
         agent = crew[i]
         plane = (b * crew.size + i) * num_planes
@@ -67,12 +55,11 @@ def _draw_images(
             continue
         up = agent.heading if sight.egocentric else _NORTH
         first = agent.heading if sight.egocentric else _EAST
-        down, right = sight.steps[up, 0], sight.steps[up, 1]
         slot = distances.slot[m, agent.goal]
         _lay_view(world.height, world.width, agent.cell, sight.offsets, up, cells)
         if not sight.see_through_walls:
             _look(sight.here, sight.width, world.obstacle, m, cells, seen)
-        count = _find_others(cells, seen, occupant, b, i, spots, others)
+        count = _find_others(cells, seen, occupant, i, spots, others)
 
         if at[ch.VIEW] >= 0:
             ch.draw_view(world.obstacle, m, cells, seen, spots, count, image, plane + at[ch.VIEW])
@@ -92,58 +79,15 @@ def _draw_images(
             ch.clear(image, plane + at[ch.OTHER_GOALS])
             for k in range(count):
                 goal, where = crew[others[k]].goal, plane + at[ch.OTHER_GOALS]
-                ch.mark_cell(goal, agent.cell, world.width, down, right, sight.here, sight.width, image, where)
+                ch.mark_cell(goal, agent.cell, world.width, up, sight.here, sight.width, image, where)
         if at[ch.OTHERS_NEXT] >= 0:
             ch.clear(image, plane + at[ch.OTHERS_NEXT])
             for k in range(count):
                 cell, where = crew[others[k]].next_cell, plane + at[ch.OTHERS_NEXT]
                 if cell >= 0:
-                    ch.mark_cell(cell, agent.cell, world.width, down, right, sight.here, sight.width, image, where)
+                    ch.mark_cell(cell, agent.cell, world.width, up, sight.here, sight.width, image, where)
         if at[ch.OTHERS_AT_GOAL] >= 0:
             ch.draw_others_at_goal(crew, spots, others, count, image, plane + at[ch.OTHERS_AT_GOAL])
-
-
-@jit
-def _write_features(
-    sight: Sight, world: World, m: int, distances: Distances, b: int, crew: Array, state: State, values: Array
-) -> None:
-    """Write the features of the crew of environment `b` on map `m`."""
-    at = sight.places
-    for i in range(crew.size):
-        agent, row = crew[i], b * crew.size + i
-        if not agent.was_active:
-            values[row] = 0.0
-            continue
-        up = agent.heading if sight.egocentric else _NORTH
-        if at[ft.GOAL_VECTOR] >= 0:
-            down, right = sight.steps[up, 0], sight.steps[up, 1]
-            ft.write_goal_vector(world.height, world.width, agent, down, right, values, row, at[ft.GOAL_VECTOR])
-        if at[ft.LOCATION] >= 0:
-            ft.write_location(world.height, world.width, agent, values, row, at[ft.LOCATION])
-        if at[ft.ACTION_ADVANTAGE] >= 0:
-            slot = distances.slot[m, agent.goal]
-            for action in range(5 if sight.cardinal else 4):
-                worth = advantage(world, m, distances.to_go, slot, sight.cardinal, agent, action)
-                values[row, at[ft.ACTION_ADVANTAGE] + action] = worth
-        if at[ft.LAST_ACTIONS] >= 0:
-            num_actions = 5 if sight.cardinal else 4
-            ft.write_last_actions(state.history, b, i, num_actions, values, row, at[ft.LAST_ACTIONS])
-        if at[ft.TIME] >= 0:
-            values[row, at[ft.TIME]] = state.time[b] / sight.max_steps
-
-
-@jit
-def _write_masks(cardinal: bool, leads_to: Array, m: int, b: int, crew: Array, mask: Array) -> None:
-    """Allow waiting, and to agents that are active turning and every move that no obstacle blocks."""
-    wait = _CARDINAL_WAIT if cardinal else _WAIT
-    for i in range(crew.size):
-        agent, row = crew[i], b * crew.size + i
-        for action in range(mask.shape[1]):
-            towards = direction(cardinal, agent.heading, action)
-            if towards == NO_MOVE:
-                mask[row, action] = agent.active or action == wait
-            else:
-                mask[row, action] = agent.active and leads_to[m, towards, agent.cell] != agent.cell
 
 
 @jit
@@ -156,11 +100,11 @@ def _lay_view(height: int, width: int, cell: int, offsets: Array, up: int, cells
 
 
 @jit
-def _find_others(cells: Array, seen: Array, occupant: Array, b: int, i: int, spots: Array, others: Array) -> int:
+def _find_others(cells: Array, seen: Array, occupant: Array, i: int, spots: Array, others: Array) -> int:
     """List the other agents in view; return how many there are."""
     count = 0
     for j in range(cells.size):
-        other = occupant[b, cells[j]]
+        other = occupant[cells[j]]
         if other >= 0 and other != i and seen[j]:
             spots[count] = j
             others[count] = other
@@ -184,5 +128,5 @@ def _look(here: int, width: int, obstacle: Array, m: int, cells: Array, seen: Ar
                 break
 
 
-observe = jit(_observe)
-observe_in_parallel = parallel_jit(_observe)
+draw_images = jit(_draw_images)
+draw_images_in_parallel = parallel_jit(_draw_images)
