@@ -30,7 +30,7 @@ class MapfEnv(ParallelEnv[str, AgentObservation, int]):
     | --- | --- |
     | Import | `env = mapf_pz.parallel_env(...)`; the keywords are the fields of `EnvConfig` |
     | Agents | `agent_0 ... agent_{N-1}` |
-    | Actions | `Discrete(4)`: forward, rotate left, rotate right, wait; cardinal: `Discrete(5)`: wait, up, down, left, right |
+    | Actions | `Discrete(4)`: forward, rotate left, rotate right, wait; or the 5 of `CardinalAction` |
     | Observations | `Box(-1, 1, (K, h, w), float32)`; with `features`, `Dict(image=Box, features=Box(-1, 1, (F,)))` |
     | Infos | `action_mask` (A,) int8, `at_goal`, `arrived`, `blocked`, `moved` (0.0 or 1.0), `arrivals` (a count) |
     | State | `(7, H, W)` float32: obstacle, agent, heading (sine, cosine), goal, distance to go, time |
@@ -46,7 +46,7 @@ class MapfEnv(ParallelEnv[str, AgentObservation, int]):
     }
 
     def __init__(self, config: EnvConfig) -> None:
-        """Make the environment; raises `ValueError` or `FormatError` where configuration, map and scenario do not fit."""
+        """Make the environment; raises `ValueError` where configuration, map and scenario do not fit."""
         self.config = config
         self.simulator = Simulator(config)
         self.render_mode = config.render_mode

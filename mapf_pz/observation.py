@@ -10,8 +10,8 @@ from gymnasium import spaces
 from mapf_pz.config import EnvConfig
 from mapf_pz.core.channels import CHANNELS
 from mapf_pz.core.features import FEATURES
-from mapf_pz.core.image import Sight
-from mapf_pz.types import HEADING_STEPS, Action, CardinalAction, Ints
+from mapf_pz.core.scene import Scene, Sight, lay_views
+from mapf_pz.types import HEADING_STEPS, Action, CardinalAction, Floats, Ints
 
 
 class ObservationLayout:
@@ -27,11 +27,9 @@ class ObservationLayout:
             raise ValueError(f"view_size={config.view_size}: expected at most the map's size, {shape}")
         self._config = config
         self.num_actions = len(CardinalAction if config.action_model == "cardinal" else Action)
-        self.planes = _first_places(config.channels, CHANNELS, [CHANNELS[name].planes for name in config.channels])
-        lengths = [FEATURES[name].length(self.num_actions, config.num_last_actions) for name in config.features]
-        self.places = _first_places(config.features, FEATURES, lengths)
+        self._lengths = [FEATURES[name].length(self.num_actions, config.num_last_actions) for name in config.features]
         self.num_planes = sum(CHANNELS[name].planes for name in config.channels)
-        self.num_features = sum(lengths)
+        self.num_features = sum(self._lengths)
 
     @property
     def image_shape(self) -> tuple[int, int, int]:
@@ -59,12 +57,11 @@ class ObservationLayout:
             return image
         return spaces.Dict(image=image, features=spaces.Box(-1, 1, (self.num_features,), np.float32))
 
-    def sight(self, num_envs: int) -> Sight:
-        """Return the kernels' geometry, with scratch for `num_envs` environments."""
+    def sight(self) -> Sight:
+        """Return the geometry of the view, as the kernels take it."""
         config = self._config
         height, width = config.view_size
         row = height - 1 if config.view == "front" else height // 2
-        cells = height * width
         return Sight(
             height=height,
             width=width,
@@ -72,23 +69,28 @@ class ObservationLayout:
             egocentric=config.frame == "egocentric",
             see_through_walls=config.see_through_walls,
             offsets=_offsets(height, width, row),
-            planes=self.planes,
-            cells=np.zeros((num_envs, cells), np.uint32),
-            seen=np.ones((num_envs, cells), np.bool_),
-            others=np.zeros((num_envs, 2, cells), np.uint32),
         )
+
+    def write(self, scene: Scene, image: Floats, features: Floats) -> None:
+        """Fill `image` (B, N, K, h * w) and `features` (B, N, F), both float32, with what all agents observe."""
+        lay_views(scene)
+        plane = at = 0
+        for name in self._config.channels:
+            CHANNELS[name].draw(scene, image, plane)
+            plane += CHANNELS[name].planes
+        for name, length in zip(self._config.features, self._lengths, strict=True):
+            FEATURES[name].write(scene, features, at)
+            at += length
+        gone = ~scene.state.agents["was_active"]
+        if gone.any():
+            image[gone] = 0
+            features[gone] = 0
 
 
 def _check_names(field: str, names: tuple[str, ...], known: dict[str, Any]) -> None:
     for name in names:
         if name not in known:
             raise ValueError(f"{field}: unknown {name!r}, expected names out of {', '.join(known)}")
-
-
-def _first_places(names: tuple[str, ...], known: dict[str, Any], lengths: list[int]) -> Ints:
-    """Return (number known,) int32: where each part begins, in the order of `known`; -1: absent."""
-    begins = dict(zip(names, np.cumsum([0, *lengths]).tolist(), strict=False))
-    return np.array([begins.get(name, -1) for name in known], np.int32)
 
 
 def _offsets(height: int, width: int, own_row: int) -> Ints:

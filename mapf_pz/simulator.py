@@ -12,11 +12,10 @@ from mapf_pz.config import EnvConfig, RewardConfig
 from mapf_pz.core import world
 from mapf_pz.core.conflict import COLLISION_SYSTEMS
 from mapf_pz.core.distance import shortest_steps
-from mapf_pz.core.features import write_features, write_features_in_parallel
-from mapf_pz.core.image import draw_images, draw_images_in_parallel
-from mapf_pz.core.mask import write_masks, write_masks_in_parallel
+from mapf_pz.core.mask import write_masks
+from mapf_pz.core.scene import Scene, allocate_views
 from mapf_pz.core.state import Rules, allocate_state
-from mapf_pz.core.step import ON_TARGET, step, step_in_parallel
+from mapf_pz.core.step import ON_TARGET, step
 from mapf_pz.core.tables import DistanceTables
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances.configured import goals_per_agent, make_source
@@ -65,7 +64,16 @@ class Simulator:
         self._starts = np.zeros((num_envs, self.num_agents), np.int32)
         self._start_headings = np.zeros((num_envs, self.num_agents), np.int8)
         self._rules = _rules(config, config.rewards)
-        self._sight = self.layout.sight(num_envs)
+        self._scene = Scene(
+            num_threads=self._num_threads,
+            sight=self.layout.sight(),
+            views=allocate_views(num_envs, self.num_agents, config.view_size[0] * config.view_size[1]),
+            world=self.world,
+            distances=self.tables.arrays,
+            state=self.state,
+            cardinal=config.action_model == "cardinal",
+            max_steps=config.max_steps,
+        )
         self._rngs = [np.random.default_rng() for _ in range(num_envs)]
 
     def reset(
@@ -92,38 +100,22 @@ class Simulator:
 
     def step(self, actions: Ints) -> None:
         """Take one step in all environments: `actions` (B, N) int64, each in 0 to A - 1 (not checked here)."""
-        if self._num_threads == 1:
-            step(self._rules, self.world, self.tables.arrays, self.state, actions)
-        else:
-            numba.set_num_threads(self._num_threads)
-            step_in_parallel(self._rules, self.world, self.tables.arrays, self.state, actions)
+        step(self._num_threads, self._rules, self.world, self.tables.arrays, self.state, actions)
         if self.needs_distances and self.config.on_target == "restart":
             self.require_distances()
 
     def observe(self) -> Observation:
         """Return what all agents observe now, in new arrays; agents that have disappeared observe zeros."""
-        lead = (self.num_envs, self.num_agents)
+        each = (self.num_envs, self.num_agents)
         channels, height, width = self.layout.image_shape
-        agents = self.num_envs * self.num_agents
-        image = np.empty((agents * channels, height * width), np.float32)
-        features = np.empty((agents, self.layout.num_features), np.float32)
-        mask = np.empty((agents, self.num_actions), np.int8)
-        self._write_observation(image, features, mask)
-        return Observation(
-            image.reshape(*lead, channels, height, width), features.reshape(*lead, -1), mask.reshape(*lead, -1)
+        image = np.empty((*each, channels, height * width), np.float32)
+        features = np.empty((*each, self.layout.num_features), np.float32)
+        mask = np.empty((*each, self.num_actions), np.int8)
+        self.layout.write(self._scene, image, features)
+        write_masks(
+            self._num_threads, self._scene.cardinal, self.world.leads_to, self.state.map, self.state.agents, mask
         )
-
-    def _write_observation(self, image: Floats, features: Floats, mask: Ints) -> None:
-        """Fill `image` (B * N * K, h * w), `features` (B * N, F) and `mask` (B * N, A)."""
-        one = self._num_threads == 1
-        cardinal, egocentric = self.config.action_model == "cardinal", self.config.frame == "egocentric"
-        tables, state = self.tables.arrays, self.state
-        (draw_images if one else draw_images_in_parallel)(self._sight, self.world, tables, state, image)
-        (write_masks if one else write_masks_in_parallel)(cardinal, self.world.leads_to, state, mask)
-        if self.layout.num_features:
-            write = write_features if one else write_features_in_parallel
-            places, limit = self.layout.places, self.config.max_steps
-            write(places, cardinal, egocentric, limit, self.world, tables, state, features)
+        return Observation(image.reshape(*each, channels, height, width), features, mask)
 
     def require_distances(self) -> None:
         """Make sure that the cost to go to every agent's goal is known."""

@@ -10,11 +10,12 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from mapf_pz.core.jit import jit, parallel_jit
+from mapf_pz.core.jit import BatchKernel, jit
 from mapf_pz.core.state import WAIT_WEIGHT, Array, Distances, World
 
 
-def _fill_tables(world: World, maps: Array, goals: Array, slots: Array, distances: Distances, scratch: Array) -> None:
+@BatchKernel
+def fill_tables(world: World, maps: Array, goals: Array, slots: Array, distances: Distances, scratch: Array) -> None:
     """Fill table `slots[k]` with the cost to go to `goals[k]` on map `maps[k]`.
 
     `scratch` (T, 2, (C + 1) * D) int32 holds a queue or heap for each of T chunks of the work.
@@ -26,12 +27,14 @@ def _fill_tables(world: World, maps: Array, goals: Array, slots: Array, distance
             cost_to_go(world, m, goals[k], world.equal_weight[m], to_go, scratch[chunk])
             nearest = distances.nearest[slots[k]]
             for cell in range(nearest.size):
-                nearest[cell] = to_go[cell].min()
+                nearest[cell] = np.inf
+                for heading in range(to_go.shape[1]):
+                    nearest[cell] = min(nearest[cell], to_go[cell, heading])
 
 
 @jit
 def cost_to_go(world: World, m: int, goal: int, equal_weight: float, to_go: Array, scratch: Array) -> None:
-    """Fill `to_go` (C + 1, D) float32 for map `m`; with an `equal_weight` other than 0, all weights are taken to be that."""
+    """Fill `to_go` (C + 1, D) float32 for map `m`; an `equal_weight` other than 0 stands for all weights."""
     to_go[:] = np.inf
     if equal_weight > 0:
         _breadth_first(world.leads_to[m], goal, equal_weight, to_go, scratch[0])
@@ -140,10 +143,6 @@ def _pop(cost: Array, heap: Array, place: Array, size: int) -> int:
     heap[parent] = last
     place[last] = parent
     return size
-
-
-fill_tables = jit(_fill_tables)
-fill_tables_in_parallel = parallel_jit(_fill_tables)
 
 
 @jit

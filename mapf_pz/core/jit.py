@@ -23,9 +23,22 @@ def jit(kernel: Kernel) -> Kernel:
     return _compile(kernel, parallel=False)
 
 
-def parallel_jit(kernel: Kernel) -> Kernel:
-    """Compile `kernel` when it is first called, with its `prange` loops spread over Numba's threads."""
-    return _compile(kernel, parallel=True)
+class BatchKernel:
+    """A kernel with a `prange` over the environments of a batch, compiled apart for one thread and for several."""
+
+    def __init__(self, kernel: Callable[..., None]) -> None:
+        """Take the plain Python function; as a decorator, `@BatchKernel`."""
+        self.__doc__ = kernel.__doc__
+        self._serial = _compile(kernel, parallel=False)
+        self._parallel = _compile(kernel, parallel=True)
+
+    def __call__(self, num_threads: int, *arguments: Any) -> None:
+        """Run the kernel on `num_threads` threads."""
+        if num_threads == 1:
+            self._serial(*arguments)
+        else:
+            numba.set_num_threads(num_threads)
+            self._parallel(*arguments)
 
 
 def _compile(kernel: Kernel, parallel: bool) -> Kernel:

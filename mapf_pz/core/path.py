@@ -6,7 +6,7 @@ import numpy as np
 
 from mapf_pz.core.conflict import NO_MOVE, direction
 from mapf_pz.core.jit import jit
-from mapf_pz.core.state import WAIT_WEIGHT, Array, Distances, World
+from mapf_pz.core.state import WAIT_WEIGHT, Array
 from mapf_pz.types import Action
 
 _LEFT, _RIGHT = int(Action.ROTATE_LEFT), int(Action.ROTATE_RIGHT)
@@ -24,50 +24,46 @@ def turned(heading: int, action: int) -> int:
 
 
 @jit
-def advantage(world: World, m: int, to_go: Array, slot: int, cardinal: bool, agent: Array, action: int) -> float:
-    """Return `clip((D - c(action) - D') / mean weight, -2, 0) / 2`: 0 for the best action, -1 for a blocked one."""
+def advantage(
+    leads_to: Array, weight: Array, mean_weight: float, to_go: Array, cardinal: bool, agent: Array, action: int
+) -> float:
+    """Return `clip((D - c(action) - D') / mean weight, -2, 0) / 2`: 0 for the best action, -1 for a blocked one.
+
+    `leads_to`, `weight` and `mean_weight` are those of one map, `to_go` (C + 1, D) the agent's table.
+    """
     cell, heading = agent.cell, agent.heading
     towards = direction(cardinal, heading, action)
-    facing = heading % to_go.shape[2]
-    own = to_go[slot, cell, facing]
-    if own == np.inf or (towards != NO_MOVE and world.leads_to[m, towards, cell] == cell):
+    facing = heading % to_go.shape[1]
+    own = to_go[cell, facing]
+    if own == np.inf or (towards != NO_MOVE and leads_to[towards, cell] == cell):
         return -1.0
     if towards != NO_MOVE:
-        after = world.weight[m, towards, cell] + to_go[slot, world.leads_to[m, towards, cell], facing]
+        after = weight[towards, cell] + to_go[leads_to[towards, cell], facing]
     elif cardinal or turned(heading, action) == heading:
-        after = own + (0.0 if cell == agent.goal else world.weight[m, WAIT_WEIGHT, cell])  # resting on the goal is free
+        after = own + (0.0 if cell == agent.goal else weight[WAIT_WEIGHT, cell])  # resting on the goal is free
     else:
-        after = world.weight[m, WAIT_WEIGHT, cell] + to_go[slot, cell, turned(heading, action)]
-    return min(max((own - after) / world.mean_weight[m], -2.0), 0.0) / 2
+        after = weight[WAIT_WEIGHT, cell] + to_go[cell, turned(heading, action)]
+    return min(max((own - after) / mean_weight, -2.0), 0.0) / 2
 
 
 @jit
-def next_cell(world: World, m: int, to_go: Array, slot: int, cell: int, heading: int) -> int:
+def next_cell(leads_to: Array, weight: Array, to_go: Array, cell: int, heading: int) -> int:
     """Return the next other cell on the cheapest path to the goal, or -1 on the goal and where there is no path.
 
     Of equal paths, the one that begins straight ahead comes first, then right, left, back (cardinal: east, south, west,
     north).
     """
-    rotates = to_go.shape[2] == 4
+    rotates = to_go.shape[1] == 4
     best, best_cost = -1, np.inf
-    if to_go[slot, cell, heading % to_go.shape[2]] == 0:
+    if to_go[cell, heading % to_go.shape[1]] == 0:
         return best
     for k in range(4):
         turn, turns = _STRAIGHT_RIGHT_LEFT_BACK[k]
         towards = (heading + turn) % 4 if rotates else k
-        target = world.leads_to[m, towards, cell]
-        cost = world.weight[m, towards, cell] + to_go[slot, target, towards % to_go.shape[2]]
+        target = leads_to[towards, cell]
+        cost = weight[towards, cell] + to_go[target, towards % to_go.shape[1]]
         if rotates:
-            cost += turns * world.weight[m, WAIT_WEIGHT, cell]
+            cost += turns * weight[WAIT_WEIGHT, cell]
         if cost < best_cost:
             best, best_cost = target, cost
     return best
-
-
-@jit
-def find_next_cells(world: World, m: int, distances: Distances, crew: Array) -> None:
-    """Set every agent's next cell."""
-    for i in range(crew.size):
-        agent = crew[i]
-        slot = distances.slot[m, agent.goal]
-        agent.next_cell = next_cell(world, m, distances.to_go, slot, agent.cell, agent.heading)

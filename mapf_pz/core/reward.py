@@ -7,21 +7,18 @@ import numpy as np
 from mapf_pz.core.conflict import NO_MOVE, direction
 from mapf_pz.core.jit import jit
 from mapf_pz.core.path import turned
-from mapf_pz.core.state import Array, Distances, Rules, World
+from mapf_pz.core.state import Array, Rules
 
 
 @jit
-def pay(
-    rules: Rules, world: World, m: int, distances: Distances, crew: Array, actions: Array, occupant: Array, solved: bool
-) -> None:
+def pay(rules: Rules, height: int, width: int, crew: Array, actions: Array, occupant: Array, solved: bool) -> None:
     """Set every agent's reward; `solved`: all agents are on their goals at once."""
     for i in range(crew.size):
         agent = crew[i]
         agent.own_reward = 0.0
         if agent.was_active:
             earned = rules.goal if agent.arrived else _action_reward(rules, agent, actions[i])
-            if rules.progress != 0:
-                earned += rules.progress * _progress(world.mean_weight[m], distances, m, agent)
+            earned += rules.progress * agent.progress
             if not agent.at_goal:
                 earned -= rules.step_cost
             if agent.blocked:
@@ -31,7 +28,7 @@ def pay(
             agent.own_reward = earned
         agent.reward = agent.own_reward
     if rules.share != 0:
-        _share(rules, world.height, world.width, crew, occupant)
+        _share(rules, height, width, crew, occupant)
 
 
 @jit
@@ -44,14 +41,17 @@ def _action_reward(rules: Rules, agent: Array, action: int) -> float:
 
 
 @jit
-def _progress(mean_weight: float, distances: Distances, m: int, agent: Array) -> float:
-    """Return the fall of the cost to go in units of the mean weight; 0 where the goal cannot be reached."""
-    slot, headings = distances.slot[m, agent.was_goal], distances.to_go.shape[2]
-    before = distances.to_go[slot, agent.was_cell, agent.was_heading % headings]
-    after = distances.to_go[slot, agent.cell, agent.heading % headings]
-    if before == np.inf or after == np.inf:
-        return 0.0
-    return (before - after) / mean_weight
+def note_progress(worth: float, mean_weight: float, slot: Array, to_go: Array, m: int, crew: Array) -> None:
+    """Note the fall of the cost to go in units of the mean weight; 0 where there is no path, or it is worth nothing."""
+    headings = to_go.shape[2]
+    for i in range(crew.size):
+        agent = crew[i]
+        agent.progress = 0.0
+        if worth != 0:
+            table = slot[m, agent.was_goal]
+            before = to_go[table, agent.was_cell, agent.was_heading % headings]
+            if before < np.inf:
+                agent.progress = (before - to_go[table, agent.cell, agent.heading % headings]) / mean_weight
 
 
 @jit

@@ -30,6 +30,7 @@ AGENT = np.dtype(
         ("blocked", np.bool_),  # a move was wanted and did not happen
         ("terminated", np.bool_),
         ("truncated", np.bool_),
+        ("progress", np.float32),  # the fall of the cost to go, where the reward asks for it
         ("own_reward", np.float32),  # before sharing
         ("reward", np.float32),
         # Since the episode began:

@@ -5,16 +5,17 @@ from __future__ import annotations
 from numba import prange
 
 from mapf_pz.core.conflict import NO_MOVE, direction, propose, resolve
-from mapf_pz.core.jit import jit, parallel_jit
+from mapf_pz.core.jit import BatchKernel, jit
 from mapf_pz.core.path import turned
-from mapf_pz.core.reward import pay
+from mapf_pz.core.reward import note_progress, pay
 from mapf_pz.core.state import Array, Distances, Rules, State, World
 
 NOTHING, FINISH, RESTART = 0, 1, 2
 ON_TARGET = {"nothing": NOTHING, "finish": FINISH, "restart": RESTART}
 
 
-def _step(rules: Rules, world: World, distances: Distances, state: State, all_actions: Array) -> None:
+@BatchKernel
+def step(rules: Rules, world: World, distances: Distances, state: State, all_actions: Array) -> None:
     """Advance all environments by one step; `all_actions` (B, N) int64."""
     for b in prange(all_actions.shape[0]):
         m, crew, actions = state.map[b], state.agents[b], all_actions[b]
@@ -25,7 +26,8 @@ def _step(rules: Rules, world: World, distances: Distances, state: State, all_ac
         resolve(rules.collision, crew, occupant, claim)
         advance(rules.cardinal, crew, actions, occupant, state.history[b])
         solved = settle(rules.on_target, crew, state.goals[b], state.time[b])
-        pay(rules, world, m, distances, crew, actions, occupant, solved)
+        note_progress(rules.progress, world.mean_weight[m], distances.slot, distances.to_go, m, crew)
+        pay(rules, world.height, world.width, crew, actions, occupant, solved)
         retire(rules.on_target, crew, occupant, solved, state.time[b] >= rules.max_steps)
 
 
@@ -92,7 +94,3 @@ def retire(on_target: int, crew: Array, occupant: Array, solved: bool, late: boo
         if agent.arrived and on_target == FINISH:
             occupant[agent.cell] = -1
             agent.active = False
-
-
-step = jit(_step)
-step_in_parallel = parallel_jit(_step)

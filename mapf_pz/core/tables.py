@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapf_pz.core.distance import fill_tables, fill_tables_in_parallel
+from mapf_pz.core.distance import fill_tables
 from mapf_pz.core.state import Distances, World
 from mapf_pz.types import Ints
 
@@ -56,8 +56,8 @@ class DistanceTables:
             )
         slots = np.array([self._unused.pop() for _ in range(count)], np.int32)
         slot[pairs[0], pairs[1]] = slots
-        fill = fill_tables if self._num_threads == 1 else fill_tables_in_parallel
-        fill(self._world, pairs[0].astype(np.int32), pairs[1].astype(np.int32), slots, self.arrays, self._scratch)
+        maps, goals = pairs.astype(np.int32)
+        fill_tables(self._num_threads, self._world, maps, goals, slots, self.arrays, self._scratch)
 
     def _drop_all_but(self, maps: Ints, goals: Ints) -> None:
         slot = self.arrays.slot
