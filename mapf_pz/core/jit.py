@@ -1,7 +1,8 @@
 """One decorator for all kernels: compiled on first use, cached on disk, and never stale.
 
 Numba's own cache does not see that a callee in another file has changed, so the cache folder is named by a hash of all
-kernel files: any change to one of them compiles afresh.
+kernel files: any change to one of them compiles afresh. Nor does it tell kernels for one thread from those for several:
+these have a folder of their own.
 """
 
 from __future__ import annotations
@@ -43,17 +44,17 @@ class BatchKernel:
 
 def _compile(kernel: Kernel, parallel: bool) -> Kernel:
     # Numba reads the folder when it decorates; the user's own setting is put back at once.
-    previous, config.CACHE_DIR = config.CACHE_DIR, _cache_folder(config.CACHE_DIR)
+    previous, config.CACHE_DIR = config.CACHE_DIR, _cache_folder(config.CACHE_DIR, parallel)
     try:
         return numba.njit(kernel, cache=True, nogil=True, error_model="numpy", parallel=parallel)
     finally:
         config.CACHE_DIR = previous
 
 
-def _cache_folder(root: str) -> str:
+def _cache_folder(root: str, parallel: bool) -> str:
     """Return the folder of these kernels: under Numba's cache folder if one is set, else under the user's."""
     base = Path(root) if root else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return str(base / "mapf_pz" / _FINGERPRINT)
+    return str(base / "mapf_pz" / _FINGERPRINT / ("parallel" if parallel else "serial"))
 
 
 def _fingerprint() -> str:

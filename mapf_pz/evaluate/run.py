@@ -1,0 +1,55 @@
+"""Runs of a policy over episodes, and the numbers that come of them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from mapf_pz.env import MapfEnv, parallel_env
+
+
+class Policy(Protocol):
+    """What can be evaluated: the protocol of POGEMA's toolbox."""
+
+    def act(self, observations: dict[str, Any]) -> dict[str, int]:
+        """Return an action for each agent that observes."""
+        ...
+
+    def reset_states(self) -> None:
+        """Forget the episode; called before each."""
+        ...
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Some episodes of one kind."""
+
+    name: str
+    """What the result is called."""
+    keywords: dict[str, Any] = field(default_factory=dict)
+    """Keywords of `parallel_env`: map, scenario or source, number of agents, time limit."""
+    episodes: int = 256
+    """How many."""
+    seed: int = 1_000_000
+    """Of the first episode; the others follow by ones."""
+
+    def make_env(self, policy: Policy, **keywords: Any) -> MapfEnv:
+        """Return the environment, as the policy must see it; `keywords` come on top."""
+        return parallel_env(**(getattr(policy, "env_kwargs", {}) | self.keywords | keywords))
+
+
+def run_episodes(policy: Policy, trial: Trial) -> Iterator[dict[str, float]]:
+    """Yield each episode's metrics, and `runtime`: seconds of deciding."""
+    env = trial.make_env(policy)
+    for episode in range(trial.episodes):
+        observations, _ = env.reset(seed=trial.seed + episode)
+        policy.reset_states()
+        runtime = 0.0
+        while env.agents:
+            began = time.perf_counter()
+            actions = policy.act(observations)
+            runtime += time.perf_counter() - began
+            observations = env.step(actions)[0]
+        yield env.metrics() | {"runtime": runtime}

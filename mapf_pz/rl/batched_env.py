@@ -1,0 +1,122 @@
+"""The TorchRL environment: B environments of N agents on the kernels, as one `EnvBase`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
+from torchrl.envs import EnvBase
+
+from mapf_pz.config import EnvConfig
+from mapf_pz.simulator import Simulator
+
+
+class BatchedMapfEnv(EnvBase):
+    """Multi-agent path finding in a batch: all agents are one group, `agents`.
+
+    | key | shape | |
+    | --- | --- | --- |
+    | `("agents", "observation")` | (B, N, K, h, w) float32 | with `features` instead its entries `image` and `features` |
+    | `("agents", "action_mask")` | (B, N, A) bool | what the map allows |
+    | `("agents", "at_goal")` | (B, N, 1) bool | the last step ended on the agent's goal |
+    | `("agents", "action")` | (B, N) int64 | |
+    | `("agents", "reward")` | (B, N, 1) float32 | |
+    | `done`, `terminated`, `truncated` | (B, 1) bool | of the team's episode |
+
+    An environment that is done keeps its true last observation until it is reset. In `finish` mode, agents that have
+    disappeared observe zeros, earn nothing, and may only wait.
+    """
+
+    batch_locked = True
+
+    def __init__(self, num_envs: int = 64, num_threads: int = 1, **keywords: Any) -> None:
+        """Make the environment: the keywords are those of `parallel_env`, and raise as there.
+
+        Args:
+            num_envs: B.
+            num_threads: threads of the kernels.
+            **keywords: the fields of `EnvConfig`.
+        """
+        self.config = EnvConfig.from_keywords(**keywords)
+        self.simulator = Simulator(self.config, num_envs, num_threads)
+        super().__init__(device=torch.device("cpu"), batch_size=torch.Size([num_envs]))
+        num_agents = self.simulator.num_agents
+        self.group_map = {"agents": [f"agent_{i}" for i in range(num_agents)]}
+        self._seed_next: int | None = None
+        self._make_specs((num_envs, num_agents))
+
+    def _make_specs(self, each: tuple[int, int]) -> None:
+        batch = self.batch_size
+        num_actions = self.simulator.num_actions
+        observed = Composite(
+            observation=_observation_spec(self.simulator.layout.space(), each),
+            action_mask=Binary(num_actions, shape=(*each, num_actions), dtype=torch.bool),
+            at_goal=Binary(1, shape=(*each, 1), dtype=torch.bool),
+            shape=each,
+        )
+        self.observation_spec = Composite(agents=observed, shape=batch)
+        action = Categorical(num_actions, shape=each, dtype=torch.int64)
+        self.action_spec = Composite(agents=Composite(action=action, shape=each), shape=batch)
+        reward = Unbounded(shape=(*each, 1), dtype=torch.float32)
+        self.reward_spec = Composite(agents=Composite(reward=reward, shape=each), shape=batch)
+        flags = {name: Categorical(2, shape=(*batch, 1), dtype=torch.bool) for name in _DONE}
+        self.done_spec = Composite(flags, shape=batch)
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
+        """Begin new episodes where `_reset` asks for it (everywhere without it)."""
+        mask = None if tensordict is None else tensordict.get("_reset", None)
+        chosen = range(self.batch_size[0]) if mask is None else np.flatnonzero(mask.reshape(-1).numpy()).tolist()
+        seeds = None
+        if self._seed_next is not None:
+            seeds = {b: self._seed_next + b for b in range(self.batch_size[0])}
+            self._seed_next = None
+        self.simulator.reset(chosen, seeds)
+        ended = torch.zeros(*self.batch_size, 1, dtype=torch.bool)
+        return self._with_flags(self._observe(), ended, ended)
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        self.simulator.step(tensordict.get(("agents", "action")).numpy())
+        agents = self.simulator.state.agents
+        result = self._observe()
+        result.set("reward", torch.from_numpy(agents["reward"].copy()).unsqueeze(-1))
+        terminated = (agents["terminated"] | ~agents["active"]).all(axis=1, keepdims=True)
+        truncated = agents["truncated"].any(axis=1, keepdims=True)
+        return self._with_flags(result, torch.from_numpy(terminated), torch.from_numpy(truncated))
+
+    def _observe(self) -> TensorDict:
+        seen = self.simulator.observe()
+        image = torch.from_numpy(seen.image)
+        observation: Tensor | dict[str, Tensor] = image
+        if self.simulator.layout.num_features:
+            observation = {"image": image, "features": torch.from_numpy(seen.features)}
+        entries = {
+            "observation": observation,
+            "action_mask": torch.from_numpy(seen.action_mask.view(np.bool_)),
+            "at_goal": torch.from_numpy(self.simulator.state.agents["at_goal"].copy()).unsqueeze(-1),
+        }
+        return TensorDict(entries, batch_size=image.shape[:2])
+
+    def _with_flags(self, agents: TensorDict, terminated: Tensor, truncated: Tensor) -> TensorDict:
+        flags = {"done": terminated | truncated, "terminated": terminated.clone(), "truncated": truncated.clone()}
+        return TensorDict({"agents": agents, **flags}, batch_size=self.batch_size)
+
+    def _set_seed(self, seed: int | None) -> None:
+        """Seed the next reset: environment `b` with `seed + b`."""
+        self._seed_next = seed
+
+
+_DONE = ("done", "terminated", "truncated")
+
+
+def _observation_spec(space: spaces.Space[Any], each: tuple[int, int]) -> Bounded | Composite:
+    """Return the spec of a Gymnasium space for B x N agents."""
+    if isinstance(space, spaces.Dict):
+        return Composite({name: _observation_spec(part, each) for name, part in space.items()}, shape=each)
+    assert isinstance(space, spaces.Box)
+    low, high = (torch.from_numpy(bound).expand(*each, *bound.shape).clone() for bound in (space.low, space.high))
+    return Bounded(low, high, shape=low.shape, dtype=torch.float32)

@@ -1,0 +1,129 @@
+"""The configuration of a training run: frozen dataclasses, the one home of every default. Needs no torch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from mapf_pz.config import ActionModel, Frame, RewardConfig, View
+from mapf_pz.instances.sources import RandomObstacles
+
+AlgorithmName = Literal["mappo", "ippo"]
+
+OBSERVATION_FIELDS = (
+    "action_model",
+    "view_size",
+    "view",
+    "frame",
+    "channels",
+    "features",
+    "num_last_actions",
+)
+"""The keywords of the environment that decide what a policy observes and does."""
+
+
+@dataclass(frozen=True)
+class TaskConfig:
+    """What the agents train on, and what they observe and earn."""
+
+    map: str | None = None
+    """A map's name or the path of a `.map` file; None draws a new random map for every episode."""
+    height: int = 12
+    """Rows of a random map."""
+    width: int = 12
+    """Columns of a random map."""
+    density: float = 0.15
+    """Share of obstacles on a random map."""
+    num_agents: int = 8
+    """N, the number of agents."""
+    max_steps: int = 96
+    """An episode is truncated after this many steps."""
+    action_model: ActionModel = "rotate"
+    """`rotate` or `cardinal`."""
+    view_size: tuple[int, int] = (7, 7)
+    """(h, w) of each agent's view."""
+    view: View | None = "centered"
+    """`front` or `centered`."""
+    frame: Frame | None = None
+    """`egocentric` or `map`; None: as the action model has it."""
+    channels: tuple[str, ...] = ("view", "cost_to_go", "orientation", "others_next", "others_at_goal")
+    """The channels of the image."""
+    features: tuple[str, ...] = ("action_advantage", "goal_vector", "last_actions")
+    """The features beside the image."""
+    num_last_actions: int = 2
+    """How many actions `last_actions` remembers."""
+    reward: RewardConfig = field(
+        default_factory=lambda: RewardConfig(
+            forward=0.0, rotate=0.0, goal=0.0, progress=0.2, step_cost=0.05, blocked=0.05, team_goal=2.0, share=0.5
+        )
+    )
+    """The terms of the reward."""
+
+    def env_keywords(self) -> dict[str, Any]:
+        """Return the keywords of the environment to train in."""
+        keywords = self.observation_keywords() | {"max_steps": self.max_steps, "reward": self.reward}
+        if self.map is not None:
+            return keywords | {"map": self.map, "num_agents": self.num_agents}
+        return keywords | {"source": RandomObstacles(self.height, self.width, self.density, self.num_agents)}
+
+    def observation_keywords(self) -> dict[str, Any]:
+        """Return the keywords that any environment needs for a policy of this task to act in it."""
+        return {name: getattr(self, name) for name in OBSERVATION_FIELDS}
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """The networks: an encoder of one agent's observation, and heads on it."""
+
+    conv_channels: tuple[int, ...] = (16, 32)
+    """Output channels of the 3 x 3 convolutions."""
+    hidden: int = 128
+    """Width of the linear layers."""
+
+
+@dataclass(frozen=True)
+class PPOConfig:
+    """Proximal policy optimization (Schulman et al., 2017), for many agents (Yu et al., 2022)."""
+
+    num_envs: int = 64
+    """B, environments stepped together."""
+    steps_per_batch: int = 32
+    """Steps of each environment between two updates."""
+    num_epochs: int = 4
+    """Passes over each batch."""
+    minibatch_size: int = 256
+    """Environment steps (of all N agents) per gradient step."""
+    learning_rate: float = 7e-4
+    """Adam's step size, lowered linearly to a tenth."""
+    gamma: float = 0.98
+    """Discount."""
+    lmbda: float = 0.95
+    """Decay of generalized advantage estimation."""
+    clip_epsilon: float = 0.2
+    """Bound on the change of an action's probability ratio."""
+    entropy_coeff: float = 0.01
+    """Weight of the entropy bonus, lowered linearly to a tenth."""
+    critic_coeff: float = 0.5
+    """Weight of the value loss."""
+    max_grad_norm: float = 0.5
+    """Gradients are scaled down to this norm."""
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """One training run."""
+
+    task: TaskConfig = field(default_factory=TaskConfig)
+    """What is learnt."""
+    algorithm: AlgorithmName = "mappo"
+    """`mappo`: a critic that sees the team; `ippo`: a critic that sees what the agent sees."""
+    model: ModelConfig = field(default_factory=ModelConfig)
+    """The networks."""
+    ppo: PPOConfig = field(default_factory=PPOConfig)
+    """The optimization."""
+    agent_steps: int = 2_000_000
+    """Length of the run: steps of all agents together."""
+    seed: int = 0
+    """Decides instances, initial weights and exploration."""
+    num_threads: int = 2
+    """Threads of torch and of the kernels."""

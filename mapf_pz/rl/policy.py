@@ -1,0 +1,110 @@
+"""A learned policy: an actor's network with what it must observe, in a folder of safetensors and JSON."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from pydantic import TypeAdapter, ValidationError
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+from torch import Tensor
+
+from mapf_pz.config import EnvConfig
+from mapf_pz.observation import ObservationLayout
+from mapf_pz.rl.algorithms import make_network
+from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.models import Actor
+from mapf_pz.types import FormatError
+
+WEIGHTS, CONFIG = "policy.safetensors", "config.json"
+_CONFIG_ADAPTER = TypeAdapter(TrainConfig)
+
+
+class LearnedPolicy:
+    """What acts: `act(observations) -> actions`, dictionaries by agent as the environment gives and takes them.
+
+    Actions are drawn from the network's probabilities: agents that always take the likeliest action can block each
+    other for ever. `env_kwargs` are the keywords under which an environment shows what the policy must see.
+    """
+
+    def __init__(self, network: Actor, env_kwargs: dict[str, Any], seed: int = 0, deterministic: bool = False) -> None:
+        """Wrap a network.
+
+        Args:
+            network: the actor's network.
+            env_kwargs: keywords of `parallel_env` that it was trained under.
+            seed: of the draws.
+            deterministic: take the likeliest action instead.
+        """
+        self.network = network.eval()
+        self.env_kwargs = env_kwargs
+        self.deterministic = deterministic
+        self._generator = torch.Generator().manual_seed(seed)
+
+    def act(self, observations: dict[str, Any]) -> dict[str, int]:
+        """Return an action for each agent that observes."""
+        if not observations:
+            return {}
+        seen = list(observations.values())
+        if isinstance(seen[0], dict):
+            inputs = [_stack([part[name] for part in seen]) for name in ("image", "features")]
+        else:
+            inputs = [_stack(seen)]
+        with torch.no_grad():
+            logits: Tensor = self.network(*inputs)
+        if self.deterministic:
+            actions = logits.argmax(-1)
+        else:
+            actions = torch.multinomial(logits.softmax(-1), 1, generator=self._generator).squeeze(-1)
+        return dict(zip(observations, actions.tolist(), strict=True))
+
+    def reset_states(self) -> None:
+        """Forget the episode; this policy remembers nothing."""
+
+
+def save_policy(folder: Path, network: Actor, config: TrainConfig) -> None:
+    """Write the network's weights and the run's configuration to `folder`."""
+    (folder / CONFIG).write_bytes(_CONFIG_ADAPTER.dump_json(config, indent=2))
+    save_file({name: weight.contiguous() for name, weight in network.state_dict().items()}, folder / WEIGHTS)
+
+
+def load_config(file: Path) -> TrainConfig:
+    """Read a run's configuration; raises `FormatError` where it is malformed."""
+    try:
+        return _CONFIG_ADAPTER.validate_json(file.read_bytes())
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise FormatError(file, f"{place}: {first['msg']}") from None
+
+
+def load_policy(policy: str | Path, seed: int = 0, deterministic: bool = False) -> LearnedPolicy:
+    """Load a trained policy from a run's folder, or from the weights' file in it.
+
+    Raises `FileNotFoundError` where there is none and `FormatError` where the files do not fit together.
+    """
+    folder = Path(policy)
+    if folder.suffix == ".safetensors":
+        folder = folder.parent
+    for file in (folder / CONFIG, folder / WEIGHTS):
+        if not file.is_file():
+            raise FileNotFoundError(
+                f"policy {str(policy)!r}: no file {str(file)!r}; expected the folder of a training run"
+            )
+    config = load_config(folder / CONFIG)
+    env_kwargs = config.task.observation_keywords()
+    layout = ObservationLayout(EnvConfig.from_keywords(**env_kwargs), env_kwargs["view_size"])
+    network = make_network(layout, config.model)
+    try:
+        network.load_state_dict(load_file(folder / WEIGHTS))
+    except (SafetensorError, RuntimeError) as error:
+        reason = " ".join(str(error).split())
+        raise FormatError(folder / WEIGHTS, f"not the weights that {CONFIG} describes: {reason[:200]}") from None
+    return LearnedPolicy(network, env_kwargs, seed, deterministic)
+
+
+def _stack(arrays: list[np.ndarray]) -> Tensor:
+    return torch.from_numpy(np.stack(arrays))
