@@ -67,6 +67,7 @@ REWARDS: dict[str, RewardConfig] = {
         step_cost=0.05,
         blocked=0.05,
         team_goal=2.0,
+        share=0.5,
     ),
 }
 """The rewards that have a name."""

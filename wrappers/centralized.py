@@ -28,16 +28,17 @@ class CentralizedEnv(gymnasium.Env[TeamObservation, ArrayLike]):
 
     | | |
     | --- | --- |
-    | Observation | `Box (N * K, h, w)` float32, the agents' images in their order; with `features`, a `Dict(image, features)`, with the features `(N * F,)` |
+    | Observation | `Box (N * K, h, w)` float32: the agents' images in their order, with the bounds of their channels |
+    | ... with `features` | `Dict(image, features)`: the image as above, the features `(N * F,)` |
     | Action | `Box(-1, 1, (N, A), float32)`: a row per agent, made an action as `action_mode` says |
     | Reward | the sum, or the mean over all N, of the agents' rewards |
-    | Terminated | with `on_target="nothing"` when all are on their goals at once, with `"finish"` when all have reached them, with `"restart"` never |
+    | Terminated | all are on their goals at once; `on_target="finish"`: all have reached them; `"restart"`: never |
     | Truncated | at `max_steps`, unless that step terminated the episode |
-    | Info | `is_success` (bool), and the names of `MapfEnv.metrics()`: floats, 0.0 until the episode's last step |
+    | Info | `is_success` (bool); the names of `MapfEnv.metrics()`, as floats: 0.0 until the episode's last step |
 
-    Agents that have left (`on_target="finish"`) observe zeros and earn nothing, and their rows of the action do not count.
-    The episode of a seed is that of the parallel environment with the same seed.
-    """  # noqa: E501 (a table)
+    Agents that have left (`"finish"`) observe zeros and earn nothing, and their rows of the action do not count. The
+    instance of a seed is that of the parallel environment with the same seed.
+    """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 (Gymnasium declares it so)
         "render_modes": MapfEnv.metadata["render_modes"],

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from mapf_pz.config import ActionModel, Frame, RewardConfig, View
+from mapf_pz.config import REWARDS, ActionModel, Frame, RewardConfig, View
 from mapf_pz.instances.sources import RandomObstacles
 
 AlgorithmName = Literal["mappo", "ippo"]
@@ -52,12 +52,8 @@ class TaskConfig:
     """The features beside the image."""
     num_last_actions: int = 2
     """How many actions `last_actions` remembers."""
-    reward: RewardConfig = field(
-        default_factory=lambda: RewardConfig(
-            forward=0.0, rotate=0.0, goal=0.0, progress=0.2, step_cost=0.05, blocked=0.05, team_goal=2.0, share=0.5
-        )
-    )
-    """The terms of the reward."""
+    reward: RewardConfig = REWARDS["progress"]
+    """The terms of the reward; the defaults are those of `reward="progress"`."""
 
     def env_keywords(self) -> dict[str, Any]:
         """Return the keywords of the environment to train in."""

@@ -1,0 +1,34 @@
+# make train   sets everything up, trains a policy, evaluates it and shows it: see runs/quickstart
+# make test    sets everything up and runs the tests
+# make lint    checks style and types
+
+PYTHON ?= python3
+BIN := .venv/bin
+
+.PHONY: train test lint format figures clean
+
+train: .venv/installed
+	$(BIN)/mapf-pz train quickstart --output runs/quickstart
+
+test: .venv/installed
+	$(BIN)/python -m pytest -n 2
+
+lint: .venv/installed
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/basedpyright
+
+format: .venv/installed
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+
+figures: .venv/installed
+	$(BIN)/python docs/figures.py
+
+.venv/installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[train,render,dev]'
+	touch $@
+
+clean:
+	rm -rf .venv runs

@@ -1,0 +1,101 @@
+import numpy as np
+import pytest
+import torch
+from torchrl.envs import MarlGroupMapType, PettingZooWrapper, check_env_specs
+
+import mapf_pz
+from mapf_pz.instances.sources import RandomObstacles
+from mapf_pz.rl import BatchedMapfEnv
+
+MODES = [
+    {},
+    {"features": ("goal_vector", "last_actions")},
+    {"on_target": "finish"},
+    {"on_target": "restart", "action_model": "cardinal"},
+]
+
+
+@pytest.mark.parametrize("keywords", MODES, ids=str)
+def test_specs_hold(keywords):
+    check_env_specs(BatchedMapfEnv(3, num_agents=5, max_steps=8, **keywords))
+
+
+@pytest.mark.filterwarnings("ignore:PettingZoo in TorchRL is tested using version")
+def test_torchrl_wraps_the_pettingzoo_environment():
+    env = mapf_pz.parallel_env(num_agents=3, max_steps=10)
+    check_env_specs(PettingZooWrapper(env, group_map=MarlGroupMapType.ALL_IN_ONE_GROUP))
+
+
+@pytest.mark.parametrize("on_target", ["nothing", "restart"])
+def test_a_row_is_the_pettingzoo_environment(on_target):
+    keywords = {
+        "source": RandomObstacles(7, 6, 0.2, 5, 30 if on_target == "restart" else 1),
+        "max_steps": 12,
+        "on_target": on_target,
+        "reward": "progress",
+        "channels": ("view", "cost_to_go", "others_next"),
+        "features": ("action_advantage",),
+    }
+    batched = BatchedMapfEnv(4, **keywords)
+    batched.set_seed(20)
+    now = batched.reset()
+    rng = np.random.default_rng(0)
+    actions = rng.integers(4, size=(12, 4, 5))
+    singles = [mapf_pz.parallel_env(**keywords) for _ in range(4)]
+    seen = [env.reset(seed=20 + b)[0] for b, env in enumerate(singles)]
+    for step in range(12):
+        for b, env in enumerate(singles):
+            for i, agent in enumerate(env.possible_agents if seen[b] else []):
+                for part in ("image", "features"):
+                    expected = now["agents", "observation", part][b, i].numpy()
+                    assert np.array_equal(seen[b][agent][part], expected)
+        now["agents", "action"] = torch.from_numpy(actions[step])
+        now = batched.step(now)["next"]
+        for b, env in enumerate(singles):
+            if not env.agents:
+                seen[b] = {}
+                continue
+            result = env.step({agent: actions[step, b, i] for i, agent in enumerate(env.agents)})
+            seen[b], rewards, terminated, truncated, _ = result
+            assert list(rewards.values()) == pytest.approx(now["agents", "reward"][b, :, 0].tolist())
+            assert all(terminated.values()) == now["terminated"][b].item()
+            assert all(truncated.values()) == now["truncated"][b].item()
+
+
+def test_partial_reset_leaves_the_others_alone():
+    env = BatchedMapfEnv(3, num_agents=4, max_steps=5, map="empty-8-8")
+    env.set_seed(0)
+    now = env.reset()
+    for _ in range(3):
+        now = env.rand_step(now)["next"]
+    before = env.simulator.state.agents.copy()
+    now["_reset"] = torch.tensor([[False], [True], [False]])
+    env.reset(now)
+    after = env.simulator.state
+    assert after.time.tolist() == [3, 0, 3]
+    assert np.array_equal(before[[0, 2]], after.agents[[0, 2]])
+
+
+def test_last_observation_before_a_reset_is_the_true_one():
+    env = BatchedMapfEnv(2, num_agents=4, max_steps=5, channels=("view",), features=("time",))
+    rollout = env.rollout(11, break_when_any_done=False)
+    times = rollout["next", "agents", "observation", "features"][0, :, 0, 0]
+    assert times.tolist() == pytest.approx([0.2, 0.4, 0.6, 0.8, 1, 0.2, 0.4, 0.6, 0.8, 1, 0.2])
+    assert rollout["next", "truncated"][0, :, 0].tolist() == ([False] * 4 + [True]) * 2 + [False]
+    assert not rollout["next", "terminated"].any()
+
+
+def test_seed_decides_everything():
+    def run():
+        env = BatchedMapfEnv(2, num_agents=4, max_steps=6)
+        env.set_seed(5)
+        torch.manual_seed(0)
+        return env.rollout(20, break_when_any_done=False)
+
+    first, second = run(), run()
+    assert (first == second).all()
+
+
+def test_unknown_keyword_is_named():
+    with pytest.raises(TypeError, match="did you mean 'num_agents'"):
+        BatchedMapfEnv(2, agents=4)
