@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from collections.abc import Mapping
+from operator import index
+from typing import Any, SupportsIndex, TypeAlias
 
 import numpy as np
 from gymnasium import spaces
@@ -23,7 +25,7 @@ StepResult: TypeAlias = (
 STATE_PLANES = ("obstacle", "agent", "heading_sine", "heading_cosine", "goal", "distance_to_go", "time")
 
 
-class MapfEnv(ParallelEnv[str, AgentObservation, int]):
+class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
     """Multi-agent path finding: N agents on a grid map, each with a goal of its own.
 
     | | |
@@ -56,7 +58,9 @@ class MapfEnv(ParallelEnv[str, AgentObservation, int]):
         self._observation_space = self.simulator.layout.space()
         self._action_space = spaces.Discrete(self.simulator.num_actions)
         self.observation_spaces = dict.fromkeys(self.possible_agents, self._observation_space)
-        self.action_spaces = dict.fromkeys(self.possible_agents, self._action_space)
+        self.action_spaces: dict[str, spaces.Space[SupportsIndex]] = dict.fromkeys(
+            self.possible_agents, self._action_space
+        )
         self.state_space = spaces.Box(-1, 1, (len(STATE_PLANES), *self.simulator.shape), np.float32)
         self._began = False
         self._canvas: Any = None
@@ -67,7 +71,7 @@ class MapfEnv(ParallelEnv[str, AgentObservation, int]):
 
     def action_space(self, agent: str) -> spaces.Discrete:
         """Return the space of the agent's actions: the same object for all agents and calls."""
-        return self.action_spaces[agent]
+        return self._action_space
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
@@ -84,6 +88,7 @@ class MapfEnv(ParallelEnv[str, AgentObservation, int]):
             instance = Instance(grid, instance)
         if instance is not None and not isinstance(instance, Instance):
             raise TypeError(f"options['instance']: expected an Instance or a Scenario, got {type(instance).__name__}")
+        self.agents = []  # should this fail, there is no episode
         self.simulator.reset(
             seeds=None if seed is None else {0: seed}, instances=None if instance is None else {0: instance}
         )
@@ -91,7 +96,7 @@ class MapfEnv(ParallelEnv[str, AgentObservation, int]):
         self._began = True
         return self._observe()
 
-    def step(self, actions: dict[str, int]) -> StepResult:
+    def step(self, actions: Mapping[str, SupportsIndex]) -> StepResult:
         """Take one step with an action for each of `self.agents`.
 
         Returns observations, rewards, terminations, truncations and infos of the agents that acted. Raises
@@ -107,27 +112,27 @@ class MapfEnv(ParallelEnv[str, AgentObservation, int]):
         self.agents = [agent for agent in self.agents if not (terminations[agent] or truncations[agent])]
         return observations, rewards, terminations, truncations, infos
 
-    def _numbers(self, actions: dict[str, int]) -> Ints:
+    def _numbers(self, actions: Mapping[str, SupportsIndex]) -> Ints:
         """Return the actions as (1, N) int64, 0 for agents that have left; raises `ValueError`."""
-        unknown = actions.keys() - self._index.keys()
-        if unknown:
-            raise ValueError(
-                f"action for an unknown agent {sorted(unknown)[0]!r}: expected names out of possible_agents"
-            )
-        missing = self._index.keys() & set(self.agents) - actions.keys()
-        if missing:
-            raise ValueError(f"no action for {sorted(missing)[0]!r}: expected one for each of the agents left")
-        given = np.array([actions[agent] for agent in self.agents])
-        allowed = (given >= 0) & (given < self.simulator.num_actions) & np.issubdtype(given.dtype, np.integer)
-        if given.ndim != 1 or not allowed.all():
-            worst = int(np.argmin(allowed)) if given.ndim == 1 else 0
-            raise ValueError(
-                f"action {actions[self.agents[worst]]!r} of {self.agents[worst]!r}: expected a whole number from 0 to "
-                f"{self.simulator.num_actions - 1}"
-            )
+        for agent in actions:
+            if agent not in self._index:
+                raise ValueError(f"action for an unknown agent {agent!r}: expected names out of possible_agents")
         numbers = np.zeros((1, self.simulator.num_agents), np.int64)
-        numbers[0, [self._index[agent] for agent in self.agents]] = given
+        for agent in self.agents:
+            if agent not in actions:
+                raise ValueError(f"no action for {agent!r}: expected one for each of the agents left")
+            numbers[0, self._index[agent]] = self._number(agent, actions[agent])
         return numbers
+
+    def _number(self, agent: str, action: SupportsIndex) -> int:
+        allowed = range(self.simulator.num_actions)
+        try:
+            number = index(action)
+        except TypeError:
+            number = -1
+        if number not in allowed:
+            raise ValueError(f"action {action!r} of {agent!r}: expected a whole number from 0 to {allowed[-1]}")
+        return number
 
     @property
     def _crew(self) -> NDArray[np.void]:
@@ -240,6 +245,7 @@ def parallel_env(**keywords: Any) -> MapfEnv:
     return MapfEnv(EnvConfig.from_keywords(**keywords))
 
 
-def env(**keywords: Any) -> AECEnv[str, AgentObservation, int]:
+def env(**keywords: Any) -> AECEnv[str, AgentObservation, SupportsIndex | None]:
     """Make the environment in its AEC form, where agents act one after the other; keywords as in `parallel_env`."""
-    return parallel_to_aec(parallel_env(**keywords))
+    # Its annotation asks for an environment that takes None for an action: only the AEC form does.
+    return parallel_to_aec(parallel_env(**keywords))  # pyright: ignore[reportArgumentType]

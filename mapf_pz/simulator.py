@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from mapf_pz.config import EnvConfig, RewardConfig
 from mapf_pz.core import world
 from mapf_pz.core.conflict import COLLISION_SYSTEMS
 from mapf_pz.core.distance import shortest_steps
+from mapf_pz.core.jit import numba_config
 from mapf_pz.core.mask import write_masks
 from mapf_pz.core.scene import Scene, allocate_views
 from mapf_pz.core.state import Rules, allocate_state
@@ -19,7 +19,7 @@ from mapf_pz.core.step import ON_TARGET, step
 from mapf_pz.core.tables import DistanceTables
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances.configured import goals_per_agent, make_source
-from mapf_pz.instances.place import place
+from mapf_pz.instances.place import check_reachable, place
 from mapf_pz.metrics import EpisodeRecord, episode_metrics
 from mapf_pz.observation import ObservationLayout
 from mapf_pz.types import Floats, Grid, Heading, Instance, Ints
@@ -49,10 +49,13 @@ class Simulator:
         self.num_envs = num_envs
         self.num_agents = self.source.num_agents
         self.shape = self.source.shape
+        weights = config.edge_weights
+        if isinstance(weights, GuidanceGraph) and weights.shape != self.shape:
+            raise ValueError(f"edge_weights of shape {weights.shape}: the map's shape is {self.shape}")
         self.layout = ObservationLayout(config, self.shape)
         self.num_actions = self.layout.num_actions
         self.needs_distances = self.layout.needs_distances or config.rewards.progress != 0
-        self._num_threads = min(num_threads, numba.config.NUMBA_NUM_THREADS)
+        self._num_threads = min(num_threads, numba_config.NUMBA_NUM_THREADS)
         self._one_map = self.source.grid is not None and config.edge_weights != "random"
         self._grids: list[Grid | None] = [None] * (1 if self._one_map else num_envs)
         self.world = world.allocate(len(self._grids), self.shape)
@@ -88,13 +91,19 @@ class Simulator:
             envs: which of the B environments.
             seeds: for environments that shall be seeded afresh; the others go on with their own generators.
             instances: for environments that shall not draw their instance from the source.
+
+        Raises `ValueError` for an instance that does not fit, or whose goals cannot all be reached.
         """
         chosen = list(range(self.num_envs) if envs is None else envs)
         for b in chosen:
             if seeds is not None and b in seeds:
                 self._rngs[b] = np.random.default_rng(seeds[b])
             given = None if instances is None else instances.get(b)
-            self._begin(b, self.source.sample(self._rngs[b]) if given is None else given)
+            if given is None:
+                given = self.source.sample(self._rngs[b])
+            else:
+                check_reachable(given)
+            self._begin(b, given)
         if self.needs_distances:
             self.require_distances()
 
@@ -193,6 +202,7 @@ class Simulator:
         crew["cell"] = crew["was_cell"] = self._starts[b] = starts
         crew["heading"] = crew["was_heading"] = self._start_headings[b] = headings
         crew["goal"] = crew["was_goal"] = state.goals[b, :, 0]
+        crew["at_goal"] = crew["cell"] == crew["goal"]
         crew["active"] = crew["was_active"] = True
         crew["settled"] = -1
 
@@ -216,8 +226,6 @@ class Simulator:
     def _guidance(self, grid: Grid, rng: np.random.Generator) -> GuidanceGraph:
         weights = self.config.edge_weights
         if isinstance(weights, GuidanceGraph):
-            if weights.shape != grid.shape:
-                raise ValueError(f"edge_weights of shape {weights.shape}: the map's shape is {grid.shape}")
             return weights
         if weights == "random":
             return GuidanceGraph.random(grid.free, rng)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.integer]
 Floats = NDArray[np.floating]
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 class Heading(IntEnum):
@@ -62,7 +63,7 @@ class FormatError(ValueError):
         super().__init__(f"{place}: {message}")
 
 
-def frozen(array: ArrayLike, dtype: type[np.generic]) -> NDArray[np.generic]:
+def frozen(array: ArrayLike, dtype: type[Scalar]) -> NDArray[Scalar]:
     """Return a read-only copy of `array`."""
     copy = np.array(array, dtype=dtype)
     copy.flags.writeable = False
@@ -160,7 +161,7 @@ def _place(cell: Ints) -> str:
 
 def _check_cells(grid: Grid, what: str, cells: Ints, per_agent: int = 1) -> None:
     """Raise `ValueError` for the first of `cells` (M, 2) that is outside the map or on an obstacle."""
-    inside: Bools = ((cells >= 0) & (cells < np.array(grid.shape))).all(axis=1)
+    inside: Bools = np.all((cells >= 0) & (cells < np.array(grid.shape)), axis=1)
     usable = inside.copy()
     usable[inside] = grid.free[cells[inside, 0], cells[inside, 1]]
     if not usable.all():

@@ -18,6 +18,8 @@ from numba import config
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
+numba_config: Any = config  # its settings are made when it is loaded, unseen by type checkers
+
 
 def jit(kernel: Kernel) -> Kernel:
     """Compile `kernel` when it is first called."""
@@ -44,11 +46,13 @@ class BatchKernel:
 
 def _compile(kernel: Kernel, parallel: bool) -> Kernel:
     # Numba reads the folder when it decorates; the user's own setting is put back at once.
-    previous, config.CACHE_DIR = config.CACHE_DIR, _cache_folder(config.CACHE_DIR, parallel)
+    previous = numba_config.CACHE_DIR
+    numba_config.CACHE_DIR = _cache_folder(previous, parallel)
     try:
-        return numba.njit(kernel, cache=True, nogil=True, error_model="numpy", parallel=parallel)
+        compiled: Any = numba.njit(kernel, cache=True, nogil=True, error_model="numpy", parallel=parallel)
     finally:
-        config.CACHE_DIR = previous
+        numba_config.CACHE_DIR = previous
+    return compiled
 
 
 def _cache_folder(root: str, parallel: bool) -> str:
@@ -59,7 +63,7 @@ def _cache_folder(root: str, parallel: bool) -> str:
 
 def _fingerprint() -> str:
     """Hash the kernel files and what else changes the compiled code."""
-    digest = hashlib.sha256(f"bounds check {config.BOUNDSCHECK}".encode())
+    digest = hashlib.sha256(f"bounds check {numba_config.BOUNDSCHECK}".encode())
     for file in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(file.read_bytes())
     return digest.hexdigest()[:16]

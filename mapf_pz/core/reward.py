@@ -50,8 +50,9 @@ def note_progress(worth: float, mean_weight: float, slot: Array, to_go: Array, m
         if worth != 0:
             table = slot[m, agent.was_goal]
             before = to_go[table, agent.was_cell, agent.was_heading % headings]
-            if before < np.inf:
-                agent.progress = (before - to_go[table, agent.cell, agent.heading % headings]) / mean_weight
+            after = to_go[table, agent.cell, agent.heading % headings]
+            if before < np.inf and after < np.inf:  # a blocked edge of the guidance graph can be driven over
+                agent.progress = (before - after) / mean_weight
 
 
 @jit

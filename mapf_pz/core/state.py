@@ -9,7 +9,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import config
+
+from mapf_pz.core.jit import numba_config
 
 Array = Any  # numpy arrays; the comments give shape and dtype, which Numba's compiled signatures hold to
 
@@ -88,7 +89,7 @@ def allocate_state(num_envs: int, num_agents: int, num_cells: int, num_goals: in
         map=np.zeros(num_envs, np.int32),
         time=np.zeros(num_envs, np.int32),
         # Compiled kernels read fields as attributes; plain Python needs a record array for that.
-        agents=agents.view(np.recarray) if config.DISABLE_JIT else agents,
+        agents=agents.view(np.recarray) if numba_config.DISABLE_JIT else agents,
         goals=np.zeros((num_envs, num_agents, num_goals), np.int32),
         history=np.zeros((num_envs, num_agents, remembered, 2), np.int8),
         occupant=np.full((num_envs, num_cells + 1), -1, np.int32),

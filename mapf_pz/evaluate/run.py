@@ -40,16 +40,22 @@ class Trial:
         return parallel_env(**(getattr(policy, "env_kwargs", {}) | self.keywords | keywords))
 
 
+def play(env: MapfEnv, policy: Policy, seed: int) -> Iterator[float]:
+    """Play an episode; yield at its beginning (0.0), and after each step the seconds that the policy took to decide."""
+    observations, _ = env.reset(seed=seed)
+    policy.reset_states()
+    yield 0.0
+    while env.agents:
+        began = time.perf_counter()
+        actions = policy.act(observations)
+        seconds = time.perf_counter() - began
+        observations = env.step(actions)[0]
+        yield seconds
+
+
 def run_episodes(policy: Policy, trial: Trial) -> Iterator[dict[str, float]]:
-    """Yield each episode's metrics, and `runtime`: seconds of deciding."""
+    """Yield each episode's metrics, and `runtime`: the seconds that the policy took to decide."""
     env = trial.make_env(policy)
     for episode in range(trial.episodes):
-        observations, _ = env.reset(seed=trial.seed + episode)
-        policy.reset_states()
-        runtime = 0.0
-        while env.agents:
-            began = time.perf_counter()
-            actions = policy.act(observations)
-            runtime += time.perf_counter() - began
-            observations = env.step(actions)[0]
+        runtime = sum(play(env, policy, trial.seed + episode))
         yield env.metrics() | {"runtime": runtime}

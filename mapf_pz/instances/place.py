@@ -6,7 +6,7 @@ import numpy as np
 
 from mapf_pz.core.jit import jit
 from mapf_pz.core.state import Array
-from mapf_pz.types import Bools, Grid, Ints, Scenario
+from mapf_pz.types import Bools, Grid, Instance, Ints, Scenario
 
 
 def components(free: Bools) -> Ints:
@@ -16,6 +16,20 @@ def components(free: Bools) -> Ints:
     labels = np.full(padded.shape, -1, np.int32)
     _label(padded.ravel(), padded.shape[1], labels.ravel(), np.empty(padded.size, np.int32))
     return labels[1:-1, 1:-1]
+
+
+def check_reachable(instance: Instance) -> None:
+    """Raise `ValueError` naming the first agent that has a goal which no path leads to."""
+    labels = components(instance.grid.free)
+    starts, goals = instance.scenario.starts, instance.scenario.goals.reshape(len(instance.scenario), -1, 2)
+    apart = labels[goals[..., 0], goals[..., 1]] != labels[starts[:, 0], starts[:, 1]][:, None]
+    if apart.any():
+        agent, k = np.argwhere(apart)[0].tolist()
+        (row, col), (goal_row, goal_col) = starts[agent].tolist(), goals[agent, k].tolist()
+        raise ValueError(
+            f"agent {agent}: no path on map {instance.grid.name!r} leads from its start [row {row}, col {col}] "
+            f"to its goal [row {goal_row}, col {goal_col}]"
+        )
 
 
 def largest_component(free: Bools) -> Ints:

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from mapf_pz.instances import generate
-from mapf_pz.instances.place import largest_component, place_on
+from mapf_pz.instances.place import check_reachable, largest_component, place_on
 from mapf_pz.types import Grid, Instance, Ints, Scenario
 
 MAX_DRAWS = 100
@@ -50,7 +50,7 @@ class FixedMap:
 class FixedScenario:
     """The first agents of one scenario in each episode.
 
-    Raises `ValueError` when the scenario has fewer agents, or does not fit the map.
+    Raises `ValueError` when the scenario has fewer agents, does not fit the map, or has a goal that cannot be reached.
     """
 
     grid: Grid
@@ -67,6 +67,7 @@ class FixedScenario:
             raise ValueError(f"num_agents={self.num_agents}: the scenario has {len(self.scenario)} agents")
         first = Scenario(self.scenario.starts[: self.num_agents], self.scenario.goals[: self.num_agents])
         object.__setattr__(self, "_instance", Instance(self.grid, first))
+        check_reachable(self._instance)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -60,6 +60,7 @@ class Canvas:
         if cell_size is not None and cell_size < 1:
             raise ValueError(f"cell_size={cell_size}: expected 1 pixel or more")
         self.cell_size = cell_size or fitting_cell_size(*free.shape)
+        self.free = free
         self._background = _background(free, self.cell_size)
         self._colours = agent_colours(num_agents)
         radius = DISC_RADIUS if self.cell_size >= DETAILED_CELL else FULL_RADIUS

@@ -21,7 +21,7 @@ class BatchedMapfEnv(EnvBase):
 
     | key | shape | |
     | --- | --- | --- |
-    | `("agents", "observation")` | (B, N, K, h, w) float32 | with `features` instead its entries `image` and `features` |
+    | `("agents", "observation")` | (B, N, K, h, w) float32 | with `features`: its entries `image` and `features` |
     | `("agents", "action_mask")` | (B, N, A) bool | what the map allows |
     | `("agents", "at_goal")` | (B, N, 1) bool | the last step ended on the agent's goal |
     | `("agents", "action")` | (B, N) int64 | |
@@ -117,6 +117,7 @@ def _observation_spec(space: spaces.Space[Any], each: tuple[int, int]) -> Bounde
     """Return the spec of a Gymnasium space for B x N agents."""
     if isinstance(space, spaces.Dict):
         return Composite({name: _observation_spec(part, each) for name, part in space.items()}, shape=each)
-    assert isinstance(space, spaces.Box)
+    if not isinstance(space, spaces.Box):
+        raise TypeError(f"observation space {space}: expected a Box, or a Dict of Boxes")
     low, high = (torch.from_numpy(bound).expand(*each, *bound.shape).clone() for bound in (space.low, space.high))
     return Bounded(low, high, shape=low.shape, dtype=torch.float32)

@@ -105,17 +105,17 @@ class Lockstep:
             game.step(actions[b].tolist())
             self._compare(b)
             self._compare_outcome(b, playing[b])
-            if game.truncated or all(game.terminated):
-                self._compare_metrics(b)
+            if game.truncated or all(game.terminated) or self.rng.random() < 0.003:
                 over.append(b)
-            elif self.rng.random() < 0.003:
-                self._compare_metrics(b)
-                over.append(b)
+                if self.rng.random() < 0.2:  # slow, in the reference
+                    self._compare_metrics(b)
         self.reset(over)
 
     def _actions(self):
         """Draw actions: more moves than turns."""
-        chances = (0.1, 0.225, 0.225, 0.225, 0.225) if self.config.action_model == "cardinal" else (0.55, 0.2, 0.2, 0.05)
+        chances = (
+            (0.1, 0.225, 0.225, 0.225, 0.225) if self.config.action_model == "cardinal" else (0.55, 0.2, 0.2, 0.05)
+        )
         shape = (self.num_envs, self.simulator.num_agents)
         return self.rng.choice(len(chances), shape, p=chances)
 
@@ -202,32 +202,32 @@ def any_weights(rng, shape):
 def test_ten_thousand_steps(action_model, collision_system, on_target):
     rng = np.random.default_rng(COMBINATIONS.index((action_model, collision_system, on_target)))
     steps = arrived = terminated = truncated = blocked = 0
-    for shape, num_agents, num_envs, num_steps in (((4, 5), 10, 20, 260), ((2, 3), 2, 20, 160), ((3, 3), 4, 20, 90)):
+    for shape, num_agents, max_steps, num_steps in (((4, 5), 9, 25, 160), ((3, 3), 4, 30, 100), ((2, 3), 2, 60, 250)):
         config = EnvConfig(
             source=Disorder(rng, shape, num_agents, num_goals=3 if on_target == "restart" else 1),
             action_model=action_model,
             collision_system=collision_system,
             on_target=on_target,
-            max_steps=25,
+            max_steps=max_steps,
             reward=any_reward(rng),
             edge_weights=str(rng.choice(["uniform", "crisscross"])),
             view_size=(1, 1),
         )
-        lockstep = Lockstep(config, num_envs, seed=int(rng.integers(2**32)))
+        lockstep = Lockstep(config, num_envs=20, seed=int(rng.integers(2**32)))
         for _ in range(num_steps):
             lockstep.step()
         counts = lockstep.counts
         steps, arrived, blocked = steps + counts["steps"], arrived + counts["arrived"], blocked + counts["blocked"]
         terminated, truncated = terminated + counts["terminated"], truncated + counts["truncated"]
     assert steps >= 10_000
-    assert min(blocked, arrived, truncated) > 500  # else this test has seen nothing
-    assert (terminated > 500) == (on_target != "restart")
+    assert min(blocked, arrived, truncated) > 200  # else this test has seen nothing
+    assert terminated == 0 if on_target == "restart" else terminated > 20
 
 
 @pytest.mark.parametrize(COMBINATION_NAMES, COMBINATIONS)
 def test_observations(action_model, collision_system, on_target):
     rng = np.random.default_rng(100 + COMBINATIONS.index((action_model, collision_system, on_target)))
-    for _ in range(8):
+    for _ in range(6):
         shape = tuple(rng.integers(2, 6, 2).tolist())
         num_agents = min(int(rng.integers(2, 6)), shape[0] * shape[1] // 2)
         view = "centered" if action_model == "cardinal" else rng.choice(["front", "centered"])

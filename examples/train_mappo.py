@@ -1,0 +1,47 @@
+"""Train agents to route themselves with MAPPO, and see how they do on maps that they never saw."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import tyro
+
+import mapf_pz
+from mapf_pz.instances import RandomObstacles
+from mapf_pz.rl import load_policy, train
+from mapf_pz.rl.config import TaskConfig, TrainConfig
+
+
+@dataclass(frozen=True)
+class Example:
+    """Eight agents on random maps."""
+
+    agent_steps: int = 1_000_000
+    """Length of the training: steps of all agents together."""
+    episodes: int = 100
+    """How many episodes to evaluate."""
+    output: Path = Path("runs/example")
+    """Where the run goes."""
+
+
+def main(example: Example) -> float:
+    """Train, evaluate, and return the share of episodes in which all agents reached their goals."""
+    task = TaskConfig(height=12, width=12, density=0.15, num_agents=8, max_steps=96)
+    config = replace(TrainConfig(), task=task, agent_steps=example.agent_steps)
+    train(config, example.output, on_progress=lambda row: print(f"{row['agent_steps']:9.0f} CSR {row['CSR']:.2f}"))
+
+    policy = load_policy(example.output)
+    maps = RandomObstacles(height=12, width=12, density=0.15, num_agents=8)
+    env = mapf_pz.parallel_env(**policy.env_kwargs, source=maps, max_steps=96)
+    solved = 0.0
+    for episode in range(example.episodes):
+        observations, _ = env.reset(seed=1_000_000 + episode)
+        policy.reset_states()
+        while env.agents:
+            observations = env.step(policy.act(observations))[0]
+        solved += env.metrics()["CSR"]
+    print(f"CSR on {example.episodes} unseen maps: {solved / example.episodes:.2f}")
+    return solved / example.episodes
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Example))

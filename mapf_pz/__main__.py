@@ -1,0 +1,8 @@
+"""`python -m mapf_pz` is the command `mapf-pz`."""
+
+import sys
+
+from mapf_pz.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

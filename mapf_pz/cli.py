@@ -1,0 +1,78 @@
+"""The command line, `mapf-pz`: finds a command by the first word, and loads no more than that command needs."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from typing import NamedTuple
+
+import tyro
+
+USAGE_ERROR, INTERRUPTED = 2, 130
+TOLD = (ValueError, TypeError, OSError, RuntimeError, MemoryError, ImportError)
+"""Errors that a user can cause, told in one line; any other is our mistake, and shows where."""
+
+
+class Command(NamedTuple):
+    """A command."""
+
+    function: str
+    """`module:function`. The module is loaded when the command is used; tyro reads the options off the function."""
+    summary: str
+    """One line for `mapf-pz --help`."""
+
+
+COMMANDS: dict[str, Command] = {
+    "benchmark": Command("mapf_pz.commands.benchmark:benchmark", "measure how fast environments step"),
+    "evaluate": Command("mapf_pz.commands.evaluate:evaluate", "try a trained policy on instances that it never saw"),
+    "maps": Command("mapf_pz.commands.maps:maps", "list the bundled maps, or write their files"),
+    "render": Command("mapf_pz.commands.render:render", "play an episode and save it as GIF or PNG"),
+    "train": Command("mapf_pz.commands.train:train", "train a policy, and evaluate it"),
+}
+"""The commands by name."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command and return the exit status: 0; 1 after an error, 2 for wrong usage, 130 after Ctrl-C.
+
+    Args:
+        arguments: The words after `mapf-pz`; None takes those of the process.
+
+    Raises:
+        SystemExit: A command's `--help` was asked for (0), or it has no such options (2).
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if not words or words[0] in ("-h", "--help"):
+        print(_overview())
+        return 0 if words else USAGE_ERROR
+    name = words[0]
+    if name not in COMMANDS:
+        return _tell("mapf-pz", f"no command {name!r}, expected one of {', '.join(COMMANDS)}", USAGE_ERROR)
+    try:
+        _run(name, words[1:])
+    except KeyboardInterrupt:
+        return _tell(f"mapf-pz {name}", "interrupted", INTERRUPTED)
+    except TOLD as error:
+        return _tell(f"mapf-pz {name}", str(error) or type(error).__name__, 1)
+    return 0
+
+
+def _run(name: str, words: list[str]) -> None:
+    module, _, function = COMMANDS[name].function.partition(":")
+    config = (tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes)
+    try:
+        tyro.cli(getattr(import_module(module), function), prog=f"mapf-pz {name}", args=words, config=config)
+    except ModuleNotFoundError as error:
+        raise ImportError(f"{error}: pip install 'mapf-pz[train,render]'") from error
+
+
+def _overview() -> str:
+    width = max(map(len, COMMANDS))
+    lines = [f"  {name:{width}}  {command.summary}" for name, command in COMMANDS.items()]
+    return "\n".join(["usage: mapf-pz COMMAND [OPTIONS]", "", *lines, "", "mapf-pz COMMAND --help tells its options."])
+
+
+def _tell(who: str, message: str, status: int) -> int:
+    print(f"{who}: {' '.join(message.split())}", file=sys.stderr)
+    return status

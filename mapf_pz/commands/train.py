@@ -1,0 +1,82 @@
+"""The command `mapf-pz train`: train a preset, evaluate what came of it, and show an episode."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from tyro.extras import subcommand_type_from_defaults
+
+from mapf_pz.commands.evaluate import evaluate_policy
+from mapf_pz.commands.render import EpisodeOptions, render
+from mapf_pz.evaluate.suites import SUITES
+from mapf_pz.rl import load_policy
+from mapf_pz.rl import train as train_policy
+from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.presets import PRESETS
+
+EPISODE_FILE = "episode.gif"
+SHOWN_EPISODE: dict[str, Any] = {"map": "warehouse-10-20-10-2-1", "num_agents": 10, "max_steps": 512}
+
+
+@dataclass(frozen=True)
+class TrainOptions:
+    """A training run, and what is done with the policy."""
+
+    config: TrainConfig
+    """The run."""
+    output: Path
+    """The run's folder."""
+    evaluate: str = "quickstart"
+    """The suite to evaluate on afterwards; `none`: no evaluation and no episode."""
+
+
+if TYPE_CHECKING:
+    Run = TrainOptions
+else:
+    Run = subcommand_type_from_defaults(
+        {name: TrainOptions(config, Path("runs") / name) for name, config in PRESETS.items()}
+    )
+
+
+def train(run: Run) -> None:
+    """Train a policy, evaluate it on instances that it never saw, and draw an episode."""
+    if run.evaluate not in (*SUITES, "none"):
+        raise ValueError(f"evaluate={run.evaluate!r}: expected 'none' or one of {', '.join(SUITES)}")
+    logging.getLogger("torchrl").setLevel(logging.WARNING)  # it reports every buffer that it makes
+    with _progress_bar(run.config.agent_steps) as show:
+        train_policy(run.config, run.output, show)
+    print(f"policy, configuration and progress written to {run.output}")
+    if run.evaluate == "none":
+        return
+    evaluate_policy(load_policy(run.output), SUITES[run.evaluate], run.output)
+    render(EpisodeOptions(run.output / EPISODE_FILE, policy=str(run.output), fps=8, **SHOWN_EPISODE))
+
+
+@contextmanager
+def _progress_bar(agent_steps: int) -> Iterator[Callable[[dict[str, float]], None]]:
+    """Show a bar with the latest means over training episodes; yield what feeds it a row of progress."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[means]}"),
+    )
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task("training", total=agent_steps, means="")
+
+        def show(row: dict[str, float]) -> None:
+            means = "  ".join(f"{key} {row[key]:.2f}" for key in ("CSR", "ISR", "return"))
+            speed = f"{row['agent_steps_per_second']:,.0f} steps/s"
+            bar.update(task, completed=row["agent_steps"], means=f"{speed}  {means}")
+
+        yield show
+        bar.update(task, completed=agent_steps)

@@ -1,0 +1,290 @@
+import subprocess
+import sys
+
+import pytest
+
+from mapf_pz import cli
+from mapf_pz.cli import COMMANDS, Command, main
+from mapf_pz.commands.benchmark import COPY, Measurement, as_table, measure
+from mapf_pz.instances import load_map, map_names
+
+
+def run(capsys, *words):
+    """Run in this process; return the status and the lines of both outputs."""
+    try:
+        status = main([str(word) for word in words])
+    except SystemExit as end:
+        status = end.code
+    out, err = capsys.readouterr()
+    return status, out.splitlines(), err.splitlines()
+
+
+def python(*words):
+    return subprocess.run([sys.executable, *words], capture_output=True, text=True, check=False)
+
+
+# Help and wrong usage.
+
+
+@pytest.mark.parametrize("words", [["--help"], ["-h"], []])
+def test_overview(capsys, words):
+    status, out, err = run(capsys, *words)
+    assert status == (0 if words else 2)
+    assert [line.split()[0] for line in out if line.startswith("  ")] == list(COMMANDS)
+    assert err == []
+
+
+@pytest.mark.parametrize("words", [[name] for name in COMMANDS] + [["maps", "list"], ["maps", "generate"]])
+def test_help_of_a_command(capsys, words):
+    status, out, _ = run(capsys, *words, "--help")
+    assert status == 0
+    assert out[0].startswith(f"usage: mapf-pz {' '.join(words)} ")
+
+
+def test_unknown_command(capsys):
+    status, out, err = run(capsys, "map")
+    assert (status, out) == (2, [])
+    assert err == [f"mapf-pz: no command 'map', expected one of {', '.join(COMMANDS)}"]
+
+
+@pytest.mark.parametrize(
+    "words", [["maps", "fetch"], ["render", "a.gif", "--colour", "1"], ["benchmark", "--seed", "x"]]
+)
+def test_wrong_options(capsys, words):
+    status, out, err = run(capsys, *words)
+    assert (status, out) == (2, [])
+    assert err
+
+
+def test_as_a_module():
+    done = python("-m", "mapf_pz", "maps", "list")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "empty-8-8" in done.stdout
+    done = python("-m", "mapf_pz", "benchmark", "--map", "nowhere.map")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == "mapf-pz benchmark: nowhere.map: no such file\n"
+
+
+def test_the_overview_loads_little():
+    done = python(
+        "-c", "import sys; from mapf_pz.cli import main; main(['-h']); print({'torch', 'numba'} & {*sys.modules})"
+    )
+    assert (done.stdout.splitlines()[-1], done.stderr) == ("set()", "")
+
+
+# Errors.
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (ValueError("seven is\n  too many"), "seven is too many"),
+        (MemoryError(), "MemoryError"),
+        (FileNotFoundError(2, "No such file", "a.map"), "[Errno 2] No such file: 'a.map'"),
+        (RuntimeError("call reset()"), "call reset()"),
+        (
+            ModuleNotFoundError("No module named 'torch'", name="torch"),
+            "No module named 'torch': pip install 'mapf-pz[train,render]'",
+        ),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_errors_take_one_line(capsys, monkeypatch, error, message):
+    def fail() -> None:
+        raise error
+
+    monkeypatch.setattr(cli, "fail", fail, raising=False)
+    monkeypatch.setitem(COMMANDS, "fail", Command("mapf_pz.cli:fail", "fails"))
+    assert run(capsys, "fail") == (1, [], [f"mapf-pz fail: {message}"])
+
+
+def test_our_own_mistakes_are_not_hidden(monkeypatch):
+    def fail() -> None:
+        raise AttributeError("no such thing")
+
+    monkeypatch.setattr(cli, "fail", fail, raising=False)
+    monkeypatch.setitem(COMMANDS, "fail", Command("mapf_pz.cli:fail", "fails"))
+    with pytest.raises(AttributeError):
+        main(["fail"])
+
+
+def test_interrupt(capsys, monkeypatch):
+    def fail() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "fail", fail, raising=False)
+    monkeypatch.setitem(COMMANDS, "fail", Command("mapf_pz.cli:fail", "fails"))
+    assert run(capsys, "fail") == (130, [], ["mapf-pz fail: interrupted"])
+
+
+# Maps.
+
+
+def test_maps_list(capsys):
+    status, out, err = run(capsys, "maps", "list")
+    assert (status, err) == (0, [])
+    assert [line.split()[0] for line in out] == map_names()
+    assert out[map_names().index("empty-8-8")].split()[1:] == ["8", "x", "8", "64", "free", "cells"]
+
+
+def test_maps_generate(capsys, tmp_path):
+    folder = tmp_path / "new" / "maps"
+    assert run(capsys, "maps", "generate", folder) == (0, [f"{len(map_names())} maps written to {folder}"], [])
+    assert sorted(file.stem for file in folder.iterdir()) == map_names()
+    assert (load_map(folder / "maze-13-13-1.map").free == load_map("maze-13-13-1").free).all()
+
+
+def test_maps_generate_into_a_file(capsys, tmp_path):
+    (tmp_path / "file").touch()
+    status, out, err = run(capsys, "maps", "generate", tmp_path / "file")
+    assert (status, out, len(err)) == (1, [], 1)
+
+
+# Render.
+
+
+def test_render_a_gif(capsys, tmp_path):
+    image = pytest.importorskip("PIL.Image")
+    file = tmp_path / "new" / "a.gif"
+    status, out, err = run(
+        capsys, "render", file, "--map", "empty-8-8", "--max-steps", 5, "--num-agents", 3, "--fps", 5
+    )
+    assert (status, err) == (0, [])
+    assert out[0].startswith(f"{file}: 5 steps, CSR 0, ISR ")
+    with image.open(file) as gif:
+        assert gif.n_frames == 6
+        assert gif.info["duration"] == 200
+
+
+def test_render_a_scenario_on_a_small_map(capsys, tmp_path):
+    image = pytest.importorskip("PIL.Image")
+    files = [tmp_path / name for name in ("a.map", "a.scen")]
+    files[0].write_text("type octile\nheight 2\nwidth 3\nmap\n...\n...\n")
+    files[1].write_text("version 1\n0\ta.map\t3\t2\t0\t0\t2\t0\t2\n0\ta.map\t3\t2\t0\t1\t2\t1\t2\n")
+    options = ["--map", files[0], "--scenario", files[1], "--num-agents", 2, "--action-model", "cardinal"]
+    status, _, err = run(capsys, "render", tmp_path / "a.png", *options)
+    assert (status, err) == (0, [])
+    with image.open(tmp_path / "a.png") as png:
+        assert png.size == (3 * 48, 2 * 48)
+
+
+class Waits:
+    """A policy that observes in its own way, and waits."""
+
+    env_kwargs = {"action_model": "cardinal", "view_size": (3, 3), "channels": ("goal",)}  # noqa: RUF012
+
+    def __init__(self):
+        self.seen = []
+
+    def act(self, observations):
+        self.seen += [observation.shape for observation in observations.values()]
+        return dict.fromkeys(observations, 0)
+
+    def reset_states(self):
+        self.seen.clear()
+
+
+def test_render_a_trained_policy(capsys, tmp_path, monkeypatch):
+    pytest.importorskip("PIL")
+    policies = pytest.importorskip("mapf_pz.rl.policy")
+    policy = Waits()
+    monkeypatch.setattr(policies, "load_policy", lambda name, seed: {("runs/a", 7): policy}[name, seed])
+    options = ["--policy", "runs/a", "--seed", 7, "--max-steps", 4, "--num-agents", 2]
+    status, out, err = run(capsys, "render", tmp_path / "a.gif", *options)
+    assert (status, err) == (0, [])
+    assert ": 4 steps, " in out[0]
+    assert policy.seen == [(1, 3, 3)] * 8
+
+
+@pytest.mark.parametrize("on_target", ["nothing", "finish", "restart"])
+def test_render_is_reproducible(capsys, tmp_path, on_target):
+    pytest.importorskip("PIL")
+    outs = []
+    for seed, name in [(1, "a"), (1, "b"), (2, "c")]:
+        status, out, _ = run(
+            capsys, "render", tmp_path / f"{name}.png", "--max-steps", 9, "--seed", seed, "--on-target", on_target
+        )
+        assert status == 0
+        outs.append(out[0].partition(": ")[2])
+    pictures = [(tmp_path / f"{name}.png").read_bytes() for name in "abc"]
+    assert pictures[0] == pictures[1] != pictures[2]
+    assert outs[0] == outs[1]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["a.jpg"], "a.jpg: expected a file that ends in .gif or .png"),
+        (["a.gif", "--map", "nowhere"], "no .map file is named 'nowhere'"),
+        (["a.gif", "--map", "nowhere.map"], "nowhere.map"),
+        (["a.gif", "--num-agents", "1000"], "1000"),
+        (["a.gif", "--num-agents", "0"], "num_agents=0"),
+        (["a.gif", "--fps", "0"], "fps=0"),
+        (["a.gif", "--seed", "-1"], "non-negative"),
+        (["a.gif", "--policy", "nobody"], "policy 'nobody'"),
+    ],
+    ids=str,
+)
+def test_render_errors(capsys, tmp_path, monkeypatch, words, message):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = run(capsys, "render", *words)
+    assert (status, out, len(err)) == (1, [], 1)
+    assert message in err[0]
+    assert not list(tmp_path.iterdir())
+
+
+# Benchmark.
+
+
+def test_benchmark(capsys):
+    words = ["--seconds", 0.1, "--num-envs", 4, "--num-agents", 3, "--max-steps", 8, "--map", "random-12-12-15"]
+    status, out, err = run(capsys, "benchmark", *words)
+    assert (status, err) == (0, [])
+    text = "\n".join(out)
+    for name in ("simulator", "PettingZoo", "TorchRL", "memory copy", "100.0%"):
+        assert name in text
+
+
+def test_benchmark_on_random_maps_without_torchrl(capsys, monkeypatch):
+    monkeypatch.setattr("mapf_pz.commands.benchmark.find_spec", lambda name: None)
+    status, out, err = run(
+        capsys, "benchmark", "--seconds", 0, "--num-envs", 2, "--num-agents", 2, "--max-steps", 4, "--num-threads", 2
+    )
+    assert (status, err) == (0, [])
+    assert out[0].startswith("TorchRL is left out")
+    assert "100.0%" in "\n".join(out)
+
+
+def test_benchmark_errors(capsys):
+    status, out, err = run(capsys, "benchmark", "--map", "empty-8-8", "--view-size", 9, 9)
+    assert (status, out) == (1, [])
+    assert err == ["mapf-pz benchmark: view_size=(9, 9): expected at most the map's size, (8, 8)"]
+
+
+def test_medians_and_ratios():
+    calls = []
+    results = measure({"slow": lambda: calls.append(0) or 10, COPY: lambda: 1000}, seconds=0)
+    assert len(calls) == 4  # the first does not count
+    assert [(one.name, one.num_bouts) for one in results] == [("slow", 3), (COPY, 3)]
+    table = as_table([Measurement("half", 5, 1, 1, 1, 1), Measurement(COPY, 10, 1, 1, 1, 1)])
+    assert list(table.columns[-1].cells) == ["50.0%", "100.0%"]
+
+
+def test_train_then_evaluate(tmp_path, capsys):
+    pytest.importorskip("torchrl")
+    run = tmp_path / "run"
+    small = "--agent-steps 300 --num-envs 4 --steps-per-batch 8 --num-agents 3 --height 7 --width 7 --num-threads 1"
+    assert main(["train", "quickstart", "--output", str(run), "--evaluate", "none", *small.split()]) == 0
+    assert (run / "policy.safetensors").exists()
+    words = ["--map", "empty-8-8", "--num-agents", "2", "--max-steps", "5", "--episodes", "2"]
+    assert main(["evaluate", str(run), *words, "--output", str(tmp_path / "evaluation")]) == 0
+    assert "2 agents on empty-8-8" in capsys.readouterr().out
+    assert len((tmp_path / "evaluation" / "episodes.csv").read_text().splitlines()) == 3
+
+
+def test_evaluate_tells_what_is_missing(capsys):
+    pytest.importorskip("torchrl")
+    assert main(["evaluate", "no-such-run"]) == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "expected the folder of a training run" in error
