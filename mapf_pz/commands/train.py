@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,7 +60,7 @@ def train(run: Run) -> None:
 
 
 @contextmanager
-def _progress_bar(agent_steps: int) -> Iterator[Callable[[dict[str, float]], None]]:
+def _progress_bar(agent_steps: int) -> Generator[Callable[[dict[str, float]], None]]:
     """Show a bar with the latest means over training episodes; yield what feeds it a row of progress."""
     columns = (
         TextColumn("{task.description}"),

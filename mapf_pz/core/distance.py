@@ -23,13 +23,17 @@ def fill_tables(world: World, maps: Array, goals: Array, slots: Array, distances
     chunks = scratch.shape[0]
     for chunk in prange(chunks):
         for k in range(chunk, goals.size, chunks):
-            m, to_go = maps[k], distances.to_go[slots[k]]
-            cost_to_go(world, m, goals[k], world.equal_weight[m], to_go, scratch[chunk])
-            nearest = distances.nearest[slots[k]]
-            for cell in range(nearest.size):
-                nearest[cell] = np.inf
-                for heading in range(to_go.shape[1]):
-                    nearest[cell] = min(nearest[cell], to_go[cell, heading])
+            m, slot = maps[k], slots[k]
+            cost_to_go(world, m, goals[k], world.equal_weight[m], distances.to_go[slot], scratch[chunk])
+            _find_nearest(distances.to_go[slot], distances.nearest[slot])
+
+
+@jit
+def _find_nearest(to_go: Array, nearest: Array) -> None:
+    for cell in range(nearest.size):
+        nearest[cell] = np.inf
+        for heading in range(to_go.shape[1]):
+            nearest[cell] = min(nearest[cell], to_go[cell, heading])
 
 
 @jit

@@ -27,7 +27,11 @@ def jit(kernel: Kernel) -> Kernel:
 
 
 class BatchKernel:
-    """A kernel with a `prange` over the environments of a batch, compiled apart for one thread and for several."""
+    """A kernel with a `prange` over the environments of a batch, compiled apart for one thread and for several.
+
+    In its own body it must not assign to an array out of a tuple (`state.time[b] = 1`), only in a `@jit` function that
+    it calls: compiling for several threads, Numba (0.68) drops such a line.
+    """
 
     def __init__(self, kernel: Callable[..., None]) -> None:
         """Take the plain Python function; as a decorator, `@BatchKernel`."""

@@ -15,20 +15,25 @@ ON_TARGET = {"nothing": NOTHING, "finish": FINISH, "restart": RESTART}
 
 
 @BatchKernel
-def step(rules: Rules, world: World, distances: Distances, state: State, all_actions: Array) -> None:
-    """Advance all environments by one step; `all_actions` (B, N) int64."""
-    for b in prange(all_actions.shape[0]):
-        m, crew, actions = state.map[b], state.agents[b], all_actions[b]
-        occupant, claim = state.occupant[b], state.claim[b]
-        state.time[b] += 1
+def step(rules: Rules, world: World, distances: Distances, state: State, actions: Array) -> None:
+    """Advance all environments by one step; `actions` (B, N) int64."""
+    for b in prange(actions.shape[0]):
+        step_one(rules, world, distances, state, b, actions[b])
 
-        propose(rules.cardinal, world.leads_to, m, crew, actions)
-        resolve(rules.collision, crew, occupant, claim)
-        advance(rules.cardinal, crew, actions, occupant, state.history[b])
-        solved = settle(rules.on_target, crew, state.goals[b], state.time[b])
-        note_progress(rules.progress, world.mean_weight[m], distances.slot, distances.to_go, m, crew)
-        pay(rules, world.height, world.width, crew, actions, occupant, solved)
-        retire(rules.on_target, crew, occupant, solved, state.time[b] >= rules.max_steps)
+
+@jit
+def step_one(rules: Rules, world: World, distances: Distances, state: State, b: int, actions: Array) -> None:
+    """Advance environment `b` by one step; `actions` (N,) int64."""
+    m, crew, occupant, claim = state.map[b], state.agents[b], state.occupant[b], state.claim[b]
+    state.time[b] += 1
+
+    propose(rules.cardinal, world.leads_to, m, crew, actions)
+    resolve(rules.collision, crew, occupant, claim)
+    advance(rules.cardinal, crew, actions, occupant, state.history[b])
+    solved = settle(rules.on_target, crew, state.goals[b], state.time[b])
+    note_progress(rules.progress, world.mean_weight[m], distances.slot, distances.to_go, m, crew)
+    pay(rules, world.height, world.width, crew, actions, occupant, solved)
+    retire(rules.on_target, crew, occupant, solved, state.time[b] >= rules.max_steps)
 
 
 @jit

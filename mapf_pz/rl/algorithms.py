@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
 from torch import nn
 from torch.distributions import Categorical
@@ -14,7 +15,7 @@ from mapf_pz.observation import ObservationLayout
 from mapf_pz.rl.config import AlgorithmName, ModelConfig, TrainConfig
 from mapf_pz.rl.models import Actor, LocalCritic, TeamCritic
 
-Keys = list[tuple[str, ...]]
+Keys = list[NestedKey]
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ def make_actor(network: nn.Module, layout: ObservationLayout) -> ProbabilisticAc
     logits = TensorDictModule(network, in_keys=observation_keys(layout), out_keys=[("agents", "logits")])
     return ProbabilisticActor(
         logits,
-        in_keys={"logits": ("agents", "logits")},
+        in_keys=[("agents", "logits")],
         out_keys=[("agents", "action")],
         distribution_class=Categorical,
         return_log_prob=True,

@@ -32,8 +32,6 @@ class BatchedMapfEnv(EnvBase):
     disappeared observe zeros, earn nothing, and may only wait.
     """
 
-    batch_locked = True
-
     def __init__(self, num_envs: int = 64, num_threads: int = 1, **keywords: Any) -> None:
         """Make the environment: the keywords are those of `parallel_env`, and raise as there.
 
@@ -48,23 +46,23 @@ class BatchedMapfEnv(EnvBase):
         num_agents = self.simulator.num_agents
         self.group_map = {"agents": [f"agent_{i}" for i in range(num_agents)]}
         self._seed_next: int | None = None
-        self._make_specs((num_envs, num_agents))
+        self._make_specs(torch.Size([num_envs, num_agents]))
 
-    def _make_specs(self, each: tuple[int, int]) -> None:
+    def _make_specs(self, each: torch.Size) -> None:
         batch = self.batch_size
-        num_actions = self.simulator.num_actions
+        one, num_actions = torch.Size([*each, 1]), self.simulator.num_actions
         observed = Composite(
             observation=_observation_spec(self.simulator.layout.space(), each),
-            action_mask=Binary(num_actions, shape=(*each, num_actions), dtype=torch.bool),
-            at_goal=Binary(1, shape=(*each, 1), dtype=torch.bool),
+            action_mask=Binary(num_actions, shape=torch.Size([*each, num_actions]), dtype=torch.bool),
+            at_goal=Binary(1, shape=one, dtype=torch.bool),
             shape=each,
         )
         self.observation_spec = Composite(agents=observed, shape=batch)
         action = Categorical(num_actions, shape=each, dtype=torch.int64)
         self.action_spec = Composite(agents=Composite(action=action, shape=each), shape=batch)
-        reward = Unbounded(shape=(*each, 1), dtype=torch.float32)
+        reward = Unbounded(shape=one, dtype=torch.float32)
         self.reward_spec = Composite(agents=Composite(reward=reward, shape=each), shape=batch)
-        flags = {name: Categorical(2, shape=(*batch, 1), dtype=torch.bool) for name in _DONE}
+        flags = {name: Categorical(2, shape=torch.Size([*batch, 1]), dtype=torch.bool) for name in _DONE}
         self.done_spec = Composite(flags, shape=batch)
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
@@ -84,9 +82,9 @@ class BatchedMapfEnv(EnvBase):
         agents = self.simulator.state.agents
         result = self._observe()
         result.set("reward", torch.from_numpy(agents["reward"].copy()).unsqueeze(-1))
-        terminated = (agents["terminated"] | ~agents["active"]).all(axis=1, keepdims=True)
-        truncated = agents["truncated"].any(axis=1, keepdims=True)
-        return self._with_flags(result, torch.from_numpy(terminated), torch.from_numpy(truncated))
+        terminated = np.logical_or(agents["terminated"], ~agents["active"]).all(axis=1)
+        truncated = agents["truncated"].any(axis=1)
+        return self._with_flags(result, *(torch.from_numpy(flag).unsqueeze(-1) for flag in (terminated, truncated)))
 
     def _observe(self) -> TensorDict:
         seen = self.simulator.observe()
@@ -113,7 +111,7 @@ class BatchedMapfEnv(EnvBase):
 _DONE = ("done", "terminated", "truncated")
 
 
-def _observation_spec(space: spaces.Space[Any], each: tuple[int, int]) -> Bounded | Composite:
+def _observation_spec(space: spaces.Space[Any], each: torch.Size) -> Bounded | Composite:
     """Return the spec of a Gymnasium space for B x N agents."""
     if isinstance(space, spaces.Dict):
         return Composite({name: _observation_spec(part, each) for name, part in space.items()}, shape=each)

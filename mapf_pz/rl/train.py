@@ -100,7 +100,8 @@ def _anneal(optimizer: torch.optim.Optimizer, loss: MAPPOLoss, ppo: PPOConfig, d
     share = 1 - 0.9 * done
     for group in optimizer.param_groups:
         group["lr"] = ppo.learning_rate * share
-    loss.entropy_coeff.fill_(ppo.entropy_coeff * share)
+    entropy_coeff: Tensor = loss.get_buffer("entropy_coeff")
+    entropy_coeff.fill_(ppo.entropy_coeff * share)
 
 
 def _improve(
@@ -118,10 +119,9 @@ def _improve(
 def _episode_means(batch: TensorDictBase) -> dict[str, float]:
     """Return the means over the episodes that ended in the batch; nan where none did."""
     ended = batch["next", "done"].squeeze(-1)
-    agents = batch["next", "agents"][ended]
     return {
         "episodes": float(ended.sum()),
         "CSR": float(batch["next", "terminated"][ended].float().mean()),
-        "ISR": float(agents["at_goal"].float().mean()),
-        "return": float(agents["episode_reward"].mean()),
+        "ISR": float(batch["next", "agents", "at_goal"][ended].float().mean()),
+        "return": float(batch["next", "agents", "episode_reward"][ended].mean()),
     }
