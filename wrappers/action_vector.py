@@ -12,7 +12,7 @@ from pettingzoo.utils import BaseParallelWrapper
 
 from mapf_pz.env import AgentInfo, AgentObservation, MapfEnv, StepResult
 from mapf_pz.types import Floats
-from mapf_pz.wrappers.action_modes import ACTION_MODES, ActionMode
+from mapf_pz.action_modes import ACTION_MODES, ActionMode
 
 
 class ActionVector(BaseParallelWrapper[str, AgentObservation, Any]):

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from mapf_pz.action_modes import ActionMode
 from mapf_pz.config import REWARDS, ActionModel, Frame, RewardConfig, View
 from mapf_pz.instances.sources import RandomObstacles
 
-AlgorithmName = Literal["mappo", "ippo"]
+AlgorithmName = Literal["mappo", "ippo", "central-ppo"]
 
 OBSERVATION_FIELDS = (
     "action_model",
@@ -48,10 +49,12 @@ class TaskConfig:
     """`egocentric` or `map`; None: as the action model has it."""
     channels: tuple[str, ...] = ("view", "cost_to_go", "orientation", "others_next", "others_at_goal")
     """The channels of the image."""
-    features: tuple[str, ...] = ("action_advantage", "goal_vector", "last_actions")
+    features: tuple[str, ...] = ("action_advantage", "last_actions")
     """The features beside the image."""
     num_last_actions: int = 2
     """How many actions `last_actions` remembers."""
+    action_mode: ActionMode = "argmax"
+    """How the action matrix of `central-ppo` becomes actions."""
     reward: RewardConfig = REWARDS["progress"]
     """The terms of the reward; the defaults are those of `reward="progress"`."""
 
@@ -71,10 +74,12 @@ class TaskConfig:
 class ModelConfig:
     """The networks: an encoder of one agent's observation, and heads on it."""
 
-    conv_channels: tuple[int, ...] = (16, 32)
+    conv_channels: tuple[int, ...] = (16,)
     """Output channels of the 3 x 3 convolutions."""
     hidden: int = 128
-    """Width of the linear layers."""
+    """Numbers in an observation's code."""
+    head: tuple[int, ...] = (128,)
+    """Widths of the hidden layers from the code to the actions, and to the value."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +117,7 @@ class TrainConfig:
     task: TaskConfig = field(default_factory=TaskConfig)
     """What is learnt."""
     algorithm: AlgorithmName = "mappo"
-    """`mappo`: a critic that sees the team; `ippo`: a critic that sees what the agent sees."""
+    """`mappo`: a critic that sees the team; `ippo`: one that sees what the agent sees; `central-ppo`: the report's."""
     model: ModelConfig = field(default_factory=ModelConfig)
     """The networks."""
     ppo: PPOConfig = field(default_factory=PPOConfig)

@@ -1,4 +1,4 @@
-"""The networks: plain modules over any leading dimensions, so that a policy acts with any number of agents."""
+"""The networks: plain modules over any leading dimensions."""
 
 from __future__ import annotations
 
@@ -9,40 +9,40 @@ from torch import Tensor, nn
 
 from mapf_pz.rl.config import ModelConfig
 
+ImageShape = tuple[int, int, int]
+
 
 class Encoder(nn.Module):
-    """One agent's observation, image `(..., K, h, w)` and features `(..., F)`, to `(..., hidden)`."""
+    """One observation, image `(..., K, h, w)` and features `(..., F)`, to a code `(..., hidden)`."""
 
-    def __init__(self, image_shape: tuple[int, int, int], num_features: int, config: ModelConfig) -> None:
+    def __init__(self, image_shape: ImageShape, num_features: int, config: ModelConfig) -> None:
         """Build the convolutions (3 x 3, no padding while the image is larger than that) and one linear layer."""
         super().__init__()
         channels, height, width = image_shape
         layers: list[nn.Module] = []
         for out_channels in config.conv_channels:
             padding = 0 if min(height, width) > 3 else 1
-            layers += [_scaled(nn.Conv2d(channels, out_channels, 3, padding=padding), math.sqrt(2)), nn.ReLU()]
+            layers += [_scaled(nn.Conv2d(channels, out_channels, 3, padding=padding)), nn.ReLU()]
             channels, height, width = out_channels, height - 2 + 2 * padding, width - 2 + 2 * padding
         self.image = nn.Sequential(*layers, nn.Flatten())
         size = channels * height * width + num_features
-        self.joint = nn.Sequential(_scaled(nn.Linear(size, config.hidden), math.sqrt(2)), nn.ReLU())
+        self.joint = nn.Sequential(_scaled(nn.Linear(size, config.hidden)), nn.ReLU())
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> Tensor:
-        """Encode the observations of all agents at once."""
+        """Encode all observations at once."""
         lead = image.shape[:-3]
-        code = self.image(image.flatten(0, -4)).unflatten(0, lead)
+        code = self.image(image.reshape(-1, *image.shape[-3:])).reshape(*lead, -1)
         return self.joint(code if features is None else torch.cat([code, features], -1))
 
 
 class Actor(nn.Module):
-    """Logits `(..., A)` from one agent's own observation."""
+    """Logits `(..., A)` from one agent's own observation; works with any number of agents."""
 
-    def __init__(
-        self, image_shape: tuple[int, int, int], num_features: int, num_actions: int, config: ModelConfig
-    ) -> None:
-        """Build the encoder and a head of one hidden layer."""
+    def __init__(self, image_shape: ImageShape, num_features: int, num_actions: int, config: ModelConfig) -> None:
+        """Build the encoder and the head."""
         super().__init__()
         self.encoder = Encoder(image_shape, num_features, config)
-        self.head = _head(config.hidden, config.hidden, num_actions, scale=0.01)
+        self.head = _head(config.hidden, config.head, num_actions, scale=0.01)
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> Tensor:
         """Return unnormalized log-probabilities."""
@@ -52,11 +52,11 @@ class Actor(nn.Module):
 class LocalCritic(nn.Module):
     """Value `(..., N, 1)` of each agent from its own observation."""
 
-    def __init__(self, image_shape: tuple[int, int, int], num_features: int, config: ModelConfig) -> None:
-        """Build the encoder and a head of one hidden layer."""
+    def __init__(self, image_shape: ImageShape, num_features: int, config: ModelConfig) -> None:
+        """Build the encoder and the head."""
         super().__init__()
         self.encoder = Encoder(image_shape, num_features, config)
-        self.head = _head(config.hidden, config.hidden, 1, scale=1.0)
+        self.head = _head(config.hidden, config.head, 1, scale=1.0)
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> Tensor:
         """Return the values."""
@@ -69,11 +69,11 @@ class TeamCritic(nn.Module):
     The mean over agents (Zaheer et al., *Deep Sets*, 2017) sees all agents at a cost that grows with N, not N x N.
     """
 
-    def __init__(self, image_shape: tuple[int, int, int], num_features: int, config: ModelConfig) -> None:
-        """Build the encoder and a head of one hidden layer."""
+    def __init__(self, image_shape: ImageShape, num_features: int, config: ModelConfig) -> None:
+        """Build the encoder and the head."""
         super().__init__()
         self.encoder = Encoder(image_shape, num_features, config)
-        self.head = _head(2 * config.hidden, config.hidden, 1, scale=1.0)
+        self.head = _head(2 * config.hidden, config.head, 1, scale=1.0)
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> Tensor:
         """Return the values; the agents are the dimension before the image's three."""
@@ -82,13 +82,51 @@ class TeamCritic(nn.Module):
         return self.head(torch.cat([code, team], -1))
 
 
-def _head(size: int, hidden: int, out: int, scale: float) -> nn.Sequential:
-    return nn.Sequential(
-        _scaled(nn.Linear(size, hidden), math.sqrt(2)), nn.ReLU(), _scaled(nn.Linear(hidden, out), scale)
-    )
+class TeamActor(nn.Module):
+    """The report's policy: mean and spread `(..., N * A)` of the action matrix from all stacked observations."""
+
+    def __init__(
+        self, image_shape: ImageShape, num_features: int, num_actions: int, num_agents: int, config: ModelConfig
+    ) -> None:
+        """Build the encoder of N * K planes, the head, and one spread per number that no observation changes."""
+        super().__init__()
+        self.encoder = Encoder(_stacked(image_shape, num_agents), num_features * num_agents, config)
+        self.head = _head(config.hidden, config.head, num_agents * num_actions, scale=0.01)
+        self.log_scale = nn.Parameter(torch.full((num_agents * num_actions,), -0.5))
+
+    def forward(self, image: Tensor, features: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """Return the mean and the standard deviation."""
+        mean = self.head(self.encoder(image, features))
+        return mean, self.log_scale.exp().expand_as(mean)
 
 
-def _scaled(layer: nn.Linear | nn.Conv2d, scale: float) -> nn.Module:
+class TeamValue(nn.Module):
+    """Value `(..., 1)` of the team from all agents' stacked observations."""
+
+    def __init__(self, image_shape: ImageShape, num_features: int, num_agents: int, config: ModelConfig) -> None:
+        """Build the encoder and the head."""
+        super().__init__()
+        self.encoder = Encoder(_stacked(image_shape, num_agents), num_features * num_agents, config)
+        self.head = _head(config.hidden, config.head, 1, scale=1.0)
+
+    def forward(self, image: Tensor, features: Tensor | None = None) -> Tensor:
+        """Return the value."""
+        return self.head(self.encoder(image, features))
+
+
+def _stacked(image_shape: ImageShape, num_agents: int) -> ImageShape:
+    return num_agents * image_shape[0], image_shape[1], image_shape[2]
+
+
+def _head(size: int, hidden: tuple[int, ...], out: int, scale: float) -> nn.Sequential:
+    layers: list[nn.Module] = []
+    for width in hidden:
+        layers += [_scaled(nn.Linear(size, width)), nn.ReLU()]
+        size = width
+    return nn.Sequential(*layers, _scaled(nn.Linear(size, out), scale))
+
+
+def _scaled(layer: nn.Linear | nn.Conv2d, scale: float = math.sqrt(2)) -> nn.Module:
     """Initialize orthogonally with gain `scale`, and without bias: what PPO learns best from (Huang et al., 2022)."""
     nn.init.orthogonal_(layer.weight, scale)
     if layer.bias is not None:

@@ -10,13 +10,13 @@ import torch
 from pydantic import TypeAdapter, ValidationError
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
-from torch import Tensor
+from torch import Tensor, nn
 
+from mapf_pz.action_modes import ACTION_MODES
 from mapf_pz.config import EnvConfig
 from mapf_pz.observation import ObservationLayout
-from mapf_pz.rl.algorithms import make_network
-from mapf_pz.rl.config import TrainConfig
-from mapf_pz.rl.models import Actor
+from mapf_pz.rl.algorithms import ALGORITHMS
+from mapf_pz.rl.config import AlgorithmName, TrainConfig
 from mapf_pz.types import FormatError
 
 WEIGHTS, CONFIG = "policy.safetensors", "config.json"
@@ -26,21 +26,22 @@ _CONFIG_ADAPTER = TypeAdapter(TrainConfig)
 class LearnedPolicy:
     """What acts: `act(observations) -> actions`, dictionaries by agent as the environment gives and takes them.
 
-    Actions are drawn from the network's probabilities: agents that always take the likeliest action can block each
+    Actions are drawn from the network's distribution: agents that always take the likeliest action can block each
     other for ever. `env_kwargs` are the keywords under which an environment shows what the policy must see.
     """
 
-    def __init__(self, network: Actor, env_kwargs: dict[str, Any], seed: int = 0, deterministic: bool = False) -> None:
+    def __init__(self, network: nn.Module, config: TrainConfig, seed: int = 0, deterministic: bool = False) -> None:
         """Wrap a network.
 
         Args:
             network: the actor's network.
-            env_kwargs: keywords of `parallel_env` that it was trained under.
+            config: of the run that trained it.
             seed: of the draws.
             deterministic: take the likeliest action instead.
         """
         self.network = network.eval()
-        self.env_kwargs = env_kwargs
+        self.config = config
+        self.env_kwargs = config.task.observation_keywords()
         self.deterministic = deterministic
         self._generator = torch.Generator().manual_seed(seed)
 
@@ -54,18 +55,54 @@ class LearnedPolicy:
         else:
             inputs = [_stack(seen)]
         with torch.no_grad():
-            logits: Tensor = self.network(*inputs)
-        if self.deterministic:
-            actions = logits.argmax(-1)
-        else:
-            actions = torch.multinomial(logits.softmax(-1), 1, generator=self._generator).squeeze(-1)
-        return dict(zip(observations, actions.tolist(), strict=True))
+            return dict(zip(observations, self._decide(*inputs), strict=True))
+
+    def _decide(self, image: Tensor, features: Tensor | None = None) -> list[int]:
+        """Return the actions of the N agents that observe image (N, K, h, w) and features (N, F)."""
+        raise NotImplementedError
 
     def reset_states(self) -> None:
         """Forget the episode; this policy remembers nothing."""
 
 
-def save_policy(folder: Path, network: Actor, config: TrainConfig) -> None:
+class SharedPolicy(LearnedPolicy):
+    """Each agent acts by itself, all with one network: any number of agents."""
+
+    def _decide(self, image: Tensor, features: Tensor | None = None) -> list[int]:
+        logits: Tensor = self.network(image, features)
+        if self.deterministic:
+            return logits.argmax(-1).tolist()
+        return torch.multinomial(logits.softmax(-1), 1, generator=self._generator).squeeze(-1).tolist()
+
+
+class TeamPolicy(LearnedPolicy):
+    """One network acts for all agents: exactly as many as it was trained with."""
+
+    def __init__(self, network: nn.Module, config: TrainConfig, seed: int = 0, deterministic: bool = False) -> None:
+        """Wrap a network; arguments as in `LearnedPolicy`."""
+        super().__init__(network, config, seed, deterministic)
+        self._decode = ACTION_MODES[config.task.action_mode]
+        self._rng = np.random.default_rng(seed)
+
+    def _decide(self, image: Tensor, features: Tensor | None = None) -> list[int]:
+        expected = self.config.task.num_agents
+        if len(image) != expected:
+            raise ValueError(f"this policy acts for exactly {expected} agents, {len(image)} observe")
+        mean, spread = self.network(image.flatten(0, 1), None if features is None else features.flatten())
+        noise = torch.zeros_like(mean) if self.deterministic else torch.randn(mean.shape, generator=self._generator)
+        rows = (mean + spread * noise).clamp(-1, 1).reshape(expected, -1)
+        return self._decode(rows.numpy().astype(np.float64), self._rng).tolist()
+
+
+POLICIES: dict[AlgorithmName, type[LearnedPolicy]] = {
+    "mappo": SharedPolicy,
+    "ippo": SharedPolicy,
+    "central-ppo": TeamPolicy,
+}
+"""How what an algorithm has trained acts."""
+
+
+def save_policy(folder: Path, network: nn.Module, config: TrainConfig) -> None:
     """Write the network's weights and the run's configuration to `folder`."""
     (folder / CONFIG).write_bytes(_CONFIG_ADAPTER.dump_json(config, indent=2))
     save_file({name: weight.contiguous() for name, weight in network.state_dict().items()}, folder / WEIGHTS)
@@ -97,13 +134,13 @@ def load_policy(policy: str | Path, seed: int = 0, deterministic: bool = False) 
     config = load_config(folder / CONFIG)
     env_kwargs = config.task.observation_keywords()
     layout = ObservationLayout(EnvConfig.from_keywords(**env_kwargs), env_kwargs["view_size"])
-    network = make_network(layout, config.model)
+    network = ALGORITHMS[config.algorithm].make_network(layout, config)
     try:
         network.load_state_dict(load_file(folder / WEIGHTS))
     except (SafetensorError, RuntimeError) as error:
         reason = " ".join(str(error).split())
         raise FormatError(folder / WEIGHTS, f"not the weights that {CONFIG} describes: {reason[:200]}") from None
-    return LearnedPolicy(network, env_kwargs, seed, deterministic)
+    return POLICIES[config.algorithm](network, config, seed, deterministic)
 
 
 def _stack(arrays: list[np.ndarray]) -> Tensor:

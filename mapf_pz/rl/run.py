@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
+from torch import nn
+
 from mapf_pz.rl.config import TrainConfig
-from mapf_pz.rl.models import Actor
 from mapf_pz.rl.policy import save_policy
 
 PROGRESS, CURVE = "progress.csv", "learning_curve.png"
@@ -31,7 +32,7 @@ class RunFolder:
                 writer.writeheader()
             writer.writerow({key: f"{value:.6g}" for key, value in row.items()})
 
-    def finish(self, network: Actor, config: TrainConfig) -> None:
+    def finish(self, network: nn.Module, config: TrainConfig) -> None:
         """Write the policy, its configuration and the learning curve."""
         save_policy(self.path, network, config)
         if self._rows:

@@ -12,10 +12,10 @@ from torch import Tensor
 from torchrl.collectors import Collector
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.data.replay_buffers.samplers import SamplerWithoutReplacement
-from torchrl.envs import RewardSum, TransformedEnv
-from torchrl.objectives import MAPPOLoss
+from torchrl.envs import Compose, EnvBase, RewardSum, TransformedEnv
+from torchrl.objectives import PPOLoss
 
-from mapf_pz.rl.algorithms import make_actor, make_loss, make_network
+from mapf_pz.rl.algorithms import ALGORITHMS, Algorithm
 from mapf_pz.rl.batched_env import BatchedMapfEnv
 from mapf_pz.rl.config import PPOConfig, TrainConfig
 from mapf_pz.rl.run import RunFolder
@@ -38,33 +38,30 @@ def train(config: TrainConfig, output: Path, on_progress: Progress | None = None
     base = BatchedMapfEnv(config.ppo.num_envs, config.num_threads, **config.task.env_keywords())
     base.set_seed(config.seed)
     layout = base.simulator.layout
-    network = make_network(layout, config.model)
-    actor = make_actor(network, layout)
-    loss = make_loss(actor, layout, config)
-    reward_sum = RewardSum(
-        in_keys=[("agents", "reward")], out_keys=[("agents", "episode_reward")], reset_keys=["_reset"]
-    )
+    algorithm = ALGORITHMS[config.algorithm](layout, config)
     run = RunFolder(output)
     try:
-        for row in _updates(config, TransformedEnv(base, reward_sum), actor, loss):
+        for row in _updates(config, algorithm, base):
             run.log(row)
             if on_progress is not None:
                 on_progress(row)
     finally:
-        run.finish(network, config)
+        run.finish(algorithm.network, config)
     return output
 
 
-def _updates(
-    config: TrainConfig, env: TransformedEnv, actor: torch.nn.Module, loss: MAPPOLoss
-) -> Iterator[dict[str, float]]:
+def _updates(config: TrainConfig, algorithm: Algorithm, env: EnvBase) -> Iterator[dict[str, float]]:
     """Run the loop; yield a row of progress after each update."""
-    ppo, num_agents = config.ppo, config.task.num_agents
+    ppo, num_agents, loss = config.ppo, config.task.num_agents, algorithm.loss
+    reward_sum = RewardSum(
+        in_keys=[("agents", "reward")], out_keys=[("agents", "episode_reward")], reset_keys=["_reset"]
+    )
+    transforms = [*algorithm.transforms(), reward_sum]
     frames = ppo.num_envs * ppo.steps_per_batch
     num_updates = max(1, config.agent_steps // (frames * num_agents))
     collector = Collector(
-        env,
-        actor,
+        TransformedEnv(env, Compose(*transforms)),
+        algorithm.actor,
         frames_per_batch=frames,
         total_frames=frames * num_updates,
         auto_register_policy_transforms=False,
@@ -95,7 +92,7 @@ def _updates(
     collector.shutdown()
 
 
-def _anneal(optimizer: torch.optim.Optimizer, loss: MAPPOLoss, ppo: PPOConfig, done: float) -> None:
+def _anneal(optimizer: torch.optim.Optimizer, loss: PPOLoss, ppo: PPOConfig, done: float) -> None:
     """Lower the step size and the entropy bonus linearly to a tenth; `done` in [0, 1]."""
     share = 1 - 0.9 * done
     for group in optimizer.param_groups:
@@ -105,7 +102,7 @@ def _anneal(optimizer: torch.optim.Optimizer, loss: MAPPOLoss, ppo: PPOConfig, d
 
 
 def _improve(
-    loss: MAPPOLoss, optimizer: torch.optim.Optimizer, part: TensorDictBase, ppo: PPOConfig
+    loss: PPOLoss, optimizer: torch.optim.Optimizer, part: TensorDictBase, ppo: PPOConfig
 ) -> dict[str, Tensor]:
     """Take one gradient step on a minibatch; return what the loss reports."""
     terms = loss(part)

@@ -4,9 +4,11 @@ import json
 
 import pytest
 import torch
+from torchrl.envs import Compose, TransformedEnv
 
 import mapf_pz
-from mapf_pz.rl import load_policy, train
+from mapf_pz.rl import BatchedMapfEnv, load_policy, train
+from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
 from mapf_pz.rl.train import Progress
 
@@ -24,14 +26,16 @@ def rows(folder):
         return list(csv.DictReader(file))
 
 
-@pytest.mark.parametrize("algorithm", ["mappo", "ippo"])
+@pytest.mark.parametrize("algorithm", ["mappo", "ippo", "central-ppo"])
 def test_a_run_leaves_its_files_and_a_policy_that_acts(tmp_path, algorithm):
     folder = train(dataclasses.replace(TINY, algorithm=algorithm), tmp_path / "run")
     files = {file.name for file in folder.iterdir()}
     assert files == {"config.json", "policy.safetensors", "progress.csv", "learning_curve.png"}
     assert [int(row["agent_steps"]) for row in rows(folder)] == [192, 384, 576]
     policy = load_policy(folder)
-    env = mapf_pz.parallel_env(**policy.env_kwargs, map="empty-16-16", num_agents=20)
+    env = mapf_pz.parallel_env(
+        **policy.env_kwargs, map="empty-16-16", num_agents=3 if algorithm == "central-ppo" else 20
+    )
     observations, _ = env.reset(seed=0)
     policy.reset_states()
     actions = policy.act(observations)
@@ -58,25 +62,20 @@ def test_interrupt_saves_the_policy(tmp_path):
     assert load_policy(tmp_path).act({}) == {}
 
 
-def test_truncation_bootstraps_and_termination_does_not():
-    from mapf_pz.rl.algorithms import make_actor, make_loss, make_network
-    from mapf_pz.rl.batched_env import BatchedMapfEnv
-
+@pytest.mark.parametrize("name", ["mappo", "ippo", "central-ppo"])
+def test_truncation_bootstraps_and_termination_does_not(name):
     env = BatchedMapfEnv(2, **TINY.task.env_keywords())
-    layout = env.simulator.layout
-    actor = make_actor(make_network(layout, TINY.model), layout)
-    loss = make_loss(actor, layout, TINY)
-    batch = env.rollout(1, actor)
-    batch["next", "agents", "reward"] = torch.zeros_like(batch["next", "agents", "reward"])
+    algorithm = ALGORITHMS[name](env.simulator.layout, TINY)
+    loss, group = algorithm.loss, algorithm.reward_key[0]
+    batch = TransformedEnv(env, Compose(*algorithm.transforms())).rollout(1, algorithm.actor)
+    batch["next", group, "reward"] = torch.zeros_like(batch["next", group, "reward"])
     batch["next", "done"] = torch.ones_like(batch["next", "done"])
     batch["next", "terminated"] = torch.tensor([[[True]], [[False]]])
     with torch.no_grad():
         loss.value_estimator(batch, params=loss.critic_network_params)
-    value = batch["agents", "state_value"]
-    following = batch["next", "agents", "state_value"]
-    advantage = batch["advantage"]
-    torch.testing.assert_close(advantage[0], -value[0])
-    torch.testing.assert_close(advantage[1], TINY.ppo.gamma * following[1] - value[1])
+    value, following = batch[group, "state_value"], batch["next", group, "state_value"]
+    torch.testing.assert_close(batch["advantage"][0], -value[0])
+    torch.testing.assert_close(batch["advantage"][1], TINY.ppo.gamma * following[1] - value[1])
 
 
 def test_missing_and_damaged_policies_are_one_line(tmp_path):
@@ -95,3 +94,10 @@ def test_missing_and_damaged_policies_are_one_line(tmp_path):
     (folder / "config.json").write_text('{"algorithm": "dqn"}')
     with pytest.raises(mapf_pz.FormatError, match="algorithm"):
         load_policy(folder)
+
+
+def test_a_team_policy_says_how_many_agents_it_acts_for(tmp_path):
+    policy = load_policy(train(dataclasses.replace(TINY, algorithm="central-ppo", agent_steps=200), tmp_path))
+    env = mapf_pz.parallel_env(**policy.env_kwargs, num_agents=4)
+    with pytest.raises(ValueError, match="exactly 3 agents, 4 observe"):
+        policy.act(env.reset(seed=0)[0])

@@ -1,0 +1,110 @@
+"""The report's form of the batched environment: one policy sees all agents' observations and acts for all of them."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.data import Bounded, Composite, TensorSpec, Unbounded
+from torchrl.data.tensor_specs import ContinuousBox
+from torchrl.envs import Transform
+
+from mapf_pz.action_modes import ACTION_MODES, ActionMode
+
+
+class Centralize(Transform):
+    """From the group `agents` to one agent, beside the group's own entries.
+
+    | key | shape | |
+    | --- | --- | --- |
+    | `("team", "image")` | (B, N * K, h, w) float32 | the agents' images, stacked in their order |
+    | `("team", "features")` | (B, N * F) float32 | with `features`: the agents' features, likewise |
+    | `("team", "action")` | (B, N * A) float32 | a value in [-1, 1] per agent and action; others count as the nearest |
+    | `("team", "reward")` | (B, 1) float32 | the mean of the agents' rewards |
+    """
+
+    def __init__(self, num_actions: int, action_mode: ActionMode = "argmax", seed: int = 0) -> None:
+        """Make the transform; raises `ValueError` for an unknown mode.
+
+        Args:
+            num_actions: A.
+            action_mode: how values become actions: see `mapf_pz.action_modes`.
+            seed: of the draws of modes that draw.
+        """
+        if action_mode not in ACTION_MODES:
+            raise ValueError(f"action_mode={action_mode!r}: expected one of {', '.join(map(repr, ACTION_MODES))}")
+        super().__init__(
+            in_keys=[("agents", "observation"), ("agents", "reward")],
+            out_keys=[("team", "image"), ("team", "reward")],
+            in_keys_inv=[("agents", "action")],
+            out_keys_inv=[("team", "action")],
+        )
+        self._num_actions = num_actions
+        self._decode = ACTION_MODES[action_mode]
+        self._rng = np.random.default_rng(seed)
+
+    def _stack(self, tensordict: TensorDictBase) -> TensorDictBase:
+        seen = tensordict.get(("agents", "observation"))
+        if isinstance(seen, Tensor):
+            tensordict.set(("team", "image"), seen.flatten(-4, -3))
+        else:
+            tensordict.set(("team", "image"), seen.get("image").flatten(-4, -3))
+            tensordict.set(("team", "features"), seen.get("features").flatten(-2))
+        reward = tensordict.get(("agents", "reward"), None)
+        if reward is not None:
+            tensordict.set(("team", "reward"), reward.mean(-2))
+        return tensordict
+
+    def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
+        return self._stack(tensordict_reset)
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        return self._stack(next_tensordict)
+
+    def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
+        values = tensordict.get(("team", "action"), None)
+        if values is not None:
+            rows = values.detach().clamp(-1, 1).reshape(-1, self._num_actions).numpy().astype(np.float64)
+            actions = torch.from_numpy(self._decode(rows, self._rng))
+            tensordict.set(("agents", "action"), actions.view(*values.shape[:-1], -1))
+        return tensordict
+
+    def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
+        """Add the stacked observation."""
+        whole = cast("Composite", observation_spec)
+        batch, seen = whole.shape, whole["agents", "observation"]
+        team = Composite(shape=batch)
+        if isinstance(seen, Composite):
+            team["image"] = _bounded(seen["image"], -4, -3)
+            team["features"] = _bounded(seen["features"], -2, -1)
+        else:
+            team["image"] = _bounded(seen, -4, -3)
+        whole["team"] = team
+        return whole
+
+    def transform_reward_spec(self, reward_spec: TensorSpec) -> TensorSpec:
+        """Add the team's reward."""
+        whole = cast("Composite", reward_spec)
+        batch = whole.shape
+        whole["team"] = Composite(reward=Unbounded(shape=torch.Size([*batch, 1])), shape=batch)
+        return whole
+
+    def transform_input_spec(self, input_spec: TensorSpec) -> TensorSpec:
+        """Put the team's action in place of the agents'."""
+        whole = cast("Composite", input_spec)
+        batch = whole.shape
+        num_agents = whole["full_action_spec", "agents", "action"].shape[-1]
+        shape = torch.Size([*batch, num_agents * self._num_actions])
+        action = Bounded(-1.0, 1.0, shape=shape, dtype=torch.float32)
+        whole["full_action_spec"] = Composite(team=Composite(action=action, shape=batch), shape=batch)
+        return whole
+
+
+def _bounded(spec: TensorSpec, first: int, last: int) -> Bounded:
+    """Return the bounded spec with the dimensions `first` to `last` made one."""
+    bounds = cast("ContinuousBox", spec.space)
+    low, high = bounds.low.flatten(first, last), bounds.high.flatten(first, last)
+    return Bounded(low, high, shape=low.shape, dtype=spec.dtype)
