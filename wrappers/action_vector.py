@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 from pettingzoo import ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper
 
+from mapf_pz.action_modes import ACTION_MODES, ActionMode
 from mapf_pz.env import AgentInfo, AgentObservation, MapfEnv, StepResult
 from mapf_pz.types import Floats
-from mapf_pz.action_modes import ACTION_MODES, ActionMode
 
 
 class ActionVector(BaseParallelWrapper[str, AgentObservation, Any]):

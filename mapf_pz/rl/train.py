@@ -60,7 +60,7 @@ def _updates(config: TrainConfig, algorithm: Algorithm, env: EnvBase) -> Iterato
     frames = ppo.num_envs * ppo.steps_per_batch
     num_updates = max(1, config.agent_steps // (frames * num_agents))
     collector = Collector(
-        TransformedEnv(env, Compose(*transforms)),
+        TransformedEnv(env, Compose(*transforms)),  # pyright: ignore[reportArgumentType] (annotated as lists of them)
         algorithm.actor,
         frames_per_batch=frames,
         total_frames=frames * num_updates,

@@ -1,0 +1,340 @@
+"""Bad input is told in one clear line."""
+
+import re
+
+import numpy as np
+import pytest
+
+import mapf_pz
+from mapf_pz import Action, FormatError, Grid, GuidanceGraph, Instance, RewardConfig, Scenario
+from mapf_pz.instances import FixedMap, FixedScenario, RandomObstacles, write_map, write_scenario
+
+FREE = np.ones((3, 4), np.bool_)
+GRID = Grid(FREE, "tiny")
+WALL = np.array([[True, False, True]] * 3)
+SMALL = {"map": FREE, "num_agents": 2, "view_size": (2, 2)}
+
+
+def refuses(error, message, make):
+    """Check that `make()` raises `error` with a message of one line that matches `message`, to its end."""
+    with pytest.raises(error) as caught:
+        make()
+    text = str(caught.value)
+    assert type(caught.value) is error
+    assert "\n" not in text
+    assert re.fullmatch(message, text), text
+
+
+# Keywords.
+
+
+@pytest.mark.parametrize(
+    ("keywords", "error", "message"),
+    [
+        ({"num_agent": 3}, TypeError, "unknown keyword 'num_agent': did you mean 'num_agents'\\?"),
+        ({"view_sise": (3, 3)}, TypeError, "unknown keyword 'view_sise': did you mean 'view_size'\\?"),
+        ({"zzz": 1}, TypeError, "unknown keyword 'zzz': allowed are map, scenario, .*render_mode"),
+        ({"num_agents": 0}, ValueError, "num_agents=0: expected a whole number, 1 or more"),
+        ({"num_agents": 2.5}, ValueError, "num_agents=2.5: expected a whole number, 1 or more"),
+        ({"max_steps": -1}, ValueError, "max_steps=-1: expected a whole number, 1 or more"),
+        ({"num_last_actions": 0}, ValueError, "num_last_actions=0: expected a whole number, 1 or more"),
+        ({"action_model": "fly"}, ValueError, "action_model='fly': expected one of 'rotate', 'cardinal'"),
+        (
+            {"collision_system": "hard"},
+            ValueError,
+            "collision_system='hard': expected one of 'soft', 'priority', 'block_both'",
+        ),
+        ({"on_target": None}, ValueError, "on_target=None: expected one of 'nothing', 'finish', 'restart'"),
+        ({"view": "back"}, ValueError, "view='back': expected one of 'front', 'centered', None"),
+        ({"frame": "map"}, ValueError, "frame='map': allowed only with view='centered'"),
+        ({"action_model": "cardinal", "view": "front"}, ValueError, "action_model='cardinal': agents have no front.*"),
+        ({"render_mode": "human"}, ValueError, "render_mode='human': expected one of 'rgb_array', 'ansi', None"),
+        ({"reward": "rich"}, ValueError, "reward='rich': expected one of 'paper', 'progress'"),
+        ({"reward": 3}, ValueError, "reward=3: expected a name or a RewardConfig"),
+        ({"edge_weights": "heavy"}, ValueError, "edge_weights='heavy': expected one of 'uniform', .*"),
+        ({"edge_weights": 1.5}, ValueError, "edge_weights=1.5: expected a name or a GuidanceGraph"),
+        ({"view_size": 5}, ValueError, "view_size=5: expected \\(height, width\\)"),
+        ({"view_size": (0, 2)}, ValueError, "view_size=0: expected a whole number, 1 or more"),
+        ({"view_size": (4, 2)}, ValueError, "view_size=\\(4, 2\\): expected at most the map's size, \\(3, 4\\)"),
+        ({"view_size": (3, 5)}, ValueError, "view_size=\\(3, 5\\): expected at most the map's size, \\(3, 4\\)"),
+        ({"channels": ("views",)}, ValueError, "channels: unknown 'views', expected names out of view, goal, .*"),
+        ({"channels": "view"}, ValueError, "channels='view': expected different names in a tuple or list"),
+        ({"channels": ()}, ValueError, "channels: expected at least one of view, goal, .*"),
+        ({"channels": ("view", "view")}, ValueError, "channels=.*: expected different names in a tuple or list"),
+        ({"features": ("speed",)}, ValueError, "features: unknown 'speed', expected names out of goal_vector, .*"),
+        (
+            {"initial_heading": "up"},
+            ValueError,
+            "initial_heading='up': expected one of 'random', 'east'",
+        ),
+        (
+            {"initial_heading": [0, 1, 2]},
+            ValueError,
+            "initial_heading: expected 'random', 'east' or 2 numbers 0 to 3",
+        ),
+        ({"initial_heading": [0, 4]}, ValueError, "initial_heading: expected 'random', 'east' or 2 numbers 0 to 3"),
+        (
+            {"edge_weights": GuidanceGraph.uniform(np.ones((4, 3), np.bool_))},
+            ValueError,
+            "edge_weights of shape \\(4, 3\\): the map's shape is \\(3, 4\\)",
+        ),
+    ],
+)
+def test_keywords(keywords, error, message):
+    refuses(error, message, lambda: mapf_pz.parallel_env(**SMALL | keywords))
+
+
+def test_a_negative_radius():
+    refuses(ValueError, "share_radius=-1: expected a number of cells, 0 or more", lambda: RewardConfig(share_radius=-1))
+
+
+@pytest.mark.parametrize(
+    ("move", "wait", "message"),
+    [
+        (np.ones((3, 2, 2)), np.ones((2, 2)), "guidance graph: expected move \\(4, H, W\\) and wait .*"),
+        (np.ones((4, 2, 3)), np.ones((2, 2)), "guidance graph: expected move \\(4, H, W\\) and wait .*"),
+        (np.zeros((4, 2, 2)), np.ones((2, 2)), "guidance graph: expected weights greater than 0, .*"),
+        (np.ones((4, 2, 2)), np.full((2, 2), np.inf), "guidance graph: expected weights greater than 0, .*"),
+        (np.full((4, 2, 2), np.nan), np.ones((2, 2)), "guidance graph: expected weights greater than 0, .*"),
+    ],
+)
+def test_guidance_graphs(move, wait, message):
+    refuses(ValueError, message, lambda: GuidanceGraph(move, wait))
+
+
+# Maps and scenarios.
+
+
+def test_a_map_that_there_is_none_of(tmp_path):
+    refuses(
+        ValueError,
+        "no \\.map file is named 'empty-8-9': did you mean 'empty-8-8'.*",
+        lambda: mapf_pz.parallel_env(map="empty-8-9"),
+    )
+    with pytest.raises(FileNotFoundError, match=r"nowhere\.map") as caught:
+        mapf_pz.parallel_env(map=tmp_path / "nowhere.map")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_truncated_map_file(tmp_path):
+    file = tmp_path / "short.map"
+    write_map(GRID, file)
+    file.write_text(file.read_text()[:-5])
+    refuses(FormatError, re.escape(f"{file}:7: expected 3 rows, got 2"), lambda: mapf_pz.parallel_env(map=file))
+    file.write_text("type octile\nheight 3\nwid")
+    refuses(
+        FormatError,
+        re.escape(f"{file}:3:1: expected 'width' and a number, got 'wid'"),
+        lambda: mapf_pz.parallel_env(map=file),
+    )
+
+
+def test_a_map_of_numbers():
+    refuses(
+        TypeError,
+        "map: expected a name, .* or a bool array with True for free, got list of int64",
+        lambda: mapf_pz.parallel_env(map=[[0, 1], [0, 0]]),
+    )
+
+
+def test_more_agents_than_free_cells():
+    refuses(
+        ValueError,
+        "13 agents do not fit on the 12 cells of the map's largest component",
+        lambda: mapf_pz.parallel_env(**SMALL | {"num_agents": 13}),
+    )
+    refuses(
+        ValueError,
+        "4 agents do not fit on the 3 cells of the map's largest component",
+        lambda: mapf_pz.parallel_env(**SMALL | {"map": WALL, "num_agents": 4}),
+    )
+
+
+def test_more_agents_than_the_scenario_has():
+    scenario = Scenario([(0, 0)], [(1, 1)])
+    refuses(
+        ValueError,
+        "num_agents=2: the scenario has 1 agents",
+        lambda: mapf_pz.parallel_env(**SMALL | {"scenario": scenario}),
+    )
+
+
+def test_a_scenario_of_another_map(tmp_path):
+    file = tmp_path / "other.scen"
+    write_scenario(Scenario([(0, 0), (1, 1)], [(1, 1), (0, 0)]), Grid(np.ones((2, 2), np.bool_), "other"), file)
+    refuses(
+        FormatError,
+        f"{re.escape(str(file))}:2:13: expected the size of map 'custom', width 4 and height 3, got 2 and 2",
+        lambda: mapf_pz.parallel_env(**SMALL | {"scenario": file}),
+    )
+    refuses(
+        ValueError,
+        "agent 1: goal \\[row 5, col 5\\] is outside of map 'custom' \\(3 x 4\\)",
+        lambda: mapf_pz.parallel_env(**SMALL | {"scenario": Scenario([(0, 0), (0, 1)], [(0, 1), (5, 5)])}),
+    )
+
+
+def test_a_start_on_an_obstacle():
+    refuses(
+        ValueError,
+        "agent 1: start \\[row 2, col 1\\] is an obstacle of map 'custom' \\(3 x 3\\)",
+        lambda: mapf_pz.parallel_env(**SMALL | {"map": WALL, "scenario": Scenario([(0, 0), (2, 1)], [(1, 0), (2, 0)])}),
+    )
+
+
+def test_two_agents_on_one_start():
+    refuses(
+        ValueError,
+        "agent 1: start \\[row 0, col 0\\] is another agent's start too",
+        lambda: mapf_pz.parallel_env(**SMALL | {"scenario": Scenario([(0, 0), (0, 0)], [(1, 0), (2, 0)])}),
+    )
+
+
+NO_PATH = "agent 1: no path on map '\\w+' leads from its start \\[row 1, col 0\\] to its goal \\[row 2, col 2\\]"
+
+
+def test_a_goal_that_cannot_be_reached():
+    scenario = Scenario([(0, 0), (1, 0)], [(2, 0), (2, 2)])
+    walled = SMALL | {"map": WALL, "view_size": (2, 2)}
+    refuses(ValueError, NO_PATH, lambda: mapf_pz.parallel_env(**walled | {"scenario": scenario}))
+    refuses(ValueError, NO_PATH, lambda: FixedScenario(Grid(WALL), scenario, 2))
+    env = mapf_pz.parallel_env(**walled)
+    refuses(ValueError, NO_PATH, lambda: env.reset(options={"instance": scenario}))
+    refuses(ValueError, NO_PATH, lambda: env.reset(options={"instance": Instance(Grid(WALL, "walled"), scenario)}))
+
+
+def test_a_later_goal_that_cannot_be_reached():
+    scenario = Scenario([(0, 0), (1, 0)], [[(2, 0), (1, 0)], [(2, 0), (2, 2)]])
+    env = mapf_pz.parallel_env(**SMALL | {"map": WALL, "on_target": "restart"})
+    refuses(ValueError, NO_PATH, lambda: env.reset(options={"instance": scenario}))
+
+
+def test_goals_that_are_not_used_may_be_anywhere():
+    scenario = Scenario([(0, 0), (1, 0)], [(2, 0), (2, 2)])
+    env = mapf_pz.parallel_env(**SMALL | {"map": WALL, "num_agents": 1, "scenario": scenario})
+    env.reset()
+    assert env.goals.tolist() == [[2, 0]]
+
+
+@pytest.mark.parametrize(
+    ("starts", "goals", "message"),
+    [
+        ([0, 1], [0, 1], "scenario starts: expected the shape \\(M, 2\\), got \\(2,\\)"),
+        ([(0, 0)], [(0, 1), (0, 2)], "scenario goals: expected the shape \\(1, 2\\) or \\(1, L, 2\\), got \\(2, 2\\)"),
+    ],
+)
+def test_scenario_shapes(starts, goals, message):
+    refuses(ValueError, message, lambda: Scenario(starts, goals))
+
+
+def test_instance_headings():
+    refuses(
+        ValueError,
+        "headings: expected 1 numbers 0 to 3, got .*",
+        lambda: Instance(GRID, Scenario([(0, 0)], [(0, 1)]), [4]),
+    )
+
+
+def test_sources():
+    refuses(ValueError, ".* expected 1 or more", lambda: FixedMap(GRID, 0))
+    refuses(ValueError, "30 agents fit on none of 100 maps: .*", lambda: RandomObstacles(5, 5, 0.2, 30))
+
+
+# reset().
+
+
+@pytest.mark.parametrize(
+    ("instance", "error", "message"),
+    [
+        ("empty-8-8", TypeError, "options\\['instance'\\]: expected an Instance or a Scenario, got str"),
+        (
+            Scenario([(0, 0)], [(0, 1)]),
+            ValueError,
+            "instance of 1 agents on \\(3, 4\\) cells: this environment has 2 agents on \\(3, 4\\) cells",
+        ),
+        (
+            Instance(Grid(np.ones((2, 2), np.bool_)), Scenario([(0, 0), (0, 1)], [(0, 1), (0, 0)])),
+            ValueError,
+            "instance of 2 agents on \\(2, 2\\) cells: this environment has 2 agents on \\(3, 4\\) cells",
+        ),
+    ],
+)
+def test_reset_to_something_else(instance, error, message):
+    env = mapf_pz.parallel_env(**SMALL)
+    refuses(error, message, lambda: env.reset(options={"instance": instance}))
+
+
+def test_a_failed_reset_leaves_no_episode():
+    env = mapf_pz.parallel_env(**SMALL)
+    env.reset(seed=0)
+    refuses(
+        ValueError, "instance of 1 agents .*", lambda: env.reset(options={"instance": Scenario([(0, 0)], [(0, 1)])})
+    )
+    assert env.agents == []
+    env.reset(seed=0)
+    env.step(dict.fromkeys(env.agents, 0))
+
+
+# step().
+
+
+@pytest.mark.parametrize(
+    ("action", "shown"),
+    [
+        (4, "4"),
+        (-1, "-1"),
+        (2**70, str(2**70)),
+        (0.5, "0.5"),
+        (None, "None"),
+        ("0", "'0'"),
+        (np.float32(1), ".*"),
+        (np.array([1]), "array\\(\\[1\\]\\)"),
+        ([0], "\\[0\\]"),
+    ],
+)
+def test_impossible_actions(action, shown):
+    env = mapf_pz.parallel_env(**SMALL)
+    env.reset(seed=0)
+    before = env.state()
+    refuses(
+        ValueError,
+        f"action {shown} of 'agent_1': expected a whole number from 0 to 3",
+        lambda: env.step({"agent_0": 0, "agent_1": action}),
+    )
+    assert np.array_equal(env.state(), before), "a refused step changed something"
+    assert env.step_count == 0
+
+
+def test_actions_of_the_wrong_agents():
+    env = mapf_pz.parallel_env(**SMALL)
+    env.reset(seed=0)
+    refuses(
+        ValueError,
+        "action for an unknown agent 'agent_2': expected names out of possible_agents",
+        lambda: env.step(dict.fromkeys([*env.agents, "agent_2"], 0)),
+    )
+    refuses(
+        ValueError, "action for an unknown agent 0: expected names out of possible_agents", lambda: env.step({0: 1})
+    )
+    refuses(
+        ValueError,
+        "no action for 'agent_1': expected one for each of the agents left",
+        lambda: env.step({"agent_0": 0}),
+    )
+
+
+@pytest.mark.parametrize("read", ["step", "render", "grid"])
+def test_before_reset(read):
+    env = mapf_pz.parallel_env(**SMALL, render_mode="ansi")
+    doings = {"step": lambda: env.step({}), "render": env.render, "grid": lambda: env.grid}
+    refuses(RuntimeError, "call reset\\(\\) (before step\\(\\)|first)", doings[read])
+
+
+def test_a_step_after_the_end():
+    env = mapf_pz.parallel_env(**SMALL, max_steps=1)
+    env.reset(seed=0)
+    env.step(dict.fromkeys(env.agents, int(Action.WAIT)))
+    for actions in ({}, {"agent_0": 0, "agent_1": 0}):
+        refuses(RuntimeError, "the episode is over, call reset\\(\\)", lambda actions=actions: env.step(actions))
+    env.reset()
+    env.step(dict.fromkeys(env.agents, int(Action.WAIT)))
