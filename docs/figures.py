@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 import mapf_pz
-from mapf_pz.env import MapfEnv
+from mapf_pz.environment import MapfEnv
 from mapf_pz.instances.sources import RandomObstacles
 from mapf_pz.render.gif import save_png
 

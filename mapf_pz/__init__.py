@@ -13,7 +13,7 @@ import pettingzoo
 
 if TYPE_CHECKING:
     from mapf_pz.config import EnvConfig, RewardConfig
-    from mapf_pz.env import MapfEnv, env, parallel_env
+    from mapf_pz.environment import MapfEnv, env, parallel_env
     from mapf_pz.guidance import GuidanceGraph
     from mapf_pz.types import Action, CardinalAction, FormatError, Grid, Heading, Instance, InstanceSource, Scenario
 
@@ -27,11 +27,11 @@ _HOMES = {
     "Heading": "types",
     "Instance": "types",
     "InstanceSource": "types",
-    "MapfEnv": "env",
+    "MapfEnv": "environment",
     "RewardConfig": "config",
     "Scenario": "types",
-    "env": "env",
-    "parallel_env": "env",
+    "env": "environment",
+    "parallel_env": "environment",
 }
 
 __all__ = [
@@ -63,6 +63,6 @@ def __dir__() -> list[str]:
     return sorted([*globals(), *__all__])
 
 
-pettingzoo.register("parallel", "mapf_pz/Mapf-v0", entry_point="mapf_pz.env:parallel_env")
-pettingzoo.register("aec", "mapf_pz/Mapf-v0", entry_point="mapf_pz.env:env")
+pettingzoo.register("parallel", "mapf_pz/Mapf-v0", entry_point="mapf_pz.environment:parallel_env")
+pettingzoo.register("aec", "mapf_pz/Mapf-v0", entry_point="mapf_pz.environment:env")
 gymnasium.register("Mapf-Centralized-v0", entry_point="mapf_pz.wrappers.centralized:centralized_env")

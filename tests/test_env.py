@@ -74,7 +74,7 @@ def test_registries(kind):
     assert env.possible_agents == ["agent_0", "agent_1", "agent_2"]
     assert env.unwrapped.metadata["name"] == "mapf_v0"
     spec = (pettingzoo.parallel_registry if kind == "parallel" else pettingzoo.aec_registry)["mapf_pz/Mapf-v0"]
-    assert spec.entry_point == f"mapf_pz.env:{'parallel_env' if kind == 'parallel' else 'env'}"
+    assert spec.entry_point == f"mapf_pz.environment:{'parallel_env' if kind == 'parallel' else 'env'}"
 
 
 # Reproducibility.

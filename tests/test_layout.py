@@ -23,7 +23,7 @@ ORDER = [
     "observation",
     "simulator",
     "render",
-    "env",
+    "environment",
     "planners",
     "wrappers",
     "rl",
@@ -69,7 +69,7 @@ def part(name):
 
 
 def test_all_modules_are_found():
-    assert {"mapf_pz", "mapf_pz.env", "mapf_pz.core.step", "mapf_pz.wrappers", "mapf_pz.maps"} <= MODULES.keys()
+    assert {"mapf_pz", "mapf_pz.environment", "mapf_pz.core.step", "mapf_pz.wrappers", "mapf_pz.maps"} <= MODULES.keys()
 
 
 def test_every_package_is_listed():
@@ -109,7 +109,7 @@ def test_forbidden_imports(name):
         if own != "rl":
             assert top not in ("torch", "torchrl", "tensordict", "pygame"), f"{name} imports {imported}"
         else:
-            assert part(imported) not in ("env", "wrappers"), f"{name} imports {imported}"
+            assert part(imported) not in ("environment", "wrappers"), f"{name} imports {imported}"
 
 
 def run(code, **environment):
@@ -147,7 +147,7 @@ print(sorted({"torch", "torchrl", "tensordict", "pygame", "matplotlib", "PIL"} &
 
 
 def test_a_public_name_stays_what_it_is():
-    """`mapf_pz.env` is a function and, once it is loaded, a module."""
+    """No module has the name of the function `mapf_pz.env`: Python would put it in the function's place."""
     code = """
 import mapf_pz
 for _ in range(2):

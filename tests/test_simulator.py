@@ -91,6 +91,12 @@ def test_any_row_of_a_batch_is_the_single_environment(on_target, maps):
             np.testing.assert_array_equal(arrays[:, 0], batch[name][:, b], err_msg=name)
 
 
+several_threads = pytest.mark.skipif(
+    numba.config.NUMBA_NUM_THREADS < 2, reason="one core; set NUMBA_NUM_THREADS=2 to test it all the same"
+)
+
+
+@several_threads
 @pytest.mark.parametrize("maps", MAPS)
 @pytest.mark.parametrize("on_target", ON_TARGET)
 def test_threads_change_nothing(on_target, maps):
@@ -100,7 +106,7 @@ def test_threads_change_nothing(on_target, maps):
         np.testing.assert_array_equal(arrays, two[name], err_msg=name)
 
 
-@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one core")
+@several_threads
 def test_threads_are_used():
     """Numba's cache would give out a kernel for one thread where one for several is asked for, and the reverse."""
     kernels = (step._serial, step._parallel)

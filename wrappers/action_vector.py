@@ -11,7 +11,7 @@ from pettingzoo import ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper
 
 from mapf_pz.action_modes import ACTION_MODES, ActionMode
-from mapf_pz.env import AgentInfo, AgentObservation, MapfEnv, StepResult
+from mapf_pz.environment import AgentInfo, AgentObservation, MapfEnv, StepResult
 from mapf_pz.types import Floats
 
 

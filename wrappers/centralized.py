@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pettingzoo import ParallelEnv
 
 from mapf_pz.action_modes import ActionMode
-from mapf_pz.env import AgentObservation, MapfEnv, parallel_env
+from mapf_pz.environment import AgentObservation, MapfEnv, parallel_env
 from mapf_pz.wrappers.action_vector import ActionVector
 
 TeamReward = Literal["sum", "mean"]

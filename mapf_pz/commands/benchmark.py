@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from mapf_pz.config import EnvConfig
-from mapf_pz.env import parallel_env
+from mapf_pz.environment import parallel_env
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.simulator import Simulator
 

@@ -15,7 +15,7 @@ from rich.progress import track
 from tyro.conf import Positional
 
 from mapf_pz.config import ActionModel, CollisionSystem, EnvConfig, OnTarget
-from mapf_pz.env import MapfEnv, parallel_env
+from mapf_pz.environment import MapfEnv, parallel_env
 from mapf_pz.evaluate.run import Policy, play
 from mapf_pz.render.gif import save_gif, save_png
 

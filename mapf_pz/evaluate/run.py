@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from mapf_pz.env import MapfEnv, parallel_env
+from mapf_pz.environment import MapfEnv, parallel_env
 
 
 class Policy(Protocol):

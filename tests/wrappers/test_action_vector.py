@@ -5,7 +5,7 @@ from pettingzoo.test import parallel_api_test
 from pettingzoo.utils import BaseParallelWrapper
 
 import mapf_pz
-from mapf_pz.env import env as aec_env
+from mapf_pz.environment import env as aec_env
 from mapf_pz.types import Action
 from mapf_pz.wrappers import ACTION_MODES, ActionVector
 

@@ -8,7 +8,7 @@ from gymnasium.utils.env_checker import check_env
 from pettingzoo.utils import BaseParallelWrapper
 
 import mapf_pz
-from mapf_pz.env import env as aec_env
+from mapf_pz.environment import env as aec_env
 from mapf_pz.types import Action, Scenario
 from mapf_pz.wrappers import ACTION_MODES, ActionVector, CentralizedEnv
 

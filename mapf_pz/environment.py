@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from operator import index
-from types import ModuleType
 from typing import Any, SupportsIndex, TypeAlias
 
 import numpy as np
@@ -251,14 +249,3 @@ def env(**keywords: Any) -> AECEnv[str, AgentObservation, SupportsIndex | None]:
     """Make the environment in its AEC form, where agents act one after the other; keywords as in `parallel_env`."""
     # Its annotation asks for an environment that takes None for an action: only the AEC form does.
     return parallel_to_aec(parallel_env(**keywords))  # pyright: ignore[reportArgumentType]
-
-
-class _CallableModule(ModuleType):
-    """Once this module is imported, Python calls it `mapf_pz.env`, as the function: so it can be called, too."""
-
-    def __call__(self, **keywords: Any) -> AECEnv[str, AgentObservation, SupportsIndex | None]:
-        """Call the function `env`."""
-        return env(**keywords)
-
-
-sys.modules[__name__].__class__ = _CallableModule
