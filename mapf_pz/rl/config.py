@@ -126,5 +126,5 @@ class TrainConfig:
     """Length of the run: steps of all agents together."""
     seed: int = 0
     """Decides instances, initial weights and exploration."""
-    num_threads: int = 2
-    """Threads of torch and of the kernels."""
+    num_threads: int = 1
+    """Threads of torch and of the kernels. More help only where as many cores have nothing else to do."""

@@ -6,6 +6,6 @@ from mapf_pz.rl.config import TaskConfig, TrainConfig
 
 PRESETS: dict[str, TrainConfig] = {
     # Denser maps than those of the evaluation teach agents to make way for each other in narrow places.
-    "quickstart": TrainConfig(task=TaskConfig(density=0.25), agent_steps=1_500_000),
+    "quickstart": TrainConfig(task=TaskConfig(density=0.3), agent_steps=2_000_000),
 }
 """`mapf-pz train NAME` begins from these; every field can be changed on the command line."""
