@@ -135,8 +135,9 @@ class EnvConfig:
             raise ValueError("frame='map': allowed only with view='centered'")
         if not isinstance(self.initial_heading, str):
             headings = np.asarray(self.initial_heading)
-            if headings.shape != (self.num_agents,) or not np.isin(headings, range(4)).all():
-                raise ValueError(f"initial_heading: expected 'random', 'east' or {self.num_agents} numbers 0 to 3")
+            expected = self.num_agents if self.source is None else self.source.num_agents
+            if headings.shape != (expected,) or not np.isin(headings, range(4)).all():
+                raise ValueError(f"initial_heading: expected 'random', 'east' or {expected} numbers 0 to 3")
 
     def _check_choices(self) -> None:
         choices: dict[str, tuple[object, ...]] = {

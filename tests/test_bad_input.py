@@ -338,3 +338,12 @@ def test_a_step_after_the_end():
         refuses(RuntimeError, "the episode is over, call reset\\(\\)", lambda actions=actions: env.step(actions))
     env.reset()
     env.step(dict.fromkeys(env.agents, int(Action.WAIT)))
+
+
+def test_initial_headings_are_counted_against_the_source():
+    source = RandomObstacles(5, 5, 0.0, num_agents=3)
+    env = mapf_pz.parallel_env(source=source, view_size=(3, 3), initial_heading=[2, 1, 0])
+    env.reset(seed=0)
+    assert env.headings.tolist() == [2, 1, 0]
+    with pytest.raises(ValueError, match="'east' or 3 numbers 0 to 3"):
+        mapf_pz.parallel_env(source=source, view_size=(3, 3), initial_heading=[0, 0, 0, 0])
