@@ -18,22 +18,23 @@ ON_TARGET = {"nothing": NOTHING, "finish": FINISH, "restart": RESTART}
 def step(rules: Rules, world: World, distances: Distances, state: State, actions: Array) -> None:
     """Advance all environments by one step; `actions` (B, N) int64."""
     for b in prange(actions.shape[0]):
-        step_one(rules, world, distances, state, b, actions[b])
+        m, crew, occupant, claim = state.map[b], state.agents[b], state.occupant[b], state.claim[b]
+        time = tick(state.time, b)
+
+        propose(rules.cardinal, world.leads_to, m, crew, actions[b])
+        resolve(rules.collision, crew, occupant, claim)
+        advance(rules.cardinal, crew, actions[b], occupant, state.history[b])
+        solved = settle(rules.on_target, crew, state.goals[b], time)
+        note_progress(rules.progress, world.mean_weight[m], distances.slot, distances.to_go, m, crew)
+        pay(rules, world.height, world.width, crew, actions[b], occupant, solved)
+        retire(rules.on_target, crew, occupant, solved, time >= rules.max_steps)
 
 
 @jit
-def step_one(rules: Rules, world: World, distances: Distances, state: State, b: int, actions: Array) -> None:
-    """Advance environment `b` by one step; `actions` (N,) int64."""
-    m, crew, occupant, claim = state.map[b], state.agents[b], state.occupant[b], state.claim[b]
-    state.time[b] += 1
-
-    propose(rules.cardinal, world.leads_to, m, crew, actions)
-    resolve(rules.collision, crew, occupant, claim)
-    advance(rules.cardinal, crew, actions, occupant, state.history[b])
-    solved = settle(rules.on_target, crew, state.goals[b], state.time[b])
-    note_progress(rules.progress, world.mean_weight[m], distances.slot, distances.to_go, m, crew)
-    pay(rules, world.height, world.width, crew, actions, occupant, solved)
-    retire(rules.on_target, crew, occupant, solved, state.time[b] >= rules.max_steps)
+def tick(times: Array, b: int) -> int:
+    """Count a step of environment `b`, and return how many it has taken."""
+    times[b] += 1
+    return times[b]
 
 
 @jit
