@@ -1,16 +1,18 @@
-"""The command `mapf-pz train`: train a preset, evaluate what came of it, and show an episode."""
+"""The command `mapf-pz train`: train a preset or continue a run, evaluate what came of it, and show an episode."""
 
 from __future__ import annotations
 
 import logging
+import signal
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from tyro.conf import Positional, subcommand
 from tyro.extras import subcommand_type_from_defaults
 
 from mapf_pz.commands.evaluate import evaluate_policy
@@ -19,7 +21,9 @@ from mapf_pz.evaluate.suites import SUITES
 from mapf_pz.rl import load_policy
 from mapf_pz.rl import train as train_policy
 from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.policy import CONFIG, load_config
 from mapf_pz.rl.presets import PRESETS
+from mapf_pz.rl.train import resume as resume_policy
 
 EPISODE_FILE = "episode.gif"
 SHOWN_EPISODE: dict[str, Any] = {"map": "warehouse-10-20-10-2-1", "num_agents": 10, "max_steps": 512}
@@ -37,26 +41,60 @@ class TrainOptions:
     """The suite to evaluate on afterwards; `none`: no evaluation and no episode."""
 
 
+@dataclass(frozen=True)
+class ResumeOptions:
+    """Continue a run that was interrupted or killed, from its latest checkpoint."""
+
+    output: Positional[Path]
+    """The run's folder."""
+    agent_steps: int | None = None
+    """Length of the whole run, in steps of all agents together, instead of the one that it was begun with."""
+    evaluate: str = "quickstart"
+    """The suite to evaluate on afterwards; `none`: no evaluation and no episode."""
+
+
 if TYPE_CHECKING:
-    Run = TrainOptions
+    Run = TrainOptions | ResumeOptions
 else:
-    Run = subcommand_type_from_defaults(
+    Begin = subcommand_type_from_defaults(
         {name: TrainOptions(config, Path("runs") / name) for name, config in PRESETS.items()}
     )
+    Run = Begin | Annotated[ResumeOptions, subcommand("resume")]
 
 
 def train(run: Run) -> None:
-    """Train a policy, evaluate it on instances that it never saw, and draw an episode."""
+    """Train a policy or continue its training, evaluate it on instances that it never saw, and draw an episode."""
     if run.evaluate not in (*SUITES, "none"):
         raise ValueError(f"evaluate={run.evaluate!r}: expected 'none' or one of {', '.join(SUITES)}")
     logging.getLogger("torchrl").setLevel(logging.WARNING)  # it reports every buffer that it makes
-    with _progress_bar(run.config.agent_steps) as show:
-        train_policy(run.config, run.output, show)
+    with _terminated_as_interrupted():
+        _learn(run)
     print(f"policy, configuration and progress written to {run.output}")
     if run.evaluate == "none":
         return
     evaluate_policy(load_policy(run.output), SUITES[run.evaluate], run.output)
     render(EpisodeOptions(run.output / EPISODE_FILE, policy=str(run.output), fps=8, **SHOWN_EPISODE))
+
+
+def _learn(run: Run) -> None:
+    """Train or resume with a bar of progress."""
+    if isinstance(run, TrainOptions):
+        with _progress_bar(run.config.agent_steps) as show:
+            train_policy(run.config, run.output, show)
+        return
+    agent_steps = load_config(run.output / CONFIG).agent_steps if run.agent_steps is None else run.agent_steps
+    with _progress_bar(agent_steps) as show:
+        resume_policy(run.output, run.agent_steps, show)
+
+
+@contextmanager
+def _terminated_as_interrupted() -> Generator[None]:
+    """Let SIGTERM, which queues and `kill` send, do what Ctrl-C does."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager

@@ -126,5 +126,7 @@ class TrainConfig:
     """Length of the run: steps of all agents together."""
     seed: int = 0
     """Decides instances, initial weights and exploration."""
+    checkpoint_interval: int = 200_000
+    """Agent steps between two checkpoints; an interrupted or finished run writes one too."""
     num_threads: int = 1
     """Threads of torch and of the kernels. More help only where as many cores have nothing else to do."""

@@ -1,42 +1,90 @@
-"""A run is a folder: its configuration, its progress as CSV and as a picture, and its policy."""
+"""A run is a folder: its configuration, its progress as CSV and as a picture, its checkpoints, and its policy."""
 
 from __future__ import annotations
 
 import csv
+import os
+from itertools import islice
 from pathlib import Path
 
+from pydantic import TypeAdapter
 from torch import nn
 
+from mapf_pz.rl.checkpoint import Checkpoints, Learner, Position, read_position, restore
 from mapf_pz.rl.config import TrainConfig
-from mapf_pz.rl.policy import save_policy
+from mapf_pz.rl.policy import CONFIG, WEIGHTS, save_policy
+from mapf_pz.types import FormatError
 
 PROGRESS, CURVE = "progress.csv", "learning_curve.png"
+RECENT_EPISODES = 100
+"""Training episodes whose mean CSR tells which checkpoint is the best."""
 
 
 class RunFolder:
     """Writes what a training run leaves behind."""
 
     def __init__(self, path: Path) -> None:
-        """Make the folder; what an earlier run left there is replaced file by file."""
+        """Refer to the folder; `begin` or `resume` comes next."""
         self.path = path
-        path.mkdir(parents=True, exist_ok=True)
+        self.checkpoints = Checkpoints(path)
         self._rows: list[dict[str, float]] = []
+        self._saved = Position()
+
+    def begin(self, config: TrainConfig) -> None:
+        """Make the folder for a new run: what an earlier run left there is removed, and the configuration written."""
+        self.path.mkdir(parents=True, exist_ok=True)
+        self.checkpoints.clear()
+        for name in (PROGRESS, CURVE, WEIGHTS):
+            (self.path / name).unlink(missing_ok=True)
+        _replace(self.path / CONFIG, TypeAdapter(TrainConfig).dump_json(config, indent=2))
+
+    def resume(self, checkpoint: Path, learner: Learner, config: TrainConfig) -> None:
+        """Go back to a checkpoint: the learner, and the rows of progress until then.
+
+        Raises `FormatError` where the checkpoint or the progress file is damaged, or the one is not of the other's run.
+        """
+        restore(checkpoint, learner)
+        self._saved = read_position(checkpoint)
+        self._rows = _read_rows(self.path / PROGRESS, self._saved)
+        self.checkpoints.sweep()
+        _replace(self.path / PROGRESS, "".join(map(_line, [list(self._rows[0]), *map(_texts, self._rows)])).encode())
+        _replace(self.path / CONFIG, TypeAdapter(TrainConfig).dump_json(config, indent=2))
+
+    @property
+    def seconds(self) -> float:
+        """Seconds that the run has taken, until the latest row."""
+        return self._rows[-1]["seconds"] if self._rows else 0.0
 
     def log(self, row: dict[str, float]) -> None:
         """Append one row to the progress file; all rows have the same keys."""
-        begins = not self._rows
+        lines = [_texts(row)] if self._rows else [list(row), _texts(row)]
+        with (self.path / PROGRESS).open("a" if self._rows else "w", newline="") as file:
+            file.write("".join(map(_line, lines)))
         self._rows.append(row)
-        with (self.path / PROGRESS).open("w" if begins else "a", newline="") as file:
-            writer = csv.DictWriter(file, list(row))
-            if begins:
-                writer.writeheader()
-            writer.writerow({key: f"{value:.6g}" for key, value in row.items()})
+
+    def save(self, learner: Learner, interval: int = 1) -> None:
+        """Write a checkpoint if the latest is at least `interval` agent steps old."""
+        if not self._rows or self._rows[-1]["agent_steps"] < self._saved.agent_steps + interval:
+            return
+        position = Position(len(self._rows), int(self._rows[-1]["agent_steps"]), self._recent_csr())
+        self.checkpoints.save(learner, position)
+        self._saved = position
 
     def finish(self, network: nn.Module, config: TrainConfig) -> None:
         """Write the policy, its configuration and the learning curve."""
         save_policy(self.path, network, config)
         if self._rows:
             self._draw_curve()
+
+    def _recent_csr(self) -> float:
+        """Return the mean CSR over the rows with the latest episodes, or 0 where no episode has ended."""
+        episodes = solved = 0.0
+        for row in reversed(self._rows):
+            if row["episodes"]:
+                episodes, solved = episodes + row["episodes"], solved + row["CSR"] * row["episodes"]
+            if episodes >= RECENT_EPISODES:
+                break
+        return solved / episodes if episodes else 0.0
 
     def _draw_curve(self) -> None:
         from matplotlib.figure import Figure
@@ -52,3 +100,33 @@ class RunFolder:
         rates.set(xlabel="million agent steps", ylabel="share of training episodes", ylim=(0, 1.02))
         rates.legend(loc="lower right")
         figure.savefig(self.path / CURVE, dpi=150)
+
+
+def _read_rows(file: Path, position: Position) -> list[dict[str, float]]:
+    """Return the rows until `position`; raises `FormatError` where they are not all there."""
+    try:
+        with file.open(newline="") as lines:
+            rows = list(islice(csv.DictReader(lines), position.updates))
+        numbers = [{key: float(value) for key, value in row.items()} for row in rows]
+        last = numbers[-1]["agent_steps"]
+    except (ValueError, TypeError, LookupError, csv.Error) as error:
+        raise FormatError(file, f"damaged: {error}") from None
+    if len(numbers) < position.updates or last != position.agent_steps:
+        raise FormatError(file, f"expected {position.updates} rows, the last of agent step {position.agent_steps}")
+    return numbers
+
+
+def _texts(row: dict[str, float]) -> list[str]:
+    """Return the numbers with six digits; counts in full."""
+    return [f"{value:.0f}" if key == "agent_steps" else f"{value:.6g}" for key, value in row.items()]
+
+
+def _line(cells: list[str]) -> str:
+    return ",".join(cells) + "\r\n"
+
+
+def _replace(file: Path, content: bytes) -> None:
+    """Write a file so that it is never seen half-written."""
+    beside = file.with_name(f".{file.name}.new")
+    beside.write_bytes(content)
+    os.replace(beside, file)

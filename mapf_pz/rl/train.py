@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
@@ -17,8 +19,11 @@ from torchrl.objectives import PPOLoss
 
 from mapf_pz.rl.algorithms import ALGORITHMS, Algorithm
 from mapf_pz.rl.batched_env import BatchedMapfEnv
+from mapf_pz.rl.checkpoint import Learner, read_position
 from mapf_pz.rl.config import PPOConfig, TrainConfig
+from mapf_pz.rl.policy import CONFIG, load_config
 from mapf_pz.rl.run import RunFolder
+from mapf_pz.types import FormatError
 
 Progress = Callable[[dict[str, float]], None]
 
@@ -28,50 +33,115 @@ def train(config: TrainConfig, output: Path, on_progress: Progress | None = None
 
     Args:
         config: the run.
-        output: the run's folder.
+        output: the run's folder; an earlier run in it is replaced.
         on_progress: called after each update with the row that goes to `progress.csv`.
 
-    An interrupt (Ctrl-C) ends the run early: what was learnt until then is saved before it is raised again.
+    An interrupt (Ctrl-C) ends the run early: what was learnt until then is saved before it is raised again, and
+    `resume` continues from there.
     """
+    return _run(config, RunFolder(output), None, on_progress)
+
+
+def resume(folder: Path, agent_steps: int | None = None, on_progress: Progress | None = None) -> Path:
+    """Continue a run that was interrupted or killed from its latest checkpoint, and return its folder.
+
+    Args:
+        folder: the run's folder.
+        agent_steps: length of the whole run instead of the one that it was begun with, in steps of all agents.
+        on_progress: as in `train`.
+
+    Environments are not in a checkpoint: they begin new episodes, with seeds that the run has not used before.
+
+    Raises:
+        FileNotFoundError: The folder has no configuration, no progress or no checkpoint.
+        FormatError: One of them is damaged, or they do not belong together.
+        ValueError: The run is longer than `agent_steps` already.
+    """
+    run = RunFolder(folder)
+    checkpoint = run.checkpoints.latest()
+    config = load_config(folder / CONFIG)
+    position = read_position(checkpoint)
+    if position.agent_steps != position.updates * _steps_per_update(config):
+        raise FormatError(checkpoint, f"not a checkpoint of the run that {CONFIG} describes")
+    if agent_steps is not None:
+        if agent_steps < position.agent_steps:
+            raise ValueError(
+                f"agent_steps={agent_steps}: the run in {str(folder)!r} has come to {position.agent_steps} already"
+            )
+        config = replace(config, agent_steps=agent_steps)
+    return _run(config, run, checkpoint, on_progress)
+
+
+def _run(config: TrainConfig, run: RunFolder, checkpoint: Path | None, on_progress: Progress | None) -> Path:
+    """Train from the beginning, or from the checkpoint on."""
     torch.manual_seed(config.seed)
     torch.set_num_threads(config.num_threads)
-    base = BatchedMapfEnv(config.ppo.num_envs, config.num_threads, **config.task.env_keywords())
-    base.set_seed(config.seed)
-    layout = base.simulator.layout
-    algorithm = ALGORITHMS[config.algorithm](layout, config)
-    run = RunFolder(output)
+    done = 0 if checkpoint is None else read_position(checkpoint).updates
+    seed = _seed(config.seed, done)
+    env = BatchedMapfEnv(config.ppo.num_envs, config.num_threads, **config.task.env_keywords())
+    env.set_seed(seed)
+    algorithm = ALGORITHMS[config.algorithm](env.simulator.layout, replace(config, seed=seed))
+    optimizer = torch.optim.Adam(algorithm.loss.parameters(), config.ppo.learning_rate, eps=1e-5)
+    learner = Learner(algorithm.loss, optimizer)
+    if checkpoint is None:
+        run.begin(config)
+    else:
+        run.resume(checkpoint, learner, config)
     try:
-        for row in _updates(config, algorithm, base):
+        for row in _updates(config, algorithm, env, optimizer, done, run.seconds):
             run.log(row)
+            run.save(learner, config.checkpoint_interval)
             if on_progress is not None:
                 on_progress(row)
+        run.save(learner)
+    except KeyboardInterrupt:
+        run.save(learner)
+        raise
     finally:
         run.finish(algorithm.network, config)
-    return output
+    return run.path
 
 
-def _updates(config: TrainConfig, algorithm: Algorithm, env: EnvBase) -> Iterator[dict[str, float]]:
-    """Run the loop; yield a row of progress after each update."""
-    ppo, num_agents, loss = config.ppo, config.task.num_agents, algorithm.loss
+def _seed(seed: int, done: int) -> int:
+    """Return the seed of the environments after `done` updates: the run's own at its beginning."""
+    return seed if done == 0 else int(np.random.SeedSequence([seed, done]).generate_state(1)[0])
+
+
+def _steps_per_update(config: TrainConfig) -> int:
+    """Return the steps of all agents between two updates."""
+    return config.ppo.num_envs * config.ppo.steps_per_batch * config.task.num_agents
+
+
+def _updates(
+    config: TrainConfig,
+    algorithm: Algorithm,
+    env: EnvBase,
+    optimizer: torch.optim.Optimizer,
+    done: int,
+    seconds_before: float,
+) -> Iterator[dict[str, float]]:
+    """Run the loop from update `done` on; yield a row of progress after each update."""
+    ppo, loss = config.ppo, algorithm.loss
+    frames = ppo.num_envs * ppo.steps_per_batch
+    num_updates = max(1, config.agent_steps // _steps_per_update(config))
+    if done >= num_updates:
+        return
     reward_sum = RewardSum(
         in_keys=[("agents", "reward")], out_keys=[("agents", "episode_reward")], reset_keys=["_reset"]
     )
     transforms = [*algorithm.transforms(), reward_sum]
-    frames = ppo.num_envs * ppo.steps_per_batch
-    num_updates = max(1, config.agent_steps // (frames * num_agents))
     collector = Collector(
         TransformedEnv(env, Compose(*transforms)),  # pyright: ignore[reportArgumentType] (annotated as lists of them)
         algorithm.actor,
         frames_per_batch=frames,
-        total_frames=frames * num_updates,
+        total_frames=frames * (num_updates - done),
         auto_register_policy_transforms=False,
     )
     buffer = TensorDictReplayBuffer(
         storage=LazyTensorStorage(frames), sampler=SamplerWithoutReplacement(), batch_size=ppo.minibatch_size
     )
-    optimizer = torch.optim.Adam(loss.parameters(), ppo.learning_rate, eps=1e-5)
-    began = time.perf_counter()
-    for update, batch in enumerate(collector):
+    began = time.perf_counter() - seconds_before
+    for update, batch in enumerate(collector, done):
         _anneal(optimizer, loss, ppo, update / num_updates)
         with torch.no_grad():
             loss.value_estimator(
@@ -80,7 +150,7 @@ def _updates(config: TrainConfig, algorithm: Algorithm, env: EnvBase) -> Iterato
         buffer.empty()
         buffer.extend(batch.reshape(-1))
         losses = [_improve(loss, optimizer, part, ppo) for _ in range(ppo.num_epochs) for part in buffer]
-        agent_steps = (update + 1) * frames * num_agents
+        agent_steps = (update + 1) * _steps_per_update(config)
         seconds = time.perf_counter() - began
         yield {
             "agent_steps": agent_steps,

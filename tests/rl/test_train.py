@@ -30,7 +30,7 @@ def rows(folder):
 def test_a_run_leaves_its_files_and_a_policy_that_acts(tmp_path, algorithm):
     folder = train(dataclasses.replace(TINY, algorithm=algorithm), tmp_path / "run")
     files = {file.name for file in folder.iterdir()}
-    assert files == {"config.json", "policy.safetensors", "progress.csv", "learning_curve.png"}
+    assert files == {"config.json", "policy.safetensors", "progress.csv", "learning_curve.png", "checkpoints"}
     assert [int(row["agent_steps"]) for row in rows(folder)] == [192, 384, 576]
     policy = load_policy(folder)
     env = mapf_pz.parallel_env(

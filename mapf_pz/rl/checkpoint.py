@@ -1,0 +1,151 @@
+"""Checkpoints: the files that a training run can be continued from, the last two and the best.
+
+A file is TorchRL's archive, a zip with a manifest, of safetensors and JSON; nothing in it is pickled, and none is
+unpickled. A checkpoint appears under its name only when it is complete, and the archive's checksums tell damage.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import torch
+from pydantic import TypeAdapter
+from safetensors.torch import load_file, save_file
+from torch import Tensor
+from torchrl.checkpoint import Checkpoint, CheckpointAdapter, CheckpointRotation
+from torchrl.objectives import PPOLoss
+
+from mapf_pz.types import FormatError
+
+FOLDER, PREFIX, TENSORS = "checkpoints", "checkpoint", "learner.safetensors"
+_DAMAGE = (RuntimeError, BadZipFile, ValueError, TypeError, LookupError, AttributeError, EOFError)
+
+
+@dataclass(frozen=True)
+class Position:
+    """How far a run has come."""
+
+    updates: int = 0
+    """Updates done, and rows of progress written."""
+    agent_steps: int = 0
+    """Steps of all agents together."""
+    CSR: float = 0.0
+    """Mean over the latest training episodes, 0 to 1; the highest makes the best checkpoint."""
+
+
+class Learner:
+    """What learns: a loss with its networks and the optimizer; torch's random numbers belong to it too."""
+
+    def __init__(self, loss: PPOLoss, optimizer: torch.optim.Optimizer) -> None:
+        """Refer to the parts; the optimizer's parameters are the loss's."""
+        self.loss = loss
+        self.optimizer = optimizer
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Return copies of all that changes in training; step sizes are not in it, the loop sets them."""
+        tensors = {f"loss/{name}": tensor for name, tensor in self.loss.state_dict().items()}
+        for index, entries in self.optimizer.state_dict()["state"].items():
+            tensors |= {f"optimizer/{index}/{name}": tensor for name, tensor in entries.items()}
+        tensors["random"] = torch.get_rng_state()
+        return {name: tensor.detach().clone().contiguous() for name, tensor in tensors.items()}
+
+    def restore(self, tensors: Mapping[str, Tensor]) -> None:
+        """Take back what `tensors` returned.
+
+        Raises `RuntimeError`, `LookupError` or `ValueError` where it is not of these networks.
+        """
+        loss: dict[str, Tensor] = {}
+        optimizer: dict[int, dict[str, Tensor]] = {}
+        for name, tensor in tensors.items():
+            part, _, rest = name.partition("/")
+            if part == "loss":
+                loss[rest] = tensor.clone()
+            elif part == "optimizer":
+                index, _, entry = rest.partition("/")
+                optimizer.setdefault(int(index), {})[entry] = tensor.clone()
+        self.loss.load_state_dict(loss)
+        groups = self.optimizer.state_dict()["param_groups"]
+        self.optimizer.load_state_dict({"state": optimizer, "param_groups": groups})
+        torch.set_rng_state(tensors["random"].clone())
+
+
+class Checkpoints:
+    """The checkpoints in a run's folder."""
+
+    def __init__(self, run: Path) -> None:
+        """Refer to the checkpoints of the run in the folder `run`; there may be none yet."""
+        self.folder = run / FOLDER
+        self._rotation = CheckpointRotation(self.folder, keep_last=2, keep_best=("CSR", "max"), prefix=PREFIX)
+
+    def latest(self) -> Path:
+        """Return the newest checkpoint; raises `FileNotFoundError` where there is none."""
+        files = sorted(self.folder.glob(f"{PREFIX}-*"))
+        if not files:
+            raise FileNotFoundError(f"no checkpoint in {str(self.folder)!r}; expected one of a training run")
+        return files[-1]
+
+    def save(self, learner: Learner, position: Position) -> None:
+        """Write a checkpoint, and remove those that are neither among the last two nor the best."""
+        self._rotation.save(_archive(learner), step=position.agent_steps, metadata=asdict(position))
+
+    def sweep(self) -> None:
+        """Remove what a process that was killed while it wrote has left; such files never count as checkpoints."""
+        _remove(self.folder.glob(f".{PREFIX}-*"))
+
+    def clear(self) -> None:
+        """Remove all checkpoints."""
+        self.sweep()
+        _remove(self.folder.glob(f"{PREFIX}-*"))
+
+
+def read_position(file: Path) -> Position:
+    """Return how far the run had come; raises `FormatError` where the file is no checkpoint."""
+    try:
+        return TypeAdapter(Position).validate_python(Checkpoint.manifest(file)["metadata"])
+    except _DAMAGE as error:
+        raise _refusal(file, error) from None
+
+
+def restore(file: Path, learner: Learner) -> None:
+    """Bring the learner to where it was; raises `FormatError` where the file is damaged or of other networks."""
+    try:
+        _archive(learner).load(file)
+    except _DAMAGE as error:
+        raise _refusal(file, error) from None
+
+
+class _LearnerAdapter(CheckpointAdapter):
+    """Writes a learner as safetensors: TorchRL's own adapters may unpickle what they read."""
+
+    adapter_id = "mapf_pz.learner"
+
+    def save(self, component: Learner, path: Path, *, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> None:
+        path.mkdir(parents=True)
+        save_file(component.tensors(), path / TENSORS)
+
+    def load(self, component: Learner, path: Path, **_: Any) -> None:
+        component.restore(load_file(path / TENSORS))
+
+
+def _archive(learner: Learner) -> Checkpoint:
+    checkpoint = Checkpoint(format="archive")
+    checkpoint.register("learner", learner, adapter=_LearnerAdapter())
+    return checkpoint
+
+
+def _refusal(file: Path, error: Exception) -> FormatError:
+    reason = " ".join(str(error).split())[:200]
+    return FormatError(file, f"not a checkpoint of this run; delete it to continue from the one before: {reason}")
+
+
+def _remove(paths: Iterable[Path]) -> None:
+    for path in paths:
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink()

@@ -1,0 +1,273 @@
+import csv
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import zipfile
+
+import pytest
+import torch
+from torchrl.checkpoint import Checkpoint
+
+import mapf_pz
+from mapf_pz.cli import main
+from mapf_pz.rl import BatchedMapfEnv, load_policy, train
+from mapf_pz.rl.algorithms import ALGORITHMS
+from mapf_pz.rl.checkpoint import Checkpoints, Learner, Position, read_position, restore
+from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
+from mapf_pz.rl.train import resume
+
+TINY = TrainConfig(
+    task=TaskConfig(height=6, width=6, num_agents=3, max_steps=12, view_size=(3, 3)),
+    model=ModelConfig(conv_channels=(4,), hidden=16),
+    ppo=PPOConfig(num_envs=4, steps_per_batch=16, num_epochs=1, minibatch_size=32),
+    agent_steps=1200,
+    checkpoint_interval=1,
+)
+PER_UPDATE = 4 * 16 * 3
+SHORT = "train quickstart --agent-steps 40000 --checkpoint-interval 1 --num-envs 4 --steps-per-batch 8 --num-epochs 1"
+SMALL = "--num-agents 3 --height 7 --width 7 --evaluate none"
+
+
+def rows(folder):
+    with (folder / "progress.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def steps(folder):
+    return [int(row["agent_steps"]) for row in rows(folder)]
+
+
+def train_interrupted(config, folder, updates):
+    seen = []
+
+    def interrupt(row):
+        seen.append(row)
+        if len(seen) == updates:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(config, folder, interrupt)
+
+
+def make_learner(config=TINY):
+    loss = ALGORITHMS[config.algorithm](BatchedMapfEnv(2, **config.task.env_keywords()).simulator.layout, config).loss
+    optimizer = torch.optim.Adam(loss.parameters())
+    sum(parameter.square().sum() for parameter in loss.parameters()).backward()
+    optimizer.step()
+    return Learner(loss, optimizer)
+
+
+@pytest.mark.parametrize("algorithm", ["mappo", "ippo", "central-ppo"])
+@pytest.mark.parametrize("interval", [1, 10**9])
+def test_a_stopped_run_continues_to_the_same_end(tmp_path, algorithm, interval):
+    config = dataclasses.replace(TINY, algorithm=algorithm, checkpoint_interval=interval)
+    train_interrupted(config, tmp_path, 3)
+    before = rows(tmp_path)
+    assert len(before) == 3
+    calls = []
+    assert resume(tmp_path, on_progress=calls.append) == tmp_path
+    assert steps(tmp_path) == [PER_UPDATE * (i + 1) for i in range(6)]
+    assert rows(tmp_path)[:3] == before
+    assert [row["agent_steps"] for row in calls] == steps(tmp_path)[3:]
+    assert float(rows(tmp_path)[3]["seconds"]) > float(before[-1]["seconds"])
+    assert load_policy(tmp_path).act({}) == {}
+    assert load_policy(tmp_path).config == config
+
+
+def test_rows_after_the_checkpoint_are_cut(tmp_path):
+    train_interrupted(TINY, tmp_path, 4)
+    checkpoints = sorted((tmp_path / "checkpoints").iterdir())
+    assert [read_position(file).updates for file in checkpoints][-2:] == [3, 4]
+    checkpoints[-1].unlink()
+    with (tmp_path / "progress.csv").open("a") as file:
+        file.write("960,0.1")  # killed while it wrote
+    resume(tmp_path)
+    assert steps(tmp_path) == [PER_UPDATE * (i + 1) for i in range(6)]
+
+
+def test_a_finished_run_can_be_made_longer_and_not_shorter(tmp_path):
+    train(dataclasses.replace(TINY, agent_steps=400), tmp_path)
+    resume(tmp_path)
+    assert len(rows(tmp_path)) == 2
+    with pytest.raises(ValueError, match="has come to 384 already"):
+        resume(tmp_path, agent_steps=200)
+    resume(tmp_path, agent_steps=600)
+    assert len(rows(tmp_path)) == 3
+    assert load_policy(tmp_path).config.agent_steps == 600
+
+
+def test_a_new_run_in_the_folder_replaces_the_checkpoints(tmp_path):
+    train(TINY, tmp_path)
+    train_interrupted(dataclasses.replace(TINY, seed=1), tmp_path, 1)
+    assert [read_position(file).updates for file in (tmp_path / "checkpoints").iterdir()] == [1]
+
+
+def test_episodes_after_resuming_are_not_the_first_ones(tmp_path):
+    train_interrupted(TINY, tmp_path, 1)
+    resume(tmp_path)
+    compared = ("episodes", "CSR", "ISR", "return")
+    first, second = ([row[key] for key in compared] for row in rows(tmp_path)[:2])
+    assert first != second
+
+
+def test_a_checkpoint_holds_weights_moments_and_random_numbers(tmp_path):
+    learner, other = make_learner(), make_learner(dataclasses.replace(TINY, seed=1))
+    parameters = list(other.loss.parameters())
+    checkpoints = Checkpoints(tmp_path)
+    checkpoints.save(learner, Position(1, 192, 0.5))
+    kept = learner.tensors()
+    expected = torch.rand(3)
+    assert any(not torch.equal(tensor, kept[name]) for name, tensor in other.tensors().items())
+    restore(checkpoints.latest(), other)
+    assert torch.equal(torch.rand(3), expected)
+    torch.set_rng_state(kept["random"])
+    torch.testing.assert_close(other.tensors(), kept, rtol=0, atol=0)
+    assert all(one is two for one, two in zip(parameters, other.loss.parameters(), strict=True))
+
+
+def test_the_last_two_and_the_best_are_kept(tmp_path):
+    checkpoints, learner = Checkpoints(tmp_path), make_learner()
+    for update, csr in enumerate((0.1, 0.7, 0.2, 0.3, 0.4), 1):
+        checkpoints.save(learner, Position(update, update * 10, csr))
+    assert [read_position(file).updates for file in sorted(checkpoints.folder.iterdir())] == [2, 4, 5]
+
+
+def test_nothing_is_pickled(tmp_path):
+    train(TINY, tmp_path)
+    names = {name for file in (tmp_path / "checkpoints").iterdir() for name in zipfile.ZipFile(file).namelist()}
+    assert {name.rpartition(".")[2] for name in names} == {"json", "safetensors"}
+    suffixes = {file.suffix for file in tmp_path.rglob("*") if file.is_file()}
+    assert suffixes == {".json", ".csv", ".png", ".safetensors", ".torchrl"}
+    content = b"".join(file.read_bytes() for file in (tmp_path / "checkpoints").iterdir())
+    assert b"pickle" not in content
+
+
+def truncated(file):
+    file.write_bytes(file.read_bytes()[:-200])
+
+
+def with_a_flipped_bit(file):
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+
+
+def empty(file):
+    file.write_bytes(b"")
+
+
+def not_an_archive(file):
+    file.write_bytes(b"\x80\x05pickle")
+
+
+def manifest_of_a_list(file):
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("manifest.json", "[]")
+
+
+def of_other_components(file):
+    Checkpoint(format="archive", value={"a": 1}).save(file, metadata=dataclasses.asdict(Position(3, 576, 0.0)))
+
+
+def of_other_networks(file):
+    learner = make_learner(dataclasses.replace(TINY, model=ModelConfig(conv_channels=(4,), hidden=8)))
+    checkpoints = Checkpoints(file.parent.parent)
+    file.unlink()
+    checkpoints.save(learner, Position(3, 576, 0.0))
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        truncated,
+        with_a_flipped_bit,
+        empty,
+        not_an_archive,
+        manifest_of_a_list,
+        of_other_components,
+        of_other_networks,
+    ],
+)
+def test_a_damaged_or_foreign_checkpoint_is_one_line(tmp_path, damage):
+    train_interrupted(TINY, tmp_path, 3)
+    newest = max((tmp_path / "checkpoints").iterdir())
+    damage(newest)
+    progress = (tmp_path / "progress.csv").read_bytes()
+    with pytest.raises(mapf_pz.FormatError, match="not a checkpoint of this run; delete it to continue") as caught:
+        resume(tmp_path)
+    assert "\n" not in str(caught.value)
+    assert (tmp_path / "progress.csv").read_bytes() == progress
+    newest.unlink()
+    resume(tmp_path)
+    assert len(rows(tmp_path)) == 6
+
+
+def test_a_checkpoint_of_other_batches_is_one_line(tmp_path):
+    train_interrupted(TINY, tmp_path, 1)
+    config = json.loads((tmp_path / "config.json").read_text())
+    config["ppo"]["num_envs"] = 8
+    (tmp_path / "config.json").write_text(json.dumps(config))
+    with pytest.raises(mapf_pz.FormatError, match=r"not a checkpoint of the run that config\.json describes"):
+        resume(tmp_path)
+
+
+def test_damaged_progress_is_one_line(tmp_path):
+    train_interrupted(TINY, tmp_path, 3)
+    file = tmp_path / "progress.csv"
+    lines = file.read_text().splitlines()
+    for content in ("", "\n".join(lines[:2]), "\n".join([*lines[:3], "x,1"]), "\n".join([*lines[:3], lines[1]])):
+        file.write_text(content)
+        with pytest.raises(mapf_pz.FormatError, match=r"progress\.csv: ") as caught:
+            resume(tmp_path)
+        assert "\n" not in str(caught.value)
+
+
+def test_what_is_not_a_run_is_one_line(tmp_path, capsys):
+    with pytest.raises(FileNotFoundError, match="no checkpoint in"):
+        resume(tmp_path)
+    assert main(["train", "resume", str(tmp_path), "--evaluate", "none"]) == 1
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def start(folder):
+    command = [sys.executable, "-m", "mapf_pz", *SHORT.split(), *SMALL.split(), "--output", str(folder)]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=os.environ)
+
+
+def wait_for_checkpoints(process, folder, seconds=60):
+    limit = time.monotonic() + seconds
+    while len(list((folder / "checkpoints").glob("checkpoint-*"))) < 2:
+        assert process.poll() is None, process.stderr.read().decode()
+        assert time.monotonic() < limit
+        time.sleep(0.01)
+
+
+def test_a_killed_run_continues_from_its_last_checkpoint(tmp_path, capsys):
+    with start(tmp_path) as process:
+        wait_for_checkpoints(process, tmp_path)
+        process.kill()
+    assert not (tmp_path / "policy.safetensors").exists()
+    config = json.loads((tmp_path / "config.json").read_text())
+    (tmp_path / "checkpoints" / ".checkpoint-1.stage-1").mkdir()  # as if killed while it wrote
+    done = read_position(Checkpoints(tmp_path).latest())
+    assert done.agent_steps < 5000
+    assert main(["train", "resume", str(tmp_path), "--agent-steps", "5000", "--evaluate", "none"]) == 0
+    assert config["agent_steps"] == 40000
+    assert steps(tmp_path) == [96 * (i + 1) for i in range(5000 // 96)]
+    assert load_policy(tmp_path).act({}) == {}
+    assert not list((tmp_path / "checkpoints").glob(".*"))
+
+
+def test_sigterm_saves_what_was_learnt(tmp_path):
+    with start(tmp_path) as process:
+        wait_for_checkpoints(process, tmp_path)
+        process.send_signal(signal.SIGTERM)
+        error = process.communicate()[1].decode()
+    assert (process.returncode, error) == (130, "mapf-pz train: interrupted\n")
+    done = read_position(Checkpoints(tmp_path).latest())
+    assert done.updates in (len(rows(tmp_path)), len(rows(tmp_path)) - 1)
+    assert load_policy(tmp_path).act({}) == {}
