@@ -288,3 +288,11 @@ def test_evaluate_tells_what_is_missing(capsys):
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert "expected the folder of a training run" in error
+
+
+def test_every_preset_has_a_suite():
+    pytest.importorskip("torchrl")
+    from mapf_pz.evaluate.suites import SUITES
+    from mapf_pz.rl.presets import PRESETS
+
+    assert PRESETS.keys() <= SUITES.keys()

@@ -61,10 +61,16 @@ def render(episode: EpisodeOptions) -> None:
     if ending not in SAVERS:
         raise ValueError(f"{episode.output}: expected a file that ends in {' or '.join(SAVERS)}")
     env, policy = _cast(episode)
-    episode.output.parent.mkdir(parents=True, exist_ok=True)
-    SAVERS[ending](_with_progress(_pictures(env, policy, episode.seed), episode.max_steps), episode.output, episode.fps)
+    save_episode(env, policy, episode.seed, episode.output, episode.fps)
+
+
+def save_episode(env: MapfEnv, policy: Policy, seed: int, output: Path, fps: float) -> None:
+    """Play an episode of `env`, which renders pictures, save it to `output`, and print its metrics."""
+    output.parent.mkdir(parents=True, exist_ok=True)
+    pictures = _with_progress(_pictures(env, policy, seed), env.config.max_steps)
+    SAVERS[output.suffix.lower()](pictures, output, fps)
     metrics = ", ".join(f"{name} {value:.4g}" for name, value in env.metrics().items())
-    print(f"{episode.output}: {env.step_count} steps, {metrics}")
+    print(f"{output}: {env.step_count} steps, {metrics}")
 
 
 def _save_last(frames: Frames, path: Path, fps: float) -> None:

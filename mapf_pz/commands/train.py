@@ -8,7 +8,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -16,7 +16,7 @@ from tyro.conf import Positional, subcommand
 from tyro.extras import subcommand_type_from_defaults
 
 from mapf_pz.commands.evaluate import evaluate_policy
-from mapf_pz.commands.render import EpisodeOptions, render
+from mapf_pz.commands.render import save_episode
 from mapf_pz.evaluate.suites import SUITES
 from mapf_pz.rl import load_policy
 from mapf_pz.rl import train as train_policy
@@ -26,12 +26,11 @@ from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.train import resume as resume_policy
 
 EPISODE_FILE = "episode.gif"
-SHOWN_EPISODE: dict[str, Any] = {"map": "warehouse-10-20-10-2-1", "num_agents": 10, "max_steps": 512}
 
 
 @dataclass(frozen=True)
 class TrainOptions:
-    """A training run, and what is done with the policy."""
+    """A training run, and what is done with the policy: every preset has a suite of its own name."""
 
     config: TrainConfig
     """The run."""
@@ -57,7 +56,7 @@ if TYPE_CHECKING:
     Run = TrainOptions | ResumeOptions
 else:
     Begin = subcommand_type_from_defaults(
-        {name: TrainOptions(config, Path("runs") / name) for name, config in PRESETS.items()}
+        {name: TrainOptions(config, Path("runs") / name, evaluate=name) for name, config in PRESETS.items()}
     )
     Run = Begin | Annotated[ResumeOptions, subcommand("resume")]
 
@@ -72,8 +71,10 @@ def train(run: Run) -> None:
     print(f"policy, configuration and progress written to {run.output}")
     if run.evaluate == "none":
         return
-    evaluate_policy(load_policy(run.output), SUITES[run.evaluate], run.output)
-    render(EpisodeOptions(run.output / EPISODE_FILE, policy=str(run.output), fps=8, **SHOWN_EPISODE))
+    policy, trials = load_policy(run.output), SUITES[run.evaluate]
+    evaluate_policy(policy, trials, run.output)
+    env = trials[-1].make_env(policy, render_mode="rgb_array")
+    save_episode(env, policy, trials[-1].seed, run.output / EPISODE_FILE, fps=8)
 
 
 def _learn(run: Run) -> None:

@@ -18,5 +18,12 @@ SUITES: dict[str, tuple[Trial, ...]] = {
             episodes=64,
         ),
     ),
+    "central-ppo": (
+        Trial(
+            "4 agents on random 8 x 8, 10 % obstacles",
+            {"source": RandomObstacles(8, 8, 0.1, 4), "max_steps": 64},
+            episodes=256,
+        ),
+    ),
 }
 """The suites that come with the project; none of their episodes is seen in training."""

@@ -2,6 +2,6 @@
 
 from mapf_pz.rl.batched_env import BatchedMapfEnv
 from mapf_pz.rl.policy import LearnedPolicy, load_policy
-from mapf_pz.rl.train import train
+from mapf_pz.rl.train import resume, train
 
-__all__ = ["BatchedMapfEnv", "LearnedPolicy", "load_policy", "train"]
+__all__ = ["BatchedMapfEnv", "LearnedPolicy", "load_policy", "resume", "train"]
