@@ -102,10 +102,11 @@ POLICIES: dict[AlgorithmName, type[LearnedPolicy]] = {
 """How what an algorithm has trained acts."""
 
 
-def save_policy(folder: Path, network: nn.Module, config: TrainConfig) -> None:
-    """Write the network's weights and the run's configuration to `folder`."""
-    (folder / CONFIG).write_bytes(_CONFIG_ADAPTER.dump_json(config, indent=2))
-    save_file({name: weight.contiguous() for name, weight in network.state_dict().items()}, folder / WEIGHTS)
+def save_weights(folder: Path, network: nn.Module) -> None:
+    """Write the network's weights to `folder`, beside the configuration that the run wrote when it began."""
+    beside = folder / f".{WEIGHTS}.new"
+    save_file({name: weight.contiguous() for name, weight in network.state_dict().items()}, beside)
+    beside.replace(folder / WEIGHTS)
 
 
 def load_config(file: Path) -> TrainConfig:

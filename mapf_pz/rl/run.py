@@ -12,7 +12,7 @@ from torch import nn
 
 from mapf_pz.rl.checkpoint import Checkpoints, Learner, Position, read_position, restore
 from mapf_pz.rl.config import TrainConfig
-from mapf_pz.rl.policy import CONFIG, WEIGHTS, save_policy
+from mapf_pz.rl.policy import CONFIG, WEIGHTS, save_weights
 from mapf_pz.types import FormatError
 
 PROGRESS, CURVE = "progress.csv", "learning_curve.png"
@@ -70,9 +70,9 @@ class RunFolder:
         self.checkpoints.save(learner, position)
         self._saved = position
 
-    def finish(self, network: nn.Module, config: TrainConfig) -> None:
-        """Write the policy, its configuration and the learning curve."""
-        save_policy(self.path, network, config)
+    def finish(self, network: nn.Module) -> None:
+        """Write the policy and the learning curve."""
+        save_weights(self.path, network)
         if self._rows:
             self._draw_curve()
 

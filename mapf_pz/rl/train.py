@@ -98,7 +98,7 @@ def _run(config: TrainConfig, run: RunFolder, checkpoint: Path | None, on_progre
         run.save(learner)
         raise
     finally:
-        run.finish(algorithm.network, config)
+        run.finish(algorithm.network)
     return run.path
 
 
