@@ -109,6 +109,11 @@ def save_weights(folder: Path, network: nn.Module) -> None:
     beside.replace(folder / WEIGHTS)
 
 
+def config_as_json(config: TrainConfig) -> bytes:
+    """Return what `load_config` reads."""
+    return _CONFIG_ADAPTER.dump_json(config, indent=2)
+
+
 def load_config(file: Path) -> TrainConfig:
     """Read a run's configuration; raises `FormatError` where it is malformed."""
     try:

@@ -7,12 +7,11 @@ import os
 from itertools import islice
 from pathlib import Path
 
-from pydantic import TypeAdapter
 from torch import nn
 
 from mapf_pz.rl.checkpoint import Checkpoints, Learner, Position, read_position, restore
 from mapf_pz.rl.config import TrainConfig
-from mapf_pz.rl.policy import CONFIG, WEIGHTS, save_weights
+from mapf_pz.rl.policy import CONFIG, WEIGHTS, config_as_json, save_weights
 from mapf_pz.types import FormatError
 
 PROGRESS, CURVE = "progress.csv", "learning_curve.png"
@@ -36,7 +35,7 @@ class RunFolder:
         self.checkpoints.clear()
         for name in (PROGRESS, CURVE, WEIGHTS):
             (self.path / name).unlink(missing_ok=True)
-        _replace(self.path / CONFIG, TypeAdapter(TrainConfig).dump_json(config, indent=2))
+        _replace(self.path / CONFIG, config_as_json(config))
 
     def resume(self, checkpoint: Path, learner: Learner, config: TrainConfig) -> None:
         """Go back to a checkpoint: the learner, and the rows of progress until then.
@@ -48,7 +47,7 @@ class RunFolder:
         self._rows = _read_rows(self.path / PROGRESS, self._saved)
         self.checkpoints.sweep()
         _replace(self.path / PROGRESS, "".join(map(_line, [list(self._rows[0]), *map(_texts, self._rows)])).encode())
-        _replace(self.path / CONFIG, TypeAdapter(TrainConfig).dump_json(config, indent=2))
+        _replace(self.path / CONFIG, config_as_json(config))
 
     @property
     def seconds(self) -> float:
