@@ -16,23 +16,23 @@ from torchrl.envs import Transform
 from torchrl.modules import IndependentNormal, ProbabilisticActor
 from torchrl.objectives import ClipPPOLoss, IPPOLoss, MAPPOLoss, PPOLoss, ValueEstimators
 
-from mapf_pz.observation import ObservationLayout
 from mapf_pz.rl.centralize import Centralize
 from mapf_pz.rl.config import AlgorithmName, PPOConfig, TrainConfig
 from mapf_pz.rl.models import Actor, LocalCritic, TeamActor, TeamCritic, TeamValue
+from mapf_pz.rl.observed import Observed
 
 
 class Algorithm(ABC):
-    """What the training loop needs to know, for the observations of `layout`."""
+    """What the training loop needs to know."""
 
-    reward_key: ClassVar[NestedKey]
+    reward_key: NestedKey
     """Where the reward is that the loss learns from."""
 
-    def __init__(self, layout: ObservationLayout, config: TrainConfig) -> None:
+    def __init__(self, config: TrainConfig) -> None:
         """Build the networks and the loss."""
-        self.layout = layout
         self.config = config
-        self.network = self.make_network(layout, config)
+        self.observed = Observed.by_policy_of(config.task)
+        self.network = self.make_network(config)
         """What is saved as the policy."""
         self.actor = self.make_actor()
         """What acts while data is collected."""
@@ -41,7 +41,7 @@ class Algorithm(ABC):
 
     @staticmethod
     @abstractmethod
-    def make_network(layout: ObservationLayout, config: TrainConfig) -> nn.Module:
+    def make_network(config: TrainConfig) -> nn.Module:
         """Return the policy's network with fresh weights."""
 
     @abstractmethod
@@ -61,13 +61,13 @@ class MultiAgentPPO(Algorithm):
     """Each agent acts by itself, all with one network; what the critic sees tells the algorithms apart."""
 
     reward_key = ("agents", "reward")
-    critic: ClassVar[type[nn.Module]]
+    critic: ClassVar[type[LocalCritic | TeamCritic]]
     loss_class: ClassVar[type[MAPPOLoss]]
 
     @staticmethod
-    def make_network(layout: ObservationLayout, config: TrainConfig) -> Actor:
+    def make_network(config: TrainConfig) -> Actor:
         """Return a network that works with any number of agents."""
-        return Actor(layout.image_shape, layout.num_features, layout.num_actions, config.model)
+        return Actor(Observed.by_policy_of(config.task), config.model)
 
     def make_actor(self) -> ProbabilisticActor:
         """Return the policy that draws each agent's action from the network's logits."""
@@ -81,7 +81,7 @@ class MultiAgentPPO(Algorithm):
 
     def make_loss(self) -> PPOLoss:
         """Return TorchRL's loss."""
-        network = self.critic(self.layout.image_shape, self.layout.num_features, self.config.model)
+        network = self.critic(self.observed, self.config.model)
         critic = TensorDictModule(network, in_keys=self._observed(), out_keys=[("agents", "state_value")])
         loss = self.loss_class(self.actor, critic, **_coefficients(self.config.ppo))
         loss.set_keys(
@@ -90,11 +90,11 @@ class MultiAgentPPO(Algorithm):
             reward=self.reward_key,
             sample_log_prob=("agents", "action_log_prob"),
         )
-        loss.make_value_estimator(ValueEstimators.MAGAE, gamma=self.config.ppo.gamma, lmbda=self.config.ppo.lmbda)
+        loss.make_value_estimator(ValueEstimators.MAGAE, **_estimation(self.config.ppo))
         return loss
 
     def _observed(self) -> list[NestedKey]:
-        if self.layout.num_features:
+        if self.observed.features:
             return [("agents", "observation", "image"), ("agents", "observation", "features")]
         return [("agents", "observation")]
 
@@ -114,19 +114,27 @@ class IPPO(MultiAgentPPO):
 
 
 class CentralPPO(Algorithm):
-    """The report's single policy: all agents' observations stacked, and a matrix of N x A numbers as the action."""
+    """The report's single policy: all agents' observations stacked, and a matrix of N x A numbers as the action.
 
-    reward_key = ("team", "reward")
+    With `credit="team"` the matrix is one action with one advantage, from the mean reward. With `credit="agent"` each
+    row has an advantage of its own, from its agent's reward: the policy is the same product of distributions, but what
+    one agent earns no longer blurs what another has done.
+    """
+
+    def __init__(self, config: TrainConfig) -> None:
+        """Build the networks and the loss."""
+        self._each = config.ppo.credit == "agent"
+        self.reward_key = ("agents", "reward") if self._each else ("team", "reward")
+        super().__init__(config)
 
     @staticmethod
-    def make_network(layout: ObservationLayout, config: TrainConfig) -> TeamActor:
+    def make_network(config: TrainConfig) -> TeamActor:
         """Return a network for exactly the number of agents that it is trained with."""
-        num_agents = config.task.num_agents
-        return TeamActor(layout.image_shape, layout.num_features, layout.num_actions, num_agents, config.model)
+        return TeamActor(Observed.by_policy_of(config.task), config.task.num_agents, config.model)
 
     def transforms(self) -> list[Transform]:
         """Return the step to the centralized form."""
-        return [Centralize(self.layout.num_actions, self.config.task.action_mode, self.config.seed)]
+        return [Centralize(self.observed.actions, self.config.task.action_mode, self.config.seed)]
 
     def make_actor(self) -> ProbabilisticActor:
         """Return the policy that draws the matrix from a normal distribution with a learned, common spread."""
@@ -136,28 +144,30 @@ class CentralPPO(Algorithm):
             in_keys=parameters,
             out_keys=[("team", "action")],
             distribution_class=IndependentNormal,
-            distribution_kwargs={"tanh_loc": False},
+            distribution_kwargs={"tanh_loc": False, "event_dim": 1 if self._each else 2},
             return_log_prob=True,
         )
 
     def make_loss(self) -> PPOLoss:
         """Return TorchRL's loss."""
-        layout, config = self.layout, self.config
-        network = TeamValue(layout.image_shape, layout.num_features, config.task.num_agents, config.model)
+        config = self.config
+        network = TeamValue(self.observed, config.task.num_agents, config.ppo.credit, config.model)
         critic = TensorDictModule(network, in_keys=self._observed(), out_keys=[("team", "state_value")])
-        loss = ClipPPOLoss(self.actor, critic, **_coefficients(config.ppo))
+        loss_class = MAPPOLoss if self._each else ClipPPOLoss
+        loss = loss_class(self.actor, critic, **_coefficients(config.ppo))
         loss.set_keys(
             value=("team", "state_value"),
             action=("team", "action"),
             reward=self.reward_key,
             sample_log_prob=("team", "action_log_prob"),
         )
-        loss.make_value_estimator(ValueEstimators.GAE, gamma=config.ppo.gamma, lmbda=config.ppo.lmbda)
+        estimator = ValueEstimators.MAGAE if self._each else ValueEstimators.GAE
+        loss.make_value_estimator(estimator, **_estimation(config.ppo))
         return loss
 
     def _observed(self) -> list[NestedKey]:
         keys: list[NestedKey] = [("team", "image"), ("team", "features")]
-        return keys if self.layout.num_features else keys[:1]
+        return keys if self.observed.features else keys[:1]
 
 
 ALGORITHMS: dict[AlgorithmName, type[Algorithm]] = {"mappo": MAPPO, "ippo": IPPO, "central-ppo": CentralPPO}
@@ -171,3 +181,8 @@ def _coefficients(ppo: PPOConfig) -> dict[str, Any]:
         "critic_coeff": ppo.critic_coeff,
         "normalize_advantage": True,
     }
+
+
+def _estimation(ppo: PPOConfig) -> dict[str, Any]:
+    # A loop over values and next values: vectorized over both, the convolutions take four times as long.
+    return {"gamma": ppo.gamma, "lmbda": ppo.lmbda, "deactivate_vmap": True}

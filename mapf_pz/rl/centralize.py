@@ -22,7 +22,7 @@ class Centralize(Transform):
     | --- | --- | --- |
     | `("team", "image")` | (B, N * K, h, w) float32 | the agents' images, stacked in their order |
     | `("team", "features")` | (B, N * F) float32 | with `features`: the agents' features, likewise |
-    | `("team", "action")` | (B, N * A) float32 | a value in [-1, 1] per agent and action; others count as the nearest |
+    | `("team", "action")` | (B, N, A) float32 | a value in [-1, 1] per agent and action; others count as the nearest |
     | `("team", "reward")` | (B, 1) float32 | the mean of the agents' rewards |
     """
 
@@ -69,7 +69,7 @@ class Centralize(Transform):
         if values is not None:
             rows = values.detach().clamp(-1, 1).reshape(-1, self._num_actions).numpy().astype(np.float64)
             actions = torch.from_numpy(self._decode(rows, self._rng))
-            tensordict.set(("agents", "action"), actions.view(*values.shape[:-1], -1))
+            tensordict.set(("agents", "action"), actions.view(values.shape[:-1]))
         return tensordict
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
@@ -97,7 +97,7 @@ class Centralize(Transform):
         whole = cast("Composite", input_spec)
         batch = whole.shape
         num_agents = whole["full_action_spec", "agents", "action"].shape[-1]
-        shape = torch.Size([*batch, num_agents * self._num_actions])
+        shape = torch.Size([*batch, num_agents, self._num_actions])
         action = Bounded(-1.0, 1.0, shape=shape, dtype=torch.float32)
         whole["full_action_spec"] = Composite(team=Composite(action=action, shape=batch), shape=batch)
         return whole

@@ -10,6 +10,7 @@ from mapf_pz.config import REWARDS, ActionModel, Frame, RewardConfig, View
 from mapf_pz.instances.sources import RandomObstacles
 
 AlgorithmName = Literal["mappo", "ippo", "central-ppo"]
+Credit = Literal["team", "agent"]
 
 OBSERVATION_FIELDS = (
     "action_model",
@@ -108,6 +109,8 @@ class PPOConfig:
     """Weight of the value loss."""
     max_grad_norm: float = 0.5
     """Gradients are scaled down to this norm."""
+    credit: Credit = "agent"
+    """Of `central-ppo`: one advantage for the `team`, or one for each `agent`; the other algorithms have the latter."""
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,6 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from mapf_pz.action_modes import ACTION_MODES
-from mapf_pz.config import EnvConfig
-from mapf_pz.observation import ObservationLayout
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.config import AlgorithmName, TrainConfig
 from mapf_pz.types import FormatError
@@ -138,9 +136,7 @@ def load_policy(policy: str | Path, seed: int = 0, deterministic: bool = False) 
                 f"policy {str(policy)!r}: no file {str(file)!r}; expected the folder of a training run"
             )
     config = load_config(folder / CONFIG)
-    env_kwargs = config.task.observation_keywords()
-    layout = ObservationLayout(EnvConfig.from_keywords(**env_kwargs), env_kwargs["view_size"])
-    network = ALGORITHMS[config.algorithm].make_network(layout, config)
+    network = ALGORITHMS[config.algorithm].make_network(config)
     try:
         network.load_state_dict(load_file(folder / WEIGHTS))
     except (SafetensorError, RuntimeError) as error:

@@ -80,7 +80,7 @@ def _run(config: TrainConfig, run: RunFolder, checkpoint: Path | None, on_progre
     seed = _seed(config.seed, done)
     env = BatchedMapfEnv(config.ppo.num_envs, config.num_threads, **config.task.env_keywords())
     env.set_seed(seed)
-    algorithm = ALGORITHMS[config.algorithm](env.simulator.layout, replace(config, seed=seed))
+    algorithm = ALGORITHMS[config.algorithm](replace(config, seed=seed))
     optimizer = torch.optim.Adam(algorithm.loss.parameters(), config.ppo.learning_rate, eps=1e-5)
     learner = Learner(algorithm.loss, optimizer)
     if checkpoint is None:

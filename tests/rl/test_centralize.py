@@ -30,7 +30,7 @@ def test_a_row_is_the_gymnasium_form():
         assert np.array_equal(seen["image"], now["team", "image"][1].numpy())
         assert np.array_equal(seen["features"], now["team", "features"][1].numpy())
         values = rng.uniform(-1, 1, (2, 3, 4)).astype(np.float32)
-        now["team", "action"] = torch.from_numpy(values).flatten(1)
+        now["team", "action"] = torch.from_numpy(values)
         now = team.step(now)["next"]
         seen, reward, terminated, truncated, _ = single.step(values[1])
         assert reward == pytest.approx(now["team", "reward"][1].item(), abs=1e-6)

@@ -14,7 +14,7 @@ from torchrl.checkpoint import Checkpoint
 
 import mapf_pz
 from mapf_pz.cli import main
-from mapf_pz.rl import BatchedMapfEnv, load_policy, train
+from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.checkpoint import Checkpoints, Learner, Position, read_position, restore
 from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
@@ -54,7 +54,7 @@ def train_interrupted(config, folder, updates):
 
 
 def make_learner(config=TINY):
-    loss = ALGORITHMS[config.algorithm](BatchedMapfEnv(2, **config.task.env_keywords()).simulator.layout, config).loss
+    loss = ALGORITHMS[config.algorithm](config).loss
     optimizer = torch.optim.Adam(loss.parameters())
     sum(parameter.square().sum() for parameter in loss.parameters()).backward()
     optimizer.step()

@@ -62,13 +62,17 @@ def test_interrupt_saves_the_policy(tmp_path):
     assert load_policy(tmp_path).act({}) == {}
 
 
-@pytest.mark.parametrize("name", ["mappo", "ippo", "central-ppo"])
-def test_truncation_bootstraps_and_termination_does_not(name):
+@pytest.mark.parametrize(
+    ("name", "credit", "group"),
+    [("mappo", "agent", "agents"), ("ippo", "agent", "agents")]
+    + [("central-ppo", credit, "team") for credit in ("team", "agent")],
+)
+def test_truncation_bootstraps_and_termination_does_not(name, credit, group):
     env = BatchedMapfEnv(2, **TINY.task.env_keywords())
-    algorithm = ALGORITHMS[name](env.simulator.layout, TINY)
-    loss, group = algorithm.loss, algorithm.reward_key[0]
+    algorithm = ALGORITHMS[name](dataclasses.replace(TINY, ppo=dataclasses.replace(TINY.ppo, credit=credit)))
+    loss = algorithm.loss
     batch = TransformedEnv(env, Compose(*algorithm.transforms())).rollout(1, algorithm.actor)
-    batch["next", group, "reward"] = torch.zeros_like(batch["next", group, "reward"])
+    batch["next", algorithm.reward_key] = torch.zeros_like(batch["next", algorithm.reward_key])
     batch["next", "done"] = torch.ones_like(batch["next", "done"])
     batch["next", "terminated"] = torch.tensor([[[True]], [[False]]])
     with torch.no_grad():
