@@ -67,7 +67,8 @@ REWARDS: dict[str, RewardConfig] = {
         step_cost=0.05,
         blocked=0.05,
         team_goal=2.0,
-        share=0.5,
+        share=2.0,
+        share_radius=2,
     ),
 }
 """The rewards that have a name."""

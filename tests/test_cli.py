@@ -277,14 +277,14 @@ def test_train_then_evaluate(tmp_path, capsys):
     assert main(["train", "quickstart", "--output", str(run), "--evaluate", "none", *small.split()]) == 0
     assert (run / "policy.safetensors").exists()
     words = ["--map", "empty-8-8", "--num-agents", "2", "--max-steps", "5", "--episodes", "2"]
-    assert main(["evaluate", str(run), *words, "--output", str(tmp_path / "evaluation")]) == 0
+    assert main(["evaluate", "--policy", str(run), *words, "--output", str(tmp_path / "evaluation")]) == 0
     assert "2 agents on empty-8-8" in capsys.readouterr().out
     assert len((tmp_path / "evaluation" / "episodes.csv").read_text().splitlines()) == 3
 
 
 def test_evaluate_tells_what_is_missing(capsys):
     pytest.importorskip("torchrl")
-    assert main(["evaluate", "no-such-run"]) == 1
+    assert main(["evaluate", "--policy", "no-such-run"]) == 1
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert "expected the folder of a training run" in error

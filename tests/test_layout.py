@@ -19,6 +19,7 @@ ORDER = [
     "action_modes",
     "core",
     "metrics",
+    "neighbors",
     "instances",
     "observation",
     "simulator",

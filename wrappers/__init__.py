@@ -3,5 +3,16 @@
 from mapf_pz.action_modes import ACTION_MODES, ActionMode
 from mapf_pz.wrappers.action_vector import ActionVector
 from mapf_pz.wrappers.centralized import CentralizedEnv, TeamReward, centralized_env
+from mapf_pz.wrappers.history import History
+from mapf_pz.wrappers.sharing import Sharing
 
-__all__ = ["ACTION_MODES", "ActionMode", "ActionVector", "CentralizedEnv", "TeamReward", "centralized_env"]
+__all__ = [
+    "ACTION_MODES",
+    "ActionMode",
+    "ActionVector",
+    "CentralizedEnv",
+    "History",
+    "Sharing",
+    "TeamReward",
+    "centralized_env",
+]

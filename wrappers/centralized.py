@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, Literal, TypeAlias, cast
+from collections.abc import Callable
+from typing import Any, Literal, TypeAlias
 
 import gymnasium
 import numpy as np
@@ -14,6 +14,7 @@ from pettingzoo import ParallelEnv
 from mapf_pz.action_modes import ActionMode
 from mapf_pz.environment import AgentObservation, MapfEnv, parallel_env
 from mapf_pz.wrappers.action_vector import ActionVector
+from mapf_pz.wrappers.stacking import stacked, stacked_space, zeros
 
 TeamReward = Literal["sum", "mean"]
 TeamObservation: TypeAlias = "NDArray[np.float32] | dict[str, NDArray[np.float32]]"
@@ -69,9 +70,9 @@ class CentralizedEnv(gymnasium.Env[TeamObservation, ArrayLike]):
         self._names = self.env.possible_agents
         self._team_reward = TEAM_REWARDS[team_reward]
         seen = self.env.observation_space(self._names[0])
-        self.observation_space = _team_space(seen, len(self._names))
+        self.observation_space = stacked_space(seen, len(self._names))
         self.action_space = spaces.Box(-1, 1, (len(self._names), self.env.num_actions), np.float32)
-        self._nothing = _zeros(seen)
+        self._nothing = zeros(seen)
         self._no_metrics: dict[str, float] = {}
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[TeamObservation, Info]:
@@ -109,7 +110,7 @@ class CentralizedEnv(gymnasium.Env[TeamObservation, ArrayLike]):
 
     def _join(self, observations: dict[str, AgentObservation]) -> TeamObservation:
         """Put the agents' observations one after the other, in new arrays; zeros for those who have left."""
-        return _joined([observations.get(name, self._nothing) for name in self._names])
+        return stacked([observations.get(name, self._nothing) for name in self._names])
 
 
 def centralized_env(
@@ -117,25 +118,3 @@ def centralized_env(
 ) -> CentralizedEnv:
     """Make the environment and centralize it; the other keywords, and what they raise, are those of `parallel_env`."""
     return CentralizedEnv(parallel_env(**keywords), action_mode, team_reward)
-
-
-def _joined(parts: Sequence[Any]) -> TeamObservation:
-    """Join arrays along their first axis; of dictionaries, those of each key."""
-    if isinstance(parts[0], dict):
-        return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
-    return np.concatenate(parts)
-
-
-def _team_space(space: spaces.Space[Any], num_agents: int) -> spaces.Space[Any]:
-    """Return the space of `num_agents` joined observations of `space`, a Box or a Dict of them."""
-    if isinstance(space, spaces.Dict):
-        return spaces.Dict({key: _team_space(part, num_agents) for key, part in space.items()})
-    box = cast("spaces.Box", space)
-    return spaces.Box(np.concatenate([box.low] * num_agents), np.concatenate([box.high] * num_agents), dtype=np.float32)
-
-
-def _zeros(space: spaces.Space[Any]) -> Any:
-    """Return an observation of `space`, a Box or a Dict of them, that is all zeros."""
-    if isinstance(space, spaces.Dict):
-        return {key: _zeros(part) for key, part in space.items()}
-    return np.zeros(space.shape or (), np.float32)

@@ -9,7 +9,6 @@ from typing import Any
 
 from rich.console import Console
 from rich.progress import track
-from tyro.conf import Positional
 
 from mapf_pz.evaluate.report import Episodes, results_table, write_episodes
 from mapf_pz.evaluate.run import Policy, Trial, run_episodes
@@ -23,8 +22,8 @@ EPISODES_FILE, TABLE_FILE = "episodes.csv", "evaluation.txt"
 class EvaluateOptions:
     """Which policy, and what it is tried on: a suite, or one map."""
 
-    policy: Positional[str]
-    """The folder of a training run, or the policy's weights in it."""
+    policy: str
+    """The name of a policy that comes with the package, the folder of a training run, or the weights' file in it."""
     suite: str = "quickstart"
     """The name of a suite; not used where a map is given."""
     map: str | None = None

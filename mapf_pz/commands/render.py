@@ -15,8 +15,8 @@ from rich.progress import track
 from tyro.conf import Positional
 
 from mapf_pz.config import ActionModel, CollisionSystem, EnvConfig, OnTarget
-from mapf_pz.environment import MapfEnv, parallel_env
-from mapf_pz.evaluate.run import Policy, play
+from mapf_pz.environment import parallel_env
+from mapf_pz.evaluate.run import AnyEnv, Policy, make_env, play
 from mapf_pz.render.gif import save_gif, save_png
 
 Frames = Iterable[NDArray[np.uint8]]
@@ -29,7 +29,7 @@ class EpisodeOptions:
     output: Positional[Path]
     """The file: `.gif` shows the whole episode, `.png` its end."""
     policy: str = "random"
-    """`random`, or a trained policy: the folder of a run."""
+    """`random`, or a trained policy: its name, if it comes with the package, or the folder of a run."""
     map: str = str(EnvConfig.map)
     """A map's name or the path of a `.map` file."""
     scenario: str | None = None
@@ -64,7 +64,7 @@ def render(episode: EpisodeOptions) -> None:
     save_episode(env, policy, episode.seed, episode.output, episode.fps)
 
 
-def save_episode(env: MapfEnv, policy: Policy, seed: int, output: Path, fps: float) -> None:
+def save_episode(env: AnyEnv, policy: Policy, seed: int, output: Path, fps: float) -> None:
     """Play an episode of `env`, which renders pictures, save it to `output`, and print its metrics."""
     output.parent.mkdir(parents=True, exist_ok=True)
     pictures = _with_progress(_pictures(env, policy, seed), env.config.max_steps)
@@ -98,7 +98,7 @@ class RandomPolicy:
         """Forget the episode; this policy remembers nothing."""
 
 
-def _cast(episode: EpisodeOptions) -> tuple[MapfEnv, Policy]:
+def _cast(episode: EpisodeOptions) -> tuple[AnyEnv, Policy]:
     """Return the environment, and who acts in it."""
     keywords = episode.keywords() | {"render_mode": "rgb_array"}
     if episode.policy == "random":
@@ -107,10 +107,10 @@ def _cast(episode: EpisodeOptions) -> tuple[MapfEnv, Policy]:
     from mapf_pz.rl.policy import load_policy
 
     policy = load_policy(episode.policy, episode.seed)
-    return parallel_env(**(policy.env_kwargs | keywords)), policy
+    return make_env(policy, **keywords), policy
 
 
-def _pictures(env: MapfEnv, policy: Policy, seed: int) -> Iterator[NDArray[np.uint8]]:
+def _pictures(env: AnyEnv, policy: Policy, seed: int) -> Iterator[NDArray[np.uint8]]:
     """Yield a picture (rows, cols, 3) of the beginning of an episode, and one after each step."""
     for _ in play(env, policy, seed):
         yield cast("NDArray[np.uint8]", env.render())

@@ -5,9 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
-from mapf_pz.environment import MapfEnv, parallel_env
+from pettingzoo.utils import BaseParallelWrapper
+
+from mapf_pz.environment import AgentObservation, MapfEnv, parallel_env
+from mapf_pz.wrappers import History, Sharing
+
+AnyEnv: TypeAlias = "MapfEnv | BaseParallelWrapper[str, AgentObservation, Any]"
+"""A `MapfEnv`, or a wrapper of one: it has the same attributes."""
+
+WRAPPERS: dict[str, type[History | Sharing]] = {"History": History, "Sharing": Sharing}
+"""What policies may need around the environment, by name."""
 
 
 class Policy(Protocol):
@@ -35,12 +44,24 @@ class Trial:
     seed: int = 1_000_000
     """Of the first episode; the others follow by ones."""
 
-    def make_env(self, policy: Policy, **keywords: Any) -> MapfEnv:
+    def make_env(self, policy: Policy, **keywords: Any) -> AnyEnv:
         """Return the environment, as the policy must see it; `keywords` come on top."""
-        return parallel_env(**(getattr(policy, "env_kwargs", {}) | self.keywords | keywords))
+        return make_env(policy, **(self.keywords | keywords))
 
 
-def play(env: MapfEnv, policy: Policy, seed: int) -> Iterator[float]:
+def make_env(policy: Policy, **keywords: Any) -> AnyEnv:
+    """Return the environment of `parallel_env(**keywords)`, as the policy must see it.
+
+    A policy may say so by two attributes: `env_kwargs`, keywords that those given here overrule, and `env_wrappers`,
+    pairs of a name in `WRAPPERS` and its keywords, innermost first.
+    """
+    env: AnyEnv = parallel_env(**(getattr(policy, "env_kwargs", {}) | keywords))
+    for name, arguments in getattr(policy, "env_wrappers", ()):
+        env = WRAPPERS[name](env, **arguments)
+    return env
+
+
+def play(env: AnyEnv, policy: Policy, seed: int) -> Iterator[float]:
     """Play an episode; yield at its beginning (0.0), and after each step the seconds that the policy took to decide."""
     observations, _ = env.reset(seed=seed)
     policy.reset_states()

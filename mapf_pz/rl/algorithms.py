@@ -8,18 +8,20 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
+import torch
 from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
 from torch import nn
 from torch.distributions import Categorical
-from torchrl.envs import Transform
+from torchrl.data import Unbounded
+from torchrl.envs import InitTracker, TensorDictPrimer, Transform
 from torchrl.modules import IndependentNormal, ProbabilisticActor
 from torchrl.objectives import ClipPPOLoss, IPPOLoss, MAPPOLoss, PPOLoss, ValueEstimators
 
 from mapf_pz.rl.centralize import Centralize
 from mapf_pz.rl.config import AlgorithmName, PPOConfig, TrainConfig
-from mapf_pz.rl.models import Actor, LocalCritic, TeamActor, TeamCritic, TeamValue
-from mapf_pz.rl.observed import Observed
+from mapf_pz.rl.models import Actor, LocalCritic, TeamActor, TeamCritic, TeamValue, with_memory
+from mapf_pz.rl.observed import Observed, observation_transforms
 
 
 class Algorithm(ABC):
@@ -27,6 +29,8 @@ class Algorithm(ABC):
 
     reward_key: NestedKey
     """Where the reward is that the loss learns from."""
+    parameters: ClassVar[list[NestedKey]]
+    """Where what the network says of the distribution of actions is."""
 
     def __init__(self, config: TrainConfig) -> None:
         """Build the networks and the loss."""
@@ -52,28 +56,50 @@ class Algorithm(ABC):
     def make_loss(self) -> PPOLoss:
         """Return the loss, with the critic and the estimator of advantages."""
 
-    def transforms(self) -> list[Transform]:
-        """Return what brings the environment into the form that the actor acts in."""
-        return []
+    @abstractmethod
+    def observed_keys(self) -> list[NestedKey]:
+        """Return where the image is, and the features if there are any."""
+
+    @staticmethod
+    def num_memories(config: TrainConfig) -> int:
+        """Return how many memories there are in an environment: one per agent."""
+        return config.task.num_agents
+
+    def transforms(self, seed: int) -> list[Transform]:
+        """Return what brings the environment into the form that the actor acts in; `seed` is of what it draws."""
+        transforms = observation_transforms(self.config.task)
+        size = self.config.model.recurrent
+        if size == 0:
+            return transforms
+        memory = Unbounded(shape=torch.Size([self.num_memories(self.config), size]))
+        return [*transforms, InitTracker(), TensorDictPrimer({"memory": memory}, expand_specs=True)]
+
+    def network_module(self) -> TensorDictModule:
+        """Return the network with the keys that it reads and writes; a memory is handed from step to step."""
+        if self.config.model.recurrent == 0:
+            return TensorDictModule(self.network, in_keys=self.observed_keys(), out_keys=self.parameters)
+        in_keys: list[NestedKey] = ["memory", "is_init", *self.observed_keys()]
+        return TensorDictModule(self.network, in_keys=in_keys, out_keys=[*self.parameters, ("next", "memory")])
 
 
 class MultiAgentPPO(Algorithm):
     """Each agent acts by itself, all with one network; what the critic sees tells the algorithms apart."""
 
     reward_key = ("agents", "reward")
+    parameters: ClassVar[list[NestedKey]] = [("agents", "logits")]
     critic: ClassVar[type[LocalCritic | TeamCritic]]
     loss_class: ClassVar[type[MAPPOLoss]]
 
     @staticmethod
-    def make_network(config: TrainConfig) -> Actor:
+    def make_network(config: TrainConfig) -> nn.Module:
         """Return a network that works with any number of agents."""
-        return Actor(Observed.by_policy_of(config.task), config.model)
+        return with_memory(Actor(Observed.by_policy_of(config.task), config.model), config.model)
 
     def make_actor(self) -> ProbabilisticActor:
         """Return the policy that draws each agent's action from the network's logits."""
         return ProbabilisticActor(
-            TensorDictModule(self.network, in_keys=self._observed(), out_keys=[("agents", "logits")]),
-            in_keys=[("agents", "logits")],
+            self.network_module(),
+            in_keys=self.parameters,
             out_keys=[("agents", "action")],
             distribution_class=Categorical,
             return_log_prob=True,
@@ -82,7 +108,7 @@ class MultiAgentPPO(Algorithm):
     def make_loss(self) -> PPOLoss:
         """Return TorchRL's loss."""
         network = self.critic(self.observed, self.config.model)
-        critic = TensorDictModule(network, in_keys=self._observed(), out_keys=[("agents", "state_value")])
+        critic = TensorDictModule(network, in_keys=self.observed_keys(), out_keys=[("agents", "state_value")])
         loss = self.loss_class(self.actor, critic, **_coefficients(self.config.ppo))
         loss.set_keys(
             value=("agents", "state_value"),
@@ -93,7 +119,8 @@ class MultiAgentPPO(Algorithm):
         loss.make_value_estimator(ValueEstimators.MAGAE, **_estimation(self.config.ppo))
         return loss
 
-    def _observed(self) -> list[NestedKey]:
+    def observed_keys(self) -> list[NestedKey]:
+        """Return each agent's."""
         if self.observed.features:
             return [("agents", "observation", "image"), ("agents", "observation", "features")]
         return [("agents", "observation")]
@@ -121,6 +148,8 @@ class CentralPPO(Algorithm):
     one agent earns no longer blurs what another has done.
     """
 
+    parameters: ClassVar[list[NestedKey]] = [("team", "loc"), ("team", "scale")]
+
     def __init__(self, config: TrainConfig) -> None:
         """Build the networks and the loss."""
         self._each = config.ppo.credit == "agent"
@@ -128,20 +157,25 @@ class CentralPPO(Algorithm):
         super().__init__(config)
 
     @staticmethod
-    def make_network(config: TrainConfig) -> TeamActor:
+    def make_network(config: TrainConfig) -> nn.Module:
         """Return a network for exactly the number of agents that it is trained with."""
-        return TeamActor(Observed.by_policy_of(config.task), config.task.num_agents, config.model)
+        actor = TeamActor(Observed.by_policy_of(config.task), config.task.num_agents, config.model)
+        return with_memory(actor, config.model)
 
-    def transforms(self) -> list[Transform]:
+    @staticmethod
+    def num_memories(config: TrainConfig) -> int:
+        """Return 1: the team's."""
+        return 1
+
+    def transforms(self, seed: int) -> list[Transform]:
         """Return the step to the centralized form."""
-        return [Centralize(self.observed.actions, self.config.task.action_mode, self.config.seed)]
+        return [*super().transforms(seed), Centralize(self.observed.actions, self.config.task.action_mode, seed)]
 
     def make_actor(self) -> ProbabilisticActor:
         """Return the policy that draws the matrix from a normal distribution with a learned, common spread."""
-        parameters: list[NestedKey] = [("team", "loc"), ("team", "scale")]
         return ProbabilisticActor(
-            TensorDictModule(self.network, in_keys=self._observed(), out_keys=parameters),
-            in_keys=parameters,
+            self.network_module(),
+            in_keys=self.parameters,
             out_keys=[("team", "action")],
             distribution_class=IndependentNormal,
             distribution_kwargs={"tanh_loc": False, "event_dim": 1 if self._each else 2},
@@ -152,7 +186,7 @@ class CentralPPO(Algorithm):
         """Return TorchRL's loss."""
         config = self.config
         network = TeamValue(self.observed, config.task.num_agents, config.ppo.credit, config.model)
-        critic = TensorDictModule(network, in_keys=self._observed(), out_keys=[("team", "state_value")])
+        critic = TensorDictModule(network, in_keys=self.observed_keys(), out_keys=[("team", "state_value")])
         loss_class = MAPPOLoss if self._each else ClipPPOLoss
         loss = loss_class(self.actor, critic, **_coefficients(config.ppo))
         loss.set_keys(
@@ -165,7 +199,8 @@ class CentralPPO(Algorithm):
         loss.make_value_estimator(estimator, **_estimation(config.ppo))
         return loss
 
-    def _observed(self) -> list[NestedKey]:
+    def observed_keys(self) -> list[NestedKey]:
+        """Return the team's."""
         keys: list[NestedKey] = [("team", "image"), ("team", "features")]
         return keys if self.observed.features else keys[:1]
 

@@ -24,6 +24,7 @@ class BatchedMapfEnv(EnvBase):
     | `("agents", "observation")` | (B, N, K, h, w) float32 | with `features`: its entries `image` and `features` |
     | `("agents", "action_mask")` | (B, N, A) bool | what the map allows |
     | `("agents", "at_goal")` | (B, N, 1) bool | the last step ended on the agent's goal |
+    | `("agents", "position")` | (B, N, 2) int64 | [row, col]; -1 for agents that have disappeared |
     | `("agents", "action")` | (B, N) int64 | |
     | `("agents", "reward")` | (B, N, 1) float32 | |
     | `done`, `terminated`, `truncated` | (B, 1) bool | of the team's episode |
@@ -55,6 +56,7 @@ class BatchedMapfEnv(EnvBase):
             observation=_observation_spec(self.simulator.layout.space(), each),
             action_mask=Binary(num_actions, shape=torch.Size([*each, num_actions]), dtype=torch.bool),
             at_goal=Binary(1, shape=one, dtype=torch.bool),
+            position=Bounded(-1, max(self.simulator.shape) - 1, shape=torch.Size([*each, 2]), dtype=torch.int64),
             shape=each,
         )
         self.observation_spec = Composite(agents=observed, shape=batch)
@@ -87,7 +89,9 @@ class BatchedMapfEnv(EnvBase):
         return self._with_flags(result, *(torch.from_numpy(flag).unsqueeze(-1) for flag in (terminated, truncated)))
 
     def _observe(self) -> TensorDict:
-        seen = self.simulator.observe()
+        seen, agents = self.simulator.observe(), self.simulator.state.agents
+        position = np.stack(np.divmod(agents["cell"], self.simulator.shape[1]), axis=-1).astype(np.int64)
+        position[~agents["active"]] = -1
         image = torch.from_numpy(seen.image)
         observation: Tensor | dict[str, Tensor] = image
         if self.simulator.layout.num_features:
@@ -95,7 +99,8 @@ class BatchedMapfEnv(EnvBase):
         entries = {
             "observation": observation,
             "action_mask": torch.from_numpy(seen.action_mask.view(np.bool_)),
-            "at_goal": torch.from_numpy(self.simulator.state.agents["at_goal"].copy()).unsqueeze(-1),
+            "at_goal": torch.from_numpy(agents["at_goal"].copy()).unsqueeze(-1),
+            "position": torch.from_numpy(position),
         }
         return TensorDict(entries, batch_size=image.shape[:2])
 

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
-from torchrl.data import Bounded, Composite, TensorSpec, Unbounded
+from torchrl.data import Bounded, Categorical, Composite, TensorSpec, Unbounded
 from torchrl.data.tensor_specs import ContinuousBox
 from torchrl.envs import Transform
 
@@ -24,6 +24,7 @@ class Centralize(Transform):
     | `("team", "features")` | (B, N * F) float32 | with `features`: the agents' features, likewise |
     | `("team", "action")` | (B, N, A) float32 | a value in [-1, 1] per agent and action; others count as the nearest |
     | `("team", "reward")` | (B, 1) float32 | the mean of the agents' rewards |
+    | `("agents", "taken")` | (B, N) int64 | the actions of the last step that the values became; 0 before the first |
     """
 
     def __init__(self, num_actions: int, action_mode: ActionMode = "argmax", seed: int = 0) -> None:
@@ -59,9 +60,12 @@ class Centralize(Transform):
         return tensordict
 
     def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
+        agents = tensordict_reset.get("agents")
+        agents.set("taken", torch.zeros(agents.batch_size, dtype=torch.int64))
         return self._stack(tensordict_reset)
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        next_tensordict.set(("agents", "taken"), tensordict.get(("agents", "action")))
         return self._stack(next_tensordict)
 
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -73,9 +77,10 @@ class Centralize(Transform):
         return tensordict
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
-        """Add the stacked observation."""
+        """Add the stacked observation and the actions taken."""
         whole = cast("Composite", observation_spec)
         batch, seen = whole.shape, whole["agents", "observation"]
+        whole["agents", "taken"] = Categorical(self._num_actions, whole["agents"].shape, dtype=torch.int64)
         team = Composite(shape=batch)
         if isinstance(seen, Composite):
             team["image"] = _bounded(seen["image"], -4, -3)

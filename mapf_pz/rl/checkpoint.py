@@ -13,13 +13,11 @@ from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
 
-import torch
 from pydantic import TypeAdapter
 from safetensors.torch import load_file, save_file
-from torch import Tensor
 from torchrl.checkpoint import Checkpoint, CheckpointAdapter, CheckpointRotation
-from torchrl.objectives import PPOLoss
 
+from mapf_pz.rl.learner import Learner
 from mapf_pz.types import FormatError
 
 FOLDER, PREFIX, TENSORS = "checkpoints", "checkpoint", "learner.safetensors"
@@ -36,42 +34,6 @@ class Position:
     """Steps of all agents together."""
     CSR: float = 0.0
     """Mean over the latest training episodes, 0 to 1; the highest makes the best checkpoint."""
-
-
-class Learner:
-    """What learns: a loss with its networks and the optimizer; torch's random numbers belong to it too."""
-
-    def __init__(self, loss: PPOLoss, optimizer: torch.optim.Optimizer) -> None:
-        """Refer to the parts; the optimizer's parameters are the loss's."""
-        self.loss = loss
-        self.optimizer = optimizer
-
-    def tensors(self) -> dict[str, Tensor]:
-        """Return copies of all that changes in training; step sizes are not in it, the loop sets them."""
-        tensors = {f"loss/{name}": tensor for name, tensor in self.loss.state_dict().items()}
-        for index, entries in self.optimizer.state_dict()["state"].items():
-            tensors |= {f"optimizer/{index}/{name}": tensor for name, tensor in entries.items()}
-        tensors["random"] = torch.get_rng_state()
-        return {name: tensor.detach().clone().contiguous() for name, tensor in tensors.items()}
-
-    def restore(self, tensors: Mapping[str, Tensor]) -> None:
-        """Take back what `tensors` returned.
-
-        Raises `RuntimeError`, `LookupError` or `ValueError` where it is not of these networks.
-        """
-        loss: dict[str, Tensor] = {}
-        optimizer: dict[int, dict[str, Tensor]] = {}
-        for name, tensor in tensors.items():
-            part, _, rest = name.partition("/")
-            if part == "loss":
-                loss[rest] = tensor.clone()
-            elif part == "optimizer":
-                index, _, entry = rest.partition("/")
-                optimizer.setdefault(int(index), {})[entry] = tensor.clone()
-        self.loss.load_state_dict(loss)
-        groups = self.optimizer.state_dict()["param_groups"]
-        self.optimizer.load_state_dict({"state": optimizer, "param_groups": groups})
-        torch.set_rng_state(tensors["random"].clone())
 
 
 class Checkpoints:

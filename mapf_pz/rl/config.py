@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+from tyro.conf import arg
 
 from mapf_pz.action_modes import ActionMode
-from mapf_pz.config import REWARDS, ActionModel, Frame, RewardConfig, View
+from mapf_pz.config import REWARDS, ActionModel, Frame, RewardConfig, View, WeightsName
 from mapf_pz.instances.sources import RandomObstacles
 
 AlgorithmName = Literal["mappo", "ippo", "central-ppo"]
+CollectorName = Literal["single", "processes", "ray"]
 Credit = Literal["team", "agent"]
+CuriosityName = Literal["none", "rnd", "random-features", "inverse-dynamics"]
+DeviceName = Literal["auto", "cpu", "cuda"]
+EncoderName = Literal["conv", "report", "residual"]
 
 OBSERVATION_FIELDS = (
     "action_model",
@@ -20,6 +26,7 @@ OBSERVATION_FIELDS = (
     "channels",
     "features",
     "num_last_actions",
+    "edge_weights",
 )
 """The keywords of the environment that decide what a policy observes and does."""
 
@@ -54,10 +61,24 @@ class TaskConfig:
     """The features beside the image."""
     num_last_actions: int = 2
     """How many actions `last_actions` remembers."""
+    edge_weights: WeightsName = "uniform"
+    """The guidance graph: it shapes the cost to go, and with it the channels, the features and the reward."""
+    num_frames: int = 1
+    """How many of its latest observations each agent observes, stacked: 1 is the present one alone."""
+    neighbors: int = 0
+    """How many of the nearest other agents' observations each agent gets after its own."""
+    neighbor_radius: int = 8
+    """How many rows, and how many columns, away those may be."""
     action_mode: ActionMode = "argmax"
     """How the action matrix of `central-ppo` becomes actions."""
     reward: RewardConfig = REWARDS["progress"]
     """The terms of the reward; the defaults are those of `reward="progress"`."""
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that are too small."""
+        for name, least in (("num_frames", 1), ("neighbors", 0), ("neighbor_radius", 0)):
+            if getattr(self, name) < least:
+                raise ValueError(f"{name}={getattr(self, name)}: expected a whole number, {least} or more")
 
     def env_keywords(self) -> dict[str, Any]:
         """Return the keywords of the environment to train in."""
@@ -70,15 +91,30 @@ class TaskConfig:
         """Return the keywords that any environment needs for a policy of this task to act in it."""
         return {name: getattr(self, name) for name in OBSERVATION_FIELDS}
 
+    def env_wrappers(self) -> tuple[tuple[str, dict[str, int]], ...]:
+        """Return the names and keywords of the wrappers that it needs besides, innermost first."""
+        wrappers: list[tuple[str, dict[str, int]]] = []
+        if self.neighbors:
+            wrappers.append(("Sharing", {"neighbors": self.neighbors, "radius": self.neighbor_radius}))
+        if self.num_frames > 1:
+            wrappers.append(("History", {"num_frames": self.num_frames}))
+        return tuple(wrappers)
+
 
 @dataclass(frozen=True)
 class ModelConfig:
     """The networks: an encoder of one agent's observation, and heads on it."""
 
+    encoder: EncoderName = "conv"
+    """`conv`: 3 x 3 convolutions; `report`: the report's two; `residual`: stages of residual blocks."""
     conv_channels: tuple[int, ...] = (16,)
-    """Output channels of the 3 x 3 convolutions."""
+    """Output channels of the convolutions, or of the stages of `residual`; `report` needs two, there (32, 64)."""
+    num_blocks: int = 2
+    """Residual blocks in each stage of `residual`."""
     hidden: int = 128
     """Numbers in an observation's code."""
+    recurrent: int = 0
+    """Numbers that an agent remembers from step to step (a GRU's state); 0: no memory. Critics have none."""
     head: tuple[int, ...] = (128,)
     """Widths of the hidden layers from the code to the actions, and to the value."""
 
@@ -114,6 +150,29 @@ class PPOConfig:
 
 
 @dataclass(frozen=True)
+class CuriosityConfig:
+    """A reward for what an agent could not predict, beside the task's own; its encoders are as the policy's."""
+
+    kind: Annotated[CuriosityName, arg(name="curiosity")] = "none"
+    """`rnd`: of the next observation; `random-features`, `inverse-dynamics`: of what an action does to it."""
+    weight: Annotated[float, arg(name="curiosity-weight")] = 0.1
+    """Of that reward. Scaled, it is about 0.03 a step, the task's about 0.1: it should decide only where that is 0."""
+    gamma: Annotated[float, arg(name="curiosity-gamma")] = 0.99
+    """Discount of those sums."""
+    size: Annotated[int, arg(name="curiosity-size")] = 64
+    """Numbers that an observation becomes, to be predicted."""
+    learning_rate: Annotated[float, arg(name="curiosity-learning-rate")] = 1e-4
+    """Adam's step size, lowered as the policy's."""
+    update_fraction: Annotated[float, arg(name="curiosity-update-fraction")] = 0.25
+    """Share of each minibatch that the predictor learns from."""
+
+    def __post_init__(self) -> None:
+        """Refuse a share that is none."""
+        if not 0 < self.update_fraction <= 1:
+            raise ValueError(f"update_fraction={self.update_fraction}: expected more than 0, and at most 1")
+
+
+@dataclass(frozen=True)
 class TrainConfig:
     """One training run."""
 
@@ -125,11 +184,23 @@ class TrainConfig:
     """The networks."""
     ppo: PPOConfig = field(default_factory=PPOConfig)
     """The optimization."""
+    curiosity: CuriosityConfig = field(default_factory=CuriosityConfig)
+    """What agents earn for being surprised."""
     agent_steps: int = 2_000_000
     """Length of the run: steps of all agents together."""
     seed: int = 0
     """Decides instances, initial weights and exploration."""
     checkpoint_interval: int = 200_000
     """Agent steps between two checkpoints; an interrupted or finished run writes one too."""
+    validation_interval: int = 0
+    """Agent steps between two looks at how the policy does on instances that it is not trained on; 0: none."""
+    validation_episodes: int = 64
+    """Episodes of each look, the same every time."""
+    collector: CollectorName = "single"
+    """Where environments are stepped: in this process, in `num_workers` processes, or in as many Ray actors."""
+    num_workers: int = 2
+    """How many processes or actors share the environments; not used by the collector `single`."""
+    device: DeviceName = "auto"
+    """Where the networks compute; `auto`: on a GPU if there is one. Environments are always stepped on the CPU."""
     num_threads: int = 1
-    """Threads of torch and of the kernels. More help only where as many cores have nothing else to do."""
+    """Threads of torch and of the kernels, in each process. More help only where as many cores are idle."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,10 @@ class LearnedPolicy:
     """What acts: `act(observations) -> actions`, dictionaries by agent as the environment gives and takes them.
 
     Actions are drawn from the network's distribution: agents that always take the likeliest action can block each
-    other for ever. `env_kwargs` are the keywords under which an environment shows what the policy must see.
+    other for ever. A network with a memory has it until `reset_states`, each agent its own.
+
+    `env_kwargs` are keywords under which an environment shows what the policy must see, and `env_wrappers` names and
+    keywords of the wrappers that it needs besides, innermost first; `mapf_pz.evaluate.run.make_env` applies both.
     """
 
     def __init__(self, network: nn.Module, config: TrainConfig, seed: int = 0, deterministic: bool = False) -> None:
@@ -40,8 +44,10 @@ class LearnedPolicy:
         self.network = network.eval()
         self.config = config
         self.env_kwargs = config.task.observation_keywords()
+        self.env_wrappers = config.task.env_wrappers()
         self.deterministic = deterministic
         self._generator = torch.Generator().manual_seed(seed)
+        self._memories: dict[str, Tensor] = {}
 
     def act(self, observations: dict[str, Any]) -> dict[str, int]:
         """Return an action for each agent that observes."""
@@ -53,21 +59,34 @@ class LearnedPolicy:
         else:
             inputs = [_stack(seen)]
         with torch.no_grad():
-            return dict(zip(observations, self._decide(*inputs), strict=True))
+            return dict(zip(observations, self._decide(list(observations), *inputs), strict=True))
 
-    def _decide(self, image: Tensor, features: Tensor | None = None) -> list[int]:
-        """Return the actions of the N agents that observe image (N, K, h, w) and features (N, F)."""
+    def _decide(self, names: list[str], image: Tensor, features: Tensor | None = None) -> list[int]:
+        """Return the actions of the N agents of these names that observe image (N, K, h, w) and features (N, F)."""
         raise NotImplementedError
 
+    def _run(self, names: list[str], image: Tensor, features: Tensor | None) -> tuple[Tensor, ...]:
+        """Return what the network says of the actions; the memories are those of `names`."""
+        size = self.config.model.recurrent
+        if size == 0:
+            return self.network(image, features)
+        memory = torch.stack([self._memories.get(name, torch.zeros(size)) for name in names])
+        # Batches of one: a memory without any is zero already, so that no step has to be said to be the first.
+        batch = None if features is None else features[None]
+        *parameters, after = self.network(memory[None], torch.zeros(1, 1, dtype=torch.bool), image[None], batch)
+        self._memories.update(zip(names, after[0], strict=True))
+        return tuple(parameter[0] for parameter in parameters)
+
     def reset_states(self) -> None:
-        """Forget the episode; this policy remembers nothing."""
+        """Forget the episode."""
+        self._memories.clear()
 
 
 class SharedPolicy(LearnedPolicy):
     """Each agent acts by itself, all with one network: any number of agents."""
 
-    def _decide(self, image: Tensor, features: Tensor | None = None) -> list[int]:
-        logits: Tensor = self.network(image, features)
+    def _decide(self, names: list[str], image: Tensor, features: Tensor | None = None) -> list[int]:
+        (logits,) = self._run(names, image, features)
         if self.deterministic:
             return logits.argmax(-1).tolist()
         return torch.multinomial(logits.softmax(-1), 1, generator=self._generator).squeeze(-1).tolist()
@@ -82,11 +101,11 @@ class TeamPolicy(LearnedPolicy):
         self._decode = ACTION_MODES[config.task.action_mode]
         self._rng = np.random.default_rng(seed)
 
-    def _decide(self, image: Tensor, features: Tensor | None = None) -> list[int]:
+    def _decide(self, names: list[str], image: Tensor, features: Tensor | None = None) -> list[int]:
         expected = self.config.task.num_agents
         if len(image) != expected:
             raise ValueError(f"this policy acts for exactly {expected} agents, {len(image)} observe")
-        mean, spread = self.network(image.flatten(0, 1), None if features is None else features.flatten())
+        mean, spread = self._run(["team"], image.flatten(0, 1), None if features is None else features.flatten())
         noise = torch.zeros_like(mean) if self.deterministic else torch.randn(mean.shape, generator=self._generator)
         rows = (mean + spread * noise).clamp(-1, 1).reshape(expected, -1)
         return self._decode(rows.numpy().astype(np.float64), self._rng).tolist()
@@ -122,19 +141,34 @@ def load_config(file: Path) -> TrainConfig:
         raise FormatError(file, f"{place}: {first['msg']}") from None
 
 
-def load_policy(policy: str | Path, seed: int = 0, deterministic: bool = False) -> LearnedPolicy:
-    """Load a trained policy from a run's folder, or from the weights' file in it.
+def policy_names() -> list[str]:
+    """Return the names of the policies that come with the package, sorted."""
+    return sorted(folder.name for folder in _bundled().iterdir() if folder.is_dir())
 
-    Raises `FileNotFoundError` where there is none and `FormatError` where the files do not fit together.
+
+def _bundled() -> Path:
+    return Path(str(resources.files("mapf_pz.rl"))) / "policies"
+
+
+def load_policy(policy: str | Path, seed: int = 0, deterministic: bool = False) -> LearnedPolicy:
+    """Load a trained policy.
+
+    Args:
+        policy: one of `policy_names()`, the folder of a training run, or the weights' file in it.
+        seed: of the policy's draws.
+        deterministic: always take the likeliest action.
+
+    Raises:
+        FileNotFoundError: There is no such policy.
+        FormatError: The files do not fit together.
     """
-    folder = Path(policy)
+    folder = _bundled() / policy if policy in policy_names() else Path(policy)
     if folder.suffix == ".safetensors":
         folder = folder.parent
     for file in (folder / CONFIG, folder / WEIGHTS):
         if not file.is_file():
-            raise FileNotFoundError(
-                f"policy {str(policy)!r}: no file {str(file)!r}; expected the folder of a training run"
-            )
+            expected = f"expected the folder of a training run, or one of {', '.join(policy_names())}"
+            raise FileNotFoundError(f"policy {str(policy)!r}: no file {str(file)!r}; {expected}")
     config = load_config(folder / CONFIG)
     network = ALGORITHMS[config.algorithm].make_network(config)
     try:

@@ -1,20 +1,24 @@
-"""A run is a folder: its configuration, its progress as CSV and as a picture, its checkpoints, and its policy."""
+"""A run is a folder: its configuration, its progress in several forms, its checkpoints, and its policy."""
 
 from __future__ import annotations
 
 import csv
+import math
 import os
+import shutil
 from itertools import islice
 from pathlib import Path
 
 from torch import nn
+from torchrl.record.loggers.tensorboard import TensorboardLogger
 
-from mapf_pz.rl.checkpoint import Checkpoints, Learner, Position, read_position, restore
+from mapf_pz.rl.checkpoint import Checkpoints, Position, read_position, restore
 from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.policy import CONFIG, WEIGHTS, config_as_json, save_weights
 from mapf_pz.types import FormatError
 
-PROGRESS, CURVE = "progress.csv", "learning_curve.png"
+PROGRESS, CURVE, TENSORBOARD = "progress.csv", "learning_curve.png", "tensorboard"
 RECENT_EPISODES = 100
 """Training episodes whose mean CSR tells which checkpoint is the best."""
 
@@ -28,6 +32,7 @@ class RunFolder:
         self.checkpoints = Checkpoints(path)
         self._rows: list[dict[str, float]] = []
         self._saved = Position()
+        self._tensorboard: TensorboardLogger | None = None
 
     def begin(self, config: TrainConfig) -> None:
         """Make the folder for a new run: what an earlier run left there is removed, and the configuration written."""
@@ -36,6 +41,7 @@ class RunFolder:
         for name in (PROGRESS, CURVE, WEIGHTS):
             (self.path / name).unlink(missing_ok=True)
         _replace(self.path / CONFIG, config_as_json(config))
+        self._begin_tensorboard()
 
     def resume(self, checkpoint: Path, learner: Learner, config: TrainConfig) -> None:
         """Go back to a checkpoint: the learner, and the rows of progress until then.
@@ -48,6 +54,7 @@ class RunFolder:
         self.checkpoints.sweep()
         _replace(self.path / PROGRESS, "".join(map(_line, [list(self._rows[0]), *map(_texts, self._rows)])).encode())
         _replace(self.path / CONFIG, config_as_json(config))
+        self._begin_tensorboard()
 
     @property
     def seconds(self) -> float:
@@ -60,6 +67,7 @@ class RunFolder:
         with (self.path / PROGRESS).open("a" if self._rows else "w", newline="") as file:
             file.write("".join(map(_line, lines)))
         self._rows.append(row)
+        self._show(row)
 
     def save(self, learner: Learner, interval: int = 1) -> None:
         """Write a checkpoint if the latest is at least `interval` agent steps old."""
@@ -72,8 +80,23 @@ class RunFolder:
     def finish(self, network: nn.Module) -> None:
         """Write the policy and the learning curve."""
         save_weights(self.path, network)
+        if self._tensorboard is not None:
+            self._tensorboard.experiment.close()
         if self._rows:
             self._draw_curve()
+
+    def _begin_tensorboard(self) -> None:
+        """Begin the files that TensorBoard reads, anew from the rows until now: it cannot take back what came after."""
+        shutil.rmtree(self.path / TENSORBOARD, ignore_errors=True)
+        self._tensorboard = TensorboardLogger(TENSORBOARD, str(self.path))
+        for row in self._rows:
+            self._show(row)
+
+    def _show(self, row: dict[str, float]) -> None:
+        if self._tensorboard is not None:
+            for name, value in row.items():
+                if not math.isnan(value):
+                    self._tensorboard.log_scalar(name, value, int(row["agent_steps"]))
 
     def _recent_csr(self) -> float:
         """Return the mean CSR over the rows with the latest episodes, or 0 where no episode has ended."""

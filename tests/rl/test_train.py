@@ -1,36 +1,30 @@
-import csv
 import dataclasses
 import json
 
 import pytest
 import torch
-from torchrl.envs import Compose, TransformedEnv
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from torchrl.envs import Compose, RewardScaling, TransformedEnv
 
 import mapf_pz
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
-from mapf_pz.rl.algorithms import ALGORITHMS
-from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
+from mapf_pz.rl.algorithms import ALGORITHMS, MAPPO
 from mapf_pz.rl.train import Progress
-
-TINY = TrainConfig(
-    task=TaskConfig(height=6, width=6, num_agents=3, max_steps=12, view_size=(3, 3)),
-    model=ModelConfig(conv_channels=(4,), hidden=16),
-    ppo=PPOConfig(num_envs=4, steps_per_batch=16, num_epochs=1, minibatch_size=32),
-    agent_steps=600,
-    num_threads=1,
-)
-
-
-def rows(folder):
-    with (folder / "progress.csv").open() as file:
-        return list(csv.DictReader(file))
+from tests.rl.tiny import TINY, rows, untimed
 
 
 @pytest.mark.parametrize("algorithm", ["mappo", "ippo", "central-ppo"])
 def test_a_run_leaves_its_files_and_a_policy_that_acts(tmp_path, algorithm):
     folder = train(dataclasses.replace(TINY, algorithm=algorithm), tmp_path / "run")
     files = {file.name for file in folder.iterdir()}
-    assert files == {"config.json", "policy.safetensors", "progress.csv", "learning_curve.png", "checkpoints"}
+    assert files == {
+        "config.json",
+        "policy.safetensors",
+        "progress.csv",
+        "learning_curve.png",
+        "checkpoints",
+        "tensorboard",
+    }
     assert [int(row["agent_steps"]) for row in rows(folder)] == [192, 384, 576]
     policy = load_policy(folder)
     env = mapf_pz.parallel_env(
@@ -44,12 +38,54 @@ def test_a_run_leaves_its_files_and_a_policy_that_acts(tmp_path, algorithm):
 
 
 def test_same_seed_same_run(tmp_path):
-    for name in ("a", "b"):
-        train(TINY, tmp_path / name)
-    first, second = rows(tmp_path / "a"), rows(tmp_path / "b")
-    timings = {"seconds", "agent_steps_per_second"}
-    for one, two in zip(first, second, strict=True):
-        assert {k: v for k, v in one.items() if k not in timings} == {k: v for k, v in two.items() if k not in timings}
+    one, two = (untimed(train(TINY, tmp_path / name)) for name in "ab")
+    assert one == two
+
+
+def test_shares_of_time_add_up_to_all_of_it(tmp_path):
+    for row in rows(train(TINY, tmp_path)):
+        shares = [float(row[f"{name}_share"]) for name in ("collecting", "acting", "learning")]
+        assert min(shares) > 0
+        assert sum(shares) == pytest.approx(1, abs=1e-4)
+
+
+def test_validation_plays_the_same_episodes_and_changes_nothing(tmp_path):
+    config = dataclasses.replace(TINY, validation_interval=300, validation_episodes=8)
+    looked, plain = (untimed(train(config, tmp_path / "looked")), untimed(train(TINY, tmp_path / "plain")))
+    looks = [{key: row.pop(f"validation_{key}") for key in ("CSR", "ISR", "return")} for row in looked]
+    assert looked == plain
+    assert [look["CSR"] == "nan" for look in looks] == [True, False, False]
+    again = untimed(train(config, tmp_path / "again"))
+    assert [row["validation_return"] for row in again] == [look["return"] for look in looks]
+
+
+def test_an_algorithm_of_ones_own(tmp_path):
+    class Lazy(MAPPO):
+        """Nobody earns anything."""
+
+        def transforms(self, seed):
+            return [*super().transforms(seed), RewardScaling(0.0, 0.0, in_keys=[("agents", "reward")])]
+
+    done = rows(train(TINY, tmp_path, make_algorithm=Lazy))
+    assert all(abs(float(row["return"])) < 1e-4 for row in done if row["episodes"] != "0")
+    load_policy(tmp_path)
+
+
+def test_a_gpu_that_is_not_there_is_refused(tmp_path):
+    if torch.cuda.is_available():
+        pytest.skip("there is a GPU")
+    with pytest.raises(ValueError, match="device='cuda': torch finds no GPU"):
+        train(dataclasses.replace(TINY, device="cuda"), tmp_path)
+
+
+def test_tensorboard_shows_what_the_table_says(tmp_path):
+    train(TINY, tmp_path)
+    events = EventAccumulator(str(tmp_path / "tensorboard")).Reload()
+    for key in ("loss_critic", "ISR"):
+        told = [row for row in rows(tmp_path) if row[key] != "nan"]
+        shown = events.Scalars(key)
+        assert [event.step for event in shown] == [int(row["agent_steps"]) for row in told]
+        assert [event.value for event in shown] == pytest.approx([float(row[key]) for row in told], rel=1e-5)
 
 
 def test_interrupt_saves_the_policy(tmp_path):
@@ -71,7 +107,7 @@ def test_truncation_bootstraps_and_termination_does_not(name, credit, group):
     env = BatchedMapfEnv(2, **TINY.task.env_keywords())
     algorithm = ALGORITHMS[name](dataclasses.replace(TINY, ppo=dataclasses.replace(TINY.ppo, credit=credit)))
     loss = algorithm.loss
-    batch = TransformedEnv(env, Compose(*algorithm.transforms())).rollout(1, algorithm.actor)
+    batch = TransformedEnv(env, Compose(*algorithm.transforms(0))).rollout(1, algorithm.actor)
     batch["next", algorithm.reward_key] = torch.zeros_like(batch["next", algorithm.reward_key])
     batch["next", "done"] = torch.ones_like(batch["next", "done"])
     batch["next", "terminated"] = torch.tensor([[[True]], [[False]]])

@@ -1,0 +1,207 @@
+"""Reproduce the report's experiment, and take it apart: `make reproduction`.
+
+It begins with the report's setting as its published code has it, takes away one cause of its failure after the other,
+and then adds each of the report's ideas for future work by itself. The task is always the same: 4 agents on random
+8 x 8 maps with 10 % obstacles, at most 64 steps. Every variation is trained with three seeds. Finished runs are kept;
+the table and the figure are made of all that there are.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+from flaws import AllGoals, Bytes, Flaw, FlawedPPO, Freeze
+from matplotlib.figure import Figure
+
+from mapf_pz.config import REWARDS, RewardConfig
+from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
+from mapf_pz.rl.presets import PRESETS
+from mapf_pz.rl.run import PROGRESS
+from mapf_pz.rl.train import train
+
+DOCS = Path(__file__).parent
+SEEDS = (0, 1, 2)
+AGENT_STEPS = 400_000
+FULL = PRESETS["central-ppo"]
+
+AS_CODED = TrainConfig(
+    task=TaskConfig(
+        height=8,
+        width=8,
+        density=0.1,
+        num_agents=4,
+        max_steps=64,
+        view_size=(5, 5),
+        view="front",
+        channels=("view", "goal", "orientation", "edge_weights", "other_goals"),
+        features=(),
+        edge_weights="random",
+        action_mode="affine",
+        reward=RewardConfig(pay_blocked_forward=True),
+    ),
+    algorithm="central-ppo",
+    model=ModelConfig(encoder="report", conv_channels=(32, 64), hidden=128, head=(64, 64)),
+    # What its training script hands to Stable-Baselines3; 512 steps a batch, here of 8 environments.
+    ppo=PPOConfig(
+        num_envs=8,
+        steps_per_batch=64,
+        num_epochs=10,
+        minibatch_size=128,
+        learning_rate=2.5e-4,
+        gamma=0.9999,
+        entropy_coeff=0.0,
+        critic_coeff=0.19,
+        max_grad_norm=5.0,
+        credit="team",
+    ),
+    agent_steps=AGENT_STEPS,
+    validation_interval=AGENT_STEPS // 8,
+)
+
+
+@dataclass(frozen=True)
+class Variation:
+    """One row of the table."""
+
+    name: str
+    config: TrainConfig
+    flaws: tuple[type[Flaw], ...] = ()
+
+    def but(self, name: str, without: type[Flaw] | None = None, **changes: Any) -> Variation:
+        """Return a variation of this one; `changes` are of the parts of the configuration: `ppo={"gamma": 0.9}`."""
+        parts = {part: replace(getattr(self.config, part), **fields) for part, fields in changes.items()}
+        return Variation(name, replace(self.config, **parts), tuple(flaw for flaw in self.flaws if flaw is not without))
+
+
+def variations() -> Iterator[Variation]:
+    """Yield the rows in their order."""
+    now = Variation("as coded", AS_CODED, (Bytes, AllGoals, Freeze))
+    yield Variation("as printed", AS_CODED).but("as printed", task={"action_mode": "sigmoid", "reward": RewardConfig()})
+    yield now
+    yield (now := now.but("- observations as bytes", without=Bytes))
+    yield (now := now.but("- reward for driving into walls", task={"reward": RewardConfig()}))
+    yield (now := now.but("- actions drawn from the matrix: argmax", task={"action_mode": "argmax"}))
+    yield (now := now.but("- agents that freeze", without=Freeze))
+    yield (now := now.but("- all goals alike", without=AllGoals))
+    ppo = {field: getattr(FULL.ppo, field) for field in PPOConfig.__dataclass_fields__}
+    yield (now := now.but("+ PPO's settings of this project", ppo=ppo | {"credit": "team"}))
+    yield (now := now.but("+ reward for progress", task={"reward": REWARDS["progress"], "edge_weights": "uniform"}))
+    yield (base := now.but("+ credit for each agent: the base of the ideas", ppo={"credit": "agent"}))
+    yield from ideas(base)
+    full = Variation("all that helps: `central-ppo`", replace(AS_CODED, task=FULL.task, model=FULL.model, ppo=FULL.ppo))
+    yield full
+    yield full.but("... credit for the team", ppo={"credit": "team"})
+    for mode in ("affine", "sigmoid", "softmax"):
+        yield full.but(f"... actions drawn: {mode}", task={"action_mode": mode})
+
+
+def ideas(base: Variation) -> Iterator[Variation]:
+    """Yield the report's ideas for future work, each alone on the base."""
+    channels = base.config.task.channels
+    yield base.but("1 edge weights that shape the reward: crisscross", task={"edge_weights": "crisscross"})
+    yield base.but("2 cost to go", task={"channels": (*channels, "cost_to_go", "heuristic")})
+    yield base.but("3 goal and own location as features", task={"features": ("goal_vector", "location")})
+    for kind in ("rnd", "random-features", "inverse-dynamics"):
+        yield base.but(f"4 curiosity: {kind}", curiosity={"kind": kind})
+    yield base.but("5 past actions", task={"features": ("last_actions",), "num_last_actions": 4})
+    yield base.but("5 past states: three frames", task={"num_frames": 3})
+    yield base.but("5 past states: a GRU", model={"recurrent": 64})
+    yield base.but("6 denser network: residual", model={"encoder": "residual", "conv_channels": (32, 32)})
+
+
+@dataclass(frozen=True)
+class Options:
+    """Reproduce the report."""
+
+    output: Path = Path("runs/reproduction")
+    """The folder of all runs."""
+    jobs: int = 2
+    """Trainings side by side."""
+    agent_steps: int = AGENT_STEPS
+    """Length of each training."""
+
+
+def main(options: Options) -> None:
+    """Train what is not trained yet, and write the table and the figure."""
+    with ProcessPoolExecutor(options.jobs, get_context("spawn"), max_tasks_per_child=1) as pool:
+        pending = [pool.submit(learn, row, seed, options) for row in range(len(list(variations()))) for seed in SEEDS]
+        for run in pending:
+            run.result()
+    results = {row.name: [curve(folder(options, row, seed)) for seed in SEEDS] for row in variations()}
+    write_table(results)
+    draw_curves(results)
+
+
+def folder(options: Options, row: Variation, seed: int) -> Path:
+    """Return the folder of a run."""
+    name = "".join(char if char.isalnum() else "-" for char in row.name)
+    return options.output / f"{name.strip('-')}-{seed}"
+
+
+def learn(number: int, seed: int, options: Options) -> None:
+    """Train a variation, unless that was done before."""
+    row = list(variations())[number]
+    output = folder(options, row, seed)
+    if (output / PROGRESS).exists() and curve(output)[-1][0] > 0.95 * options.agent_steps:
+        return
+    config = replace(
+        row.config, seed=seed, agent_steps=options.agent_steps, validation_interval=options.agent_steps // 8
+    )
+    train(config, output, make_algorithm=lambda config: FlawedPPO(config, row.flaws))
+    print(row.name, seed, *(f"{value:.3f}" for value in curve(output)[-1][1:]), flush=True)
+
+
+Curve = list[tuple[float, float, float]]
+"""Agent steps, CSR and ISR of each validation."""
+
+
+def curve(run: Path) -> Curve:
+    """Read what a run's validations measured."""
+    with (run / PROGRESS).open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["validation_CSR"] != "nan"]
+    return [(float(row["agent_steps"]), float(row["validation_CSR"]), float(row["validation_ISR"])) for row in rows]
+
+
+def write_table(results: dict[str, list[Curve]]) -> None:
+    """Write means and ranges over the seeds of the last validation as Markdown."""
+    lines = ["| setting | CSR | ISR |", "| --- | --- | --- |"]
+    for name, curves in results.items():
+        last = np.array([runs[-1] for runs in curves])
+        cells = [f"{last[:, k].mean():.3f} ({last[:, k].min():.2f} to {last[:, k].max():.2f})" for k in (1, 2)]
+        lines.append(f"| {name} | {cells[0]} | {cells[1]} |")
+    (DOCS / "reproduction.md").write_text("\n".join(lines) + "\n")
+
+
+def draw_curves(results: dict[str, list[Curve]]) -> None:
+    """Draw the means over the seeds: the causes of failure on the left, the ideas on the right."""
+    names = list(results)
+    first_idea = next(k for k, name in enumerate(names) if name.startswith("1 "))
+    full = next(k for k, name in enumerate(names) if name.startswith("all "))
+    columns = {"taken apart": names[:first_idea], "the ideas, each alone on the base": names[first_idea - 1 : full + 1]}
+    figure = Figure(figsize=(13, 9), layout="constrained")
+    panels = figure.subplots(2, 2, sharex=True, sharey="row")
+    for column, (title, chosen) in enumerate(columns.items()):
+        colors = [f"C{k}" if k < 10 else "k" for k in range(len(chosen))]
+        for row, label in enumerate(("all agents at their goals (CSR)", "agents at their goals (ISR)")):
+            panel = panels[row, column]
+            for name, color in zip(chosen, colors, strict=False):
+                mean = np.mean(results[name], axis=0)
+                style = "--" if name.startswith("as ") else "-"
+                panel.plot(mean[:, 0] / 1e3, mean[:, 1 + row], style, color=color, label=name)
+            panel.set(ylabel=label if column == 0 else None, ylim=(-0.02, 1.02))
+        panels[0, column].set_title(title)
+        panels[1, column].set_xlabel("thousand agent steps (4 to an environment step)")
+        panels[0, column].legend(fontsize=8)
+    figure.savefig(DOCS / "images" / "reproduction.png", dpi=110)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Options))

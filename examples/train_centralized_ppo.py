@@ -1,0 +1,57 @@
+"""The report's experiment: one policy sees what all agents see, and acts for all of them with a matrix."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import tyro
+
+import mapf_pz
+from mapf_pz.instances import RandomObstacles
+from mapf_pz.rl import load_policy, train
+from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.presets import PRESETS
+
+
+@dataclass(frozen=True)
+class Example:
+    """Four agents on random 8 x 8 maps."""
+
+    agent_steps: int = 1_000_000
+    """Length of the training: steps of all agents together."""
+    episodes: int = 100
+    """How many episodes to evaluate."""
+    credit_the_team: bool = False
+    """One advantage for all agents, as in the report, instead of one for each: it learns more slowly."""
+    output: Path = Path("runs/example-central-ppo")
+    """Where the run goes."""
+
+
+def configuration(example: Example) -> TrainConfig:
+    """Return the preset with what the example changes."""
+    preset = PRESETS["central-ppo"]
+    credit = "team" if example.credit_the_team else "agent"
+    return replace(preset, agent_steps=example.agent_steps, ppo=replace(preset.ppo, credit=credit))
+
+
+def main(example: Example) -> None:
+    """Train, evaluate, and print the share of episodes in which all agents reached their goals."""
+    train(
+        configuration(example),
+        example.output,
+        on_progress=lambda row: print(f"{row['agent_steps']:9.0f} CSR {row['CSR']:.2f}"),
+    )
+    policy = load_policy(example.output)
+    maps = RandomObstacles(height=8, width=8, density=0.1, num_agents=4)
+    env = mapf_pz.parallel_env(**policy.env_kwargs, source=maps, max_steps=64)
+    solved = 0.0
+    for episode in range(example.episodes):
+        observations, _ = env.reset(seed=1_000_000 + episode)
+        policy.reset_states()
+        while env.agents:
+            observations = env.step(policy.act(observations))[0]
+        solved += env.metrics()["CSR"]
+    print(f"CSR on {example.episodes} unseen maps: {solved / example.episodes:.2f}")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Example))

@@ -1,0 +1,43 @@
+"""Train agents one by one with IPPO, each with a critic of its own view, and send many more of them to a larger map."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import tyro
+
+from mapf_pz.evaluate.report import interval
+from mapf_pz.evaluate.run import Trial, run_episodes
+from mapf_pz.instances import RandomObstacles
+from mapf_pz.rl import load_policy, train
+from mapf_pz.rl.presets import PRESETS
+
+
+@dataclass(frozen=True)
+class Example:
+    """Eight agents in training, more afterwards."""
+
+    agent_steps: int = 1_000_000
+    """Length of the training: steps of all agents together."""
+    episodes: int = 50
+    """How many episodes to evaluate with each number of agents."""
+    output: Path = Path("runs/example-ippo")
+    """Where the run goes."""
+
+
+def main(example: Example) -> None:
+    """Train, and print the share of agents that reach their goals as the map fills up."""
+    config = replace(PRESETS["quickstart"], algorithm="ippo", agent_steps=example.agent_steps)
+    train(config, example.output, on_progress=lambda row: print(f"{row['agent_steps']:9.0f} ISR {row['ISR']:.2f}"))
+
+    policy = load_policy(example.output)
+    for num_agents in (8, 16, 32):
+        maps = RandomObstacles(height=20, width=20, density=0.15, num_agents=num_agents)
+        trial = Trial(f"{num_agents} agents", {"source": maps, "max_steps": 160}, example.episodes)
+        shares = [episode["ISR"] for episode in run_episodes(policy, trial)]
+        low, high = interval(shares)
+        print(f"{trial.name} on 20 x 20: ISR {np.mean(shares):.3f} [{low:.3f}, {high:.3f}]")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Example))

@@ -1,0 +1,130 @@
+"""Where experience comes from: this process, several processes on this machine, or a Ray cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torchrl.collectors import BaseCollector, Collector, MultiSyncCollector
+from torchrl.envs import Compose, RewardSum, TransformedEnv
+
+from mapf_pz.rl.algorithms import Algorithm
+from mapf_pz.rl.batched_env import BatchedMapfEnv
+from mapf_pz.rl.config import CollectorName, TrainConfig
+
+
+@dataclass(frozen=True)
+class MakeEnv:
+    """Makes environments in the form that an algorithm's actor acts in."""
+
+    algorithm: Algorithm
+    """Its transforms make that form."""
+    config: TrainConfig
+    """Of the run."""
+    seed: int
+    """Environment `b` begins with the episode of seed `seed + b`."""
+    number: int
+    """How many."""
+
+    def __call__(self) -> TransformedEnv:
+        """Return the environments, stepped together."""
+        env = BatchedMapfEnv(self.number, self.config.num_threads, **self.config.task.env_keywords())
+        env.set_seed(self.seed)
+        reward_sum = RewardSum(
+            in_keys=[("agents", "reward")], out_keys=[("agents", "episode_reward")], reset_keys=["_reset"]
+        )
+        transforms = [*self.algorithm.transforms(self.seed), reward_sum]
+        return TransformedEnv(env, Compose(*transforms))  # pyright: ignore[reportArgumentType] (annotated as lists)
+
+
+@dataclass(frozen=True)
+class MakeWorkerEnv(MakeEnv):
+    """The same in a worker, another process or machine: its draws of actions need a seed of their own."""
+
+    def __call__(self) -> TransformedEnv:
+        """Return the environments."""
+        torch.manual_seed(self.seed)
+        torch.set_num_threads(self.config.num_threads)
+        return super().__call__()
+
+
+def make_collector(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int) -> BaseCollector:
+    """Return what yields `updates` batches of B x T steps, with the algorithm's actor as it is at that time.
+
+    The environments begin with the episodes of the seeds `seed`, `seed + 1`, ... Several workers give batches of
+    W x (B / W) x T; `update_policy_weights_` tells them what was learnt.
+
+    Raises:
+        ValueError: B environments cannot be shared out evenly.
+        ImportError: Ray is asked for and not installed.
+    """
+    return _COLLECTORS[config.collector](algorithm, config, seed, updates)
+
+
+def _in_this_process(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int) -> BaseCollector:
+    env = MakeEnv(algorithm, config, seed, config.ppo.num_envs)()
+    return Collector(
+        env, algorithm.actor, **_keywords(algorithm, config, updates), auto_register_policy_transforms=False
+    )
+
+
+def _in_processes(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int) -> BaseCollector:
+    return MultiSyncCollector(
+        _shares(algorithm, config, seed),
+        algorithm.actor,
+        **_keywords(algorithm, config, updates),
+        cat_results="stack",
+        num_threads=config.num_threads,
+        num_sub_threads=config.num_threads,
+        auto_register_policy_transforms=False,
+    )
+
+
+def _on_ray(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int) -> BaseCollector:
+    try:
+        import ray
+        from torchrl.collectors.distributed import RayCollector
+    except ImportError as error:
+        raise ImportError(f"collector='ray': {error}: pip install 'mapf-pz[ray]'") from error
+    if not ray.is_initialized():  # RAY_ADDRESS names a cluster; without it, Ray begins one on this machine
+        ray.init(include_dashboard=False, log_to_driver=False)
+    collector = RayCollector(
+        _shares(algorithm, config, seed),
+        algorithm.actor,
+        **_keywords(algorithm, config, updates),
+        collector_kwargs={"auto_register_policy_transforms": False},
+        num_collectors=config.num_workers,
+        remote_configs={"num_cpus": 1, "num_gpus": 0},
+        sync=True,
+    )
+    collector.update_policy_weights_()  # pyright: ignore[reportCallIssue] (annotated without the usual call)
+    return collector
+
+
+_COLLECTORS: dict[CollectorName, Callable[[Algorithm, TrainConfig, int, int], BaseCollector]] = {
+    "single": _in_this_process,
+    "processes": _in_processes,
+    "ray": _on_ray,
+}
+
+
+def _shares(algorithm: Algorithm, config: TrainConfig, seed: int) -> list[MakeWorkerEnv]:
+    """Share the environments out evenly among the workers."""
+    number, rest = divmod(config.ppo.num_envs, config.num_workers)
+    if rest:
+        raise ValueError(f"num_envs={config.ppo.num_envs}: expected a multiple of num_workers={config.num_workers}")
+    return [MakeWorkerEnv(algorithm, config, seed + w * number, number) for w in range(config.num_workers)]
+
+
+def _keywords(algorithm: Algorithm, config: TrainConfig, updates: int) -> dict[str, Any]:
+    frames = config.ppo.num_envs * config.ppo.steps_per_batch
+    policy_device = next(algorithm.actor.parameters()).device
+    return {
+        "frames_per_batch": frames,
+        "total_frames": frames * updates,
+        "policy_device": policy_device,
+        "env_device": "cpu",
+        "storing_device": "cpu",
+    }

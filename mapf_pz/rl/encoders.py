@@ -1,0 +1,102 @@
+"""The encoders: from what is observed to a code. `ModelConfig.encoder` names the layers that the image goes through."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import torch
+from torch import Tensor, nn
+
+from mapf_pz.rl.config import EncoderName, ModelConfig
+from mapf_pz.rl.observed import Observed
+
+
+class Encoder(nn.Module):
+    """One observation, image `(..., K, h, w)` and features `(..., F)`, to a code `(..., hidden)`."""
+
+    def __init__(self, observed: Observed, config: ModelConfig) -> None:
+        """Build the image's layers by their name and one linear layer; raises `ValueError` where widths do not fit."""
+        super().__init__()
+        self.image = nn.Sequential(*IMAGE_LAYERS[config.encoder](observed.image, config), nn.Flatten())
+        with torch.no_grad():
+            size = self.image(torch.zeros(1, *observed.image)).shape[-1] + observed.features
+        self.joint = nn.Sequential(scaled(nn.Linear(size, config.hidden)), nn.ReLU())
+
+    def forward(self, image: Tensor, features: Tensor | None = None) -> Tensor:
+        """Encode all observations at once."""
+        lead = image.shape[:-3]
+        code = self.image(image.reshape(-1, *image.shape[-3:])).reshape(*lead, -1)
+        return self.joint(code if features is None else torch.cat([code, features], -1))
+
+
+class ResidualBlock(nn.Module):
+    """ReLU, convolution, ReLU, convolution, added to the input: `(B, C, h, w)` to the same shape."""
+
+    def __init__(self, width: int) -> None:
+        """Build two 3 x 3 convolutions of `width` channels."""
+        super().__init__()
+        first, second = (scaled(nn.Conv2d(width, width, 3, padding=1)) for _ in range(2))
+        self.layers = nn.Sequential(nn.ReLU(), first, nn.ReLU(), second)
+
+    def forward(self, image: Tensor) -> Tensor:
+        """Add what the layers find."""
+        return image + self.layers(image)
+
+
+def conv_layers(image: tuple[int, int, int], config: ModelConfig) -> list[nn.Module]:
+    """Return 3 x 3 convolutions, without padding while the image is larger than that."""
+    channels, height, width = image
+    layers: list[nn.Module] = []
+    for out_channels in config.conv_channels:
+        padding = 0 if min(height, width) > 3 else 1
+        layers += [scaled(nn.Conv2d(channels, out_channels, 3, padding=padding)), nn.ReLU()]
+        channels, height, width = out_channels, height - 2 + 2 * padding, width - 2 + 2 * padding
+    return layers
+
+
+def report_layers(image: tuple[int, int, int], config: ModelConfig) -> list[nn.Module]:
+    """Return the report's two convolutions: 8 x 8 with stride 4, then 4 x 4 with stride 2.
+
+    They need an image of 20 x 20 or more, the report's; a smaller one goes through those of `conv`.
+    """
+    if len(config.conv_channels) != 2:
+        raise ValueError(f"conv_channels={config.conv_channels}: the encoder 'report' has exactly two convolutions")
+    channels, height, width = image
+    if min(height, width) < 20:
+        return conv_layers(image, config)
+    first, second = config.conv_channels
+    return [scaled(nn.Conv2d(channels, first, 8, 4)), nn.ReLU(), scaled(nn.Conv2d(first, second, 4, 2)), nn.ReLU()]
+
+
+def residual_layers(image: tuple[int, int, int], config: ModelConfig) -> list[nn.Module]:
+    """Return the stages of IMPALA's network (Espeholt et al., 2018): convolution, pooling and residual blocks.
+
+    Images up to 11 x 11 are not pooled (Skrynnik et al., *Learn to Follow*, 2024): in a small view each cell matters.
+    """
+    channels, *size = image
+    layers: list[nn.Module] = []
+    for width in config.conv_channels:
+        layers.append(scaled(nn.Conv2d(channels, width, 3, padding=1)))
+        if max(size) > 11:
+            layers.append(nn.MaxPool2d(3, stride=2, padding=1))
+            size = [(side + 1) // 2 for side in size]
+        layers += [ResidualBlock(width) for _ in range(config.num_blocks)]
+        channels = width
+    return [*layers, nn.ReLU()]
+
+
+IMAGE_LAYERS: dict[EncoderName, Callable[[tuple[int, int, int], ModelConfig], list[nn.Module]]] = {
+    "conv": conv_layers,
+    "report": report_layers,
+    "residual": residual_layers,
+}
+"""What an image (K, h, w) goes through, by the encoder's name."""
+
+
+def scaled(layer: nn.Linear | nn.Conv2d, scale: float = math.sqrt(2)) -> nn.Module:
+    """Initialize orthogonally with gain `scale`, and without bias: what PPO learns best from (Huang et al., 2022)."""
+    nn.init.orthogonal_(layer.weight, scale)
+    if layer.bias is not None:
+        nn.init.zeros_(layer.bias)
+    return layer

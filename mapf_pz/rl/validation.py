@@ -1,0 +1,78 @@
+"""How episodes ended: those of a training batch, and those on instances that the run does not train on."""
+
+from __future__ import annotations
+
+import torch
+from tensordict import TensorDictBase, stack
+from torch import Tensor
+from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
+
+from mapf_pz.rl.algorithms import Algorithm
+from mapf_pz.rl.collect import MakeEnv
+from mapf_pz.rl.config import TrainConfig
+
+_NAMES = ("CSR", "ISR", "return")
+FIRST_SEED = 2_000_000
+"""Of the validation instances; those of runs with seeds far below are others."""
+
+
+class Validation:
+    """Episodes played now and then: the same instances every time, and the same draws; what changes is the policy."""
+
+    def __init__(self, algorithm: Algorithm, config: TrainConfig) -> None:
+        """Refer to the actor; the environments, one for each episode, are made when they are needed."""
+        self._config = config
+        self._algorithm = algorithm
+        self._env: EnvBase | None = None
+        self._due = config.validation_interval
+
+    def after(self, agent_steps: int, last: bool) -> dict[str, float]:
+        """Return what `measure` does if it is time for it, and the same names without numbers if not.
+
+        With an interval of 0 there are no names.
+        """
+        if not self._config.validation_interval:
+            return {}
+        if agent_steps < self._due and not last:
+            return {f"validation_{name}": float("nan") for name in _NAMES}
+        self._due = agent_steps + self._config.validation_interval
+        return self.measure()
+
+    def measure(self) -> dict[str, float]:
+        """Play the episodes and return the means of CSR, ISR and return, named `validation_...`."""
+        if self._env is None:
+            self._env = MakeEnv(self._algorithm, self._config, FIRST_SEED, self._config.validation_episodes)()
+        self._env.set_seed(FIRST_SEED)
+        with torch.random.fork_rng(devices=[]), torch.no_grad(), set_exploration_type(ExplorationType.RANDOM):
+            torch.manual_seed(FIRST_SEED)
+            means = self._play(self._env)
+        return {f"validation_{name}": means[name] for name in _NAMES}
+
+    def _play(self, env: EnvBase) -> dict[str, float]:
+        """Return the means over each environment's first episode."""
+        now = env.reset()
+        over = torch.zeros(*env.batch_size, 1, dtype=torch.bool)
+        steps: list[TensorDictBase] = []
+        ended: list[Tensor] = []
+        for _ in range(self._config.task.max_steps):
+            step, now = env.step_and_maybe_reset(self._algorithm.actor(now))
+            steps.append(step["next"].select("done", "terminated", ("agents", "at_goal"), ("agents", "episode_reward")))
+            ended.append(steps[-1]["done"] & ~over)
+            over = over | ended[-1]
+        return episode_means(stack(steps, 0), torch.stack(ended))
+
+
+def episode_means(after: TensorDictBase, ended: Tensor) -> dict[str, float]:
+    """Return the means over the episodes that ended; nan where none did.
+
+    Args:
+        after: what steps led to, (..., 1).
+        ended: bool (..., 1), the steps to count.
+    """
+    chosen = ended.squeeze(-1)
+    return {
+        "episodes": float(ended.sum()),
+        "CSR": float(after.get("terminated")[chosen].float().mean()),
+        "ISR": float(after.get(("agents", "at_goal"))[chosen].float().mean()),
+        "return": float(after.get(("agents", "episode_reward"))[chosen].mean()),
+    }

@@ -1,0 +1,242 @@
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+from tensordict import TensorDict
+from torchrl.envs import Compose, TransformedEnv
+
+from mapf_pz import FormatError
+from mapf_pz.rl import BatchedMapfEnv, load_policy, train
+from mapf_pz.rl.algorithms import ALGORITHMS
+from mapf_pz.rl.checkpoint import Checkpoints, Position, restore
+from mapf_pz.rl.config import CuriosityConfig
+from mapf_pz.rl.curiosity import RewardScale, make_curiosity
+from mapf_pz.rl.learner import Learner
+from mapf_pz.rl.observed import Observed
+from mapf_pz.rl.train import resume
+from tests.rl import tiny
+from tests.rl.tiny import rows, untimed
+
+KINDS = ["rnd", "random-features", "inverse-dynamics"]
+TINY = dataclasses.replace(tiny.TINY, curiosity=CuriosityConfig(size=16), agent_steps=800)
+
+
+def curious(kind, config=TINY, **fields):
+    return dataclasses.replace(config, curiosity=dataclasses.replace(config.curiosity, kind=kind, **fields))
+
+
+def interrupt_after(updates):
+    seen = []
+
+    def on_progress(row):
+        seen.append(row)
+        if len(seen) == updates:
+            raise KeyboardInterrupt
+
+    return on_progress
+
+
+def random_steps(config, number, seed):
+    """Steps of N agents each between observations that have nothing to do with each other."""
+    torch.manual_seed(seed)
+    observed, each = Observed.by_policy_of(config.task), (number, config.task.num_agents)
+
+    def seen():
+        return {"image": torch.rand(*each, *observed.image), "features": torch.rand(*each, observed.features)}
+
+    agents = {"observation": seen(), "action": torch.randint(observed.actions, each)}
+    return TensorDict(agents=agents, next={"agents": {"observation": seen()}}, batch_size=[number])
+
+
+def rollout(config, steps, max_steps=None):
+    """An algorithm's steps in its form of the environment, reset where episodes end."""
+    torch.manual_seed(0)
+    algorithm = ALGORITHMS[config.algorithm](config)
+    keywords = config.task.env_keywords() | {"max_steps": max_steps or config.task.max_steps}
+    env = TransformedEnv(BatchedMapfEnv(config.ppo.num_envs, **keywords), Compose(*algorithm.transforms(config.seed)))
+    env.set_seed(0)
+    torch.manual_seed(1)
+    with torch.no_grad():
+        return env.rollout(steps, algorithm.actor, break_when_any_done=False)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_known_surprises_less(kind):
+    config = curious(kind, update_fraction=1.0)
+    torch.manual_seed(0)
+    curiosity = make_curiosity(config)
+    assert curiosity is not None
+    known, unknown = random_steps(config, 10, seed=1), random_steps(config, 10, seed=2)
+
+    def surprises():
+        with torch.no_grad():
+            return float(curiosity.surprise(known).mean()), float(curiosity.surprise(unknown).mean())
+
+    before, never_seen = surprises()
+    assert before > 0.7 * never_seen
+    optimizer = torch.optim.Adam(curiosity.parameters(), 3e-3)
+    for _ in range(400):
+        optimizer.zero_grad()
+        curiosity.loss(known).backward()
+        optimizer.step()
+    after, never_seen = surprises()
+    assert after < 0.3 * before
+    assert after < 0.3 * never_seen
+
+
+def numpy_deviation(rewards, gamma):
+    sums = np.zeros(rewards.shape)
+    for t in range(rewards.shape[1]):
+        sums[:, t] = gamma * sums[:, t - 1] * (t > 0) + rewards[:, t]
+    return sums.std()
+
+
+def test_rewards_are_divided_by_the_deviation_of_all_discounted_sums():
+    rewards = np.random.default_rng(0).gamma(2.0, size=(5, 40, 3))
+    scale = RewardScale(5, 3, gamma=0.9)
+    for first in range(0, 40, 8):  # sums go on from batch to batch
+        part = torch.tensor(rewards[:, first : first + 8], dtype=torch.float32)
+        expected = rewards[:, first : first + 8] / numpy_deviation(rewards[:, : first + 8], 0.9)
+        np.testing.assert_allclose(scale(part).numpy(), expected, rtol=1e-4)
+
+
+@pytest.mark.parametrize("unit", [0.01, 100.0])
+def test_the_unit_of_rewards_does_not_matter(unit):
+    rewards = torch.rand(5, 40, 3)
+    torch.testing.assert_close(
+        RewardScale(5, 3, 0.99)(unit * rewards), RewardScale(5, 3, 0.99)(rewards), rtol=1e-3, atol=0
+    )
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("algorithm", ["mappo", "central-ppo"])
+def test_the_end_of_an_episode_is_its_own(kind, algorithm):
+    config = dataclasses.replace(curious(kind), algorithm=algorithm)
+    torch.manual_seed(0)
+    curiosity = make_curiosity(config)
+    assert curiosity is not None
+    ended, ongoing = rollout(config, 6, max_steps=3), rollout(config, 3, max_steps=100)
+    assert ended["next", "done"][:, 2].all()
+    assert not ongoing["next", "done"].any()
+    with torch.no_grad():
+        torch.testing.assert_close(curiosity.surprise(ended)[:, :3], curiosity.surprise(ongoing))
+
+
+def test_actions_taken_are_those_of_the_matrix():
+    batch = rollout(dataclasses.replace(TINY, algorithm="central-ppo"), 8)
+    taken = batch["next", "agents", "taken"]
+    assert len(taken.unique()) > 1
+    torch.testing.assert_close(taken, batch["team", "action"].clamp(-1, 1).argmax(-1))
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "credit"), [("mappo", "agent"), ("central-ppo", "agent"), ("central-ppo", "team")]
+)
+def test_the_reward_is_added_to_what_the_loss_learns_from(algorithm, credit):
+    ppo = dataclasses.replace(TINY.ppo, credit=credit)
+    config = dataclasses.replace(curious("rnd", weight=0.5), algorithm=algorithm, ppo=ppo)
+    curiosity, key = make_curiosity(config), ALGORITHMS[algorithm](config).reward_key
+    assert curiosity is not None
+    batch = rollout(config, 5)
+    before, state = batch.clone(), {name: tensor.clone() for name, tensor in curiosity.state_dict().items()}
+    mean = curiosity.add_reward(batch, key)
+    curiosity.load_state_dict(state)
+    intrinsic = curiosity.reward(before)
+    assert intrinsic.shape == (4, 5, 3, 1)
+    assert (intrinsic > 0).all()
+    torch.testing.assert_close(mean, intrinsic.mean())
+    expected = intrinsic.mean(2) if credit == "team" else intrinsic
+    torch.testing.assert_close(batch["next"][key], before["next"][key] + 0.5 * expected)
+
+
+def test_an_observation_without_features():
+    config = curious("inverse-dynamics")
+    config = dataclasses.replace(config, task=dataclasses.replace(config.task, features=()))
+    curiosity = make_curiosity(config)
+    assert curiosity is not None
+    assert curiosity.reward(rollout(config, 5)).shape == (4, 5, 3, 1)
+
+
+def test_the_share_to_learn_from_is_a_share():
+    with pytest.raises(ValueError, match="update_fraction=0"):
+        CuriosityConfig(update_fraction=0)
+
+
+@pytest.mark.parametrize("algorithm", ["mappo", "ippo", "central-ppo"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_curious_run(tmp_path, kind, algorithm):
+    folder = train(dataclasses.replace(curious(kind), algorithm=algorithm), tmp_path)
+    assert len(rows(folder)) == 4
+    for row in rows(folder):
+        assert float(row["intrinsic_reward"]) > 0
+        assert float(row["loss_curiosity"]) > 0
+    assert load_policy(folder).config.curiosity.kind == kind
+
+
+def test_without_curiosity_nothing_is_said_of_it(tmp_path):
+    assert not {"intrinsic_reward", "loss_curiosity"} & rows(train(TINY, tmp_path))[0].keys()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_same_seed_same_run(tmp_path, kind):
+    one, two = (untimed(train(curious(kind), tmp_path / name)) for name in "ab")
+    assert one == two
+
+
+def test_the_return_is_the_tasks_own(tmp_path):
+    config = dataclasses.replace(TINY, agent_steps=192)  # one update: the policy is the same until its end
+    free, paid = (
+        rows(train(curious("rnd", config, weight=weight), tmp_path / str(weight)))[0] for weight in (0.0, 100.0)
+    )
+    assert paid["return"] == free["return"]
+    assert paid["intrinsic_reward"] == free["intrinsic_reward"]
+    assert paid["loss_critic"] != free["loss_critic"]
+
+
+def make_learner(config):
+    torch.manual_seed(config.seed)
+    learner, steps = Learner(ALGORITHMS[config.algorithm](config), config), rollout(config, 16)
+    torch.manual_seed(config.seed)
+    learner.learn(steps.clone(), 0.0)
+    return learner, steps
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_checkpoint_holds_networks_moments_and_statistics(tmp_path, kind):
+    config = curious(kind)
+    learner, steps = make_learner(config)
+    other, _ = make_learner(dataclasses.replace(config, seed=1))
+    curiosity, restored = learner.curiosity, other.curiosity
+    assert curiosity is not None
+    assert restored is not None
+    assert not torch.equal(restored.scale.sums, curiosity.scale.sums)
+    checkpoints = Checkpoints(tmp_path)
+    checkpoints.save(learner, Position(1, 192, 0.5))
+    kept = learner.tensors()
+    restore(checkpoints.latest(), other)
+    torch.set_rng_state(kept["random"])
+    torch.testing.assert_close(other.tensors(), kept, rtol=0, atol=0)
+    torch.testing.assert_close(restored.reward(steps), curiosity.reward(steps), rtol=0, atol=0)
+
+
+def test_a_checkpoint_of_a_curious_run_fits_no_other(tmp_path):
+    learner, _ = make_learner(curious("rnd"))
+    checkpoints = Checkpoints(tmp_path)
+    checkpoints.save(learner, Position(1, 192, 0.5))
+    for kind in ("none", "inverse-dynamics"):
+        other, _ = make_learner(curious(kind))
+        with pytest.raises(FormatError, match="not a checkpoint of this run"):
+            restore(checkpoints.latest(), other)
+
+
+@pytest.mark.parametrize("algorithm", ["mappo", "central-ppo"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_curious_run_continues(tmp_path, kind, algorithm):
+    with pytest.raises(KeyboardInterrupt):
+        train(dataclasses.replace(curious(kind), algorithm=algorithm), tmp_path, interrupt_after(2))
+    before = rows(tmp_path)
+    assert len(before) == 2
+    resume(tmp_path)
+    assert rows(tmp_path)[:2] == before
+    assert [row.keys() for row in rows(tmp_path)] == [before[0].keys()] * 4

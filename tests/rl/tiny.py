@@ -1,0 +1,22 @@
+"""A training run of a second, and what it wrote."""
+
+import csv
+
+from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
+
+TINY = TrainConfig(
+    task=TaskConfig(height=6, width=6, num_agents=3, max_steps=12, view_size=(3, 3)),
+    model=ModelConfig(conv_channels=(4,), hidden=16),
+    ppo=PPOConfig(num_envs=4, steps_per_batch=16, num_epochs=1, minibatch_size=32),
+    agent_steps=600,
+)
+TIMINGS = {"seconds", "agent_steps_per_second", "collecting_share", "acting_share", "learning_share"}
+
+
+def rows(folder):
+    with (folder / "progress.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def untimed(folder):
+    return [{key: value for key, value in row.items() if key not in TIMINGS} for row in rows(folder)]
