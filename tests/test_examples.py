@@ -8,18 +8,32 @@ import pytest
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
+def run(name, *options):
+    done = subprocess.run([sys.executable, EXAMPLES / name, *options], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
 def test_random_agents():
-    command = [sys.executable, "-W", "error", EXAMPLES / "random_agents.py"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    metrics = ast.literal_eval(done.stdout)
+    metrics = ast.literal_eval(run("random_agents.py"))
     assert metrics["ep_length"] == 100
     assert 0 <= metrics["ISR"] <= 1
 
 
-def test_train_mappo(tmp_path):
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("train_mappo.py", "CSR on 2 unseen maps"),
+        ("train_ippo.py", "32 agents on 20 x 20: ISR"),
+        ("train_centralized_ppo.py", "CSR on 2 unseen maps"),
+    ],
+)
+def test_training(tmp_path, name, told):
     pytest.importorskip("torchrl")
-    options = ["--agent-steps", "20000", "--episodes", "2", "--output", tmp_path]
-    command = [sys.executable, EXAMPLES / "train_mappo.py", *options]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert "CSR on 2 unseen maps" in done.stdout
+    assert told in run(name, "--agent-steps", "20000", "--episodes", "2", "--output", str(tmp_path))
     assert (tmp_path / "policy.safetensors").exists()
+
+
+def test_stable_baselines():
+    pytest.importorskip("stable_baselines3")
+    assert "CSR on 2 unseen maps" in run("centralized_sb3.py", "--steps", "2048", "--episodes", "2")

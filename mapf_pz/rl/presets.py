@@ -45,7 +45,7 @@ PRESETS: dict[str, TrainConfig] = {
         task=replace(_CENTRAL.task, height=10, width=10, num_agents=8),
         model=ModelConfig(encoder="report", conv_channels=(64, 64), hidden=384, head=(192,)),
         ppo=replace(_CENTRAL.ppo, learning_rate=7e-4, num_epochs=4),
-        agent_steps=6_000_000,
+        agent_steps=8_000_000,
     ),
 }
 """`mapf-pz train NAME` begins from these; every field can be changed on the command line."""
