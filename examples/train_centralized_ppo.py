@@ -3,9 +3,10 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import tyro
 
-import mapf_pz
+from mapf_pz.evaluate.run import Trial, run_episodes
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.config import TrainConfig
@@ -40,17 +41,10 @@ def main(example: Example) -> None:
         example.output,
         on_progress=lambda row: print(f"{row['agent_steps']:9.0f} CSR {row['CSR']:.2f}"),
     )
-    policy = load_policy(example.output)
     maps = RandomObstacles(height=8, width=8, density=0.1, num_agents=4)
-    env = mapf_pz.parallel_env(**policy.env_kwargs, source=maps, max_steps=64)
-    solved = 0.0
-    for episode in range(example.episodes):
-        observations, _ = env.reset(seed=1_000_000 + episode)
-        policy.reset_states()
-        while env.agents:
-            observations = env.step(policy.act(observations))[0]
-        solved += env.metrics()["CSR"]
-    print(f"CSR on {example.episodes} unseen maps: {solved / example.episodes:.2f}")
+    trial = Trial("4 agents", {"source": maps, "max_steps": 64}, example.episodes)
+    solved = [episode["CSR"] for episode in run_episodes(load_policy(example.output), trial)]
+    print(f"CSR on {example.episodes} unseen maps: {np.mean(solved):.2f}")
 
 
 if __name__ == "__main__":
