@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Generator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,8 +52,9 @@ class MakeWorkerEnv(MakeEnv):
         return super().__call__()
 
 
-def make_collector(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int) -> BaseCollector:
-    """Return what yields `updates` batches of B x T steps, with the algorithm's actor as it is at that time.
+@contextmanager
+def collecting(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int) -> Generator[BaseCollector]:
+    """Yield what yields `updates` batches of B x T steps, with the algorithm's actor as it is at that time.
 
     The environments begin with the episodes of the seeds `seed`, `seed + 1`, ... Several workers give batches of
     W x (B / W) x T; `update_policy_weights_` tells them what was learnt.
@@ -60,17 +63,20 @@ def make_collector(algorithm: Algorithm, config: TrainConfig, seed: int, updates
         ValueError: B environments cannot be shared out evenly.
         ImportError: Ray is asked for and not installed.
     """
-    return _COLLECTORS[config.collector](algorithm, config, seed, updates)
+    with ExitStack() as afterwards:
+        collector = _COLLECTORS[config.collector](algorithm, config, seed, updates, afterwards)
+        afterwards.callback(collector.shutdown)
+        yield collector
 
 
-def _in_this_process(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int) -> BaseCollector:
+def _in_this_process(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int, _: ExitStack) -> BaseCollector:
     env = MakeEnv(algorithm, config, seed, config.ppo.num_envs)()
     return Collector(
         env, algorithm.actor, **_keywords(algorithm, config, updates), auto_register_policy_transforms=False
     )
 
 
-def _in_processes(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int) -> BaseCollector:
+def _in_processes(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int, _: ExitStack) -> BaseCollector:
     return MultiSyncCollector(
         _shares(algorithm, config, seed),
         algorithm.actor,
@@ -82,14 +88,19 @@ def _in_processes(algorithm: Algorithm, config: TrainConfig, seed: int, updates:
     )
 
 
-def _on_ray(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int) -> BaseCollector:
+def _on_ray(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int, afterwards: ExitStack) -> BaseCollector:
     try:
         import ray
         from torchrl.collectors.distributed import RayCollector
     except ImportError as error:
         raise ImportError(f"collector='ray': {error}: pip install 'mapf-pz[ray]'") from error
-    if not ray.is_initialized():  # RAY_ADDRESS names a cluster; without it, Ray begins one on this machine
-        ray.init(include_dashboard=False, log_to_driver=False)
+    if not ray.is_initialized():
+        # RAY_ADDRESS names a cluster; without it, Ray begins one on this machine.
+        own: dict[str, Any] = (
+            {} if "RAY_ADDRESS" in os.environ else {"num_cpus": config.num_workers, "include_dashboard": False}
+        )
+        ray.init(log_to_driver=False, **own)
+        afterwards.callback(ray.shutdown)
     collector = RayCollector(
         _shares(algorithm, config, seed),
         algorithm.actor,
@@ -103,7 +114,7 @@ def _on_ray(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int) 
     return collector
 
 
-_COLLECTORS: dict[CollectorName, Callable[[Algorithm, TrainConfig, int, int], BaseCollector]] = {
+_COLLECTORS: dict[CollectorName, Callable[[Algorithm, TrainConfig, int, int, ExitStack], BaseCollector]] = {
     "single": _in_this_process,
     "processes": _in_processes,
     "ray": _on_ray,

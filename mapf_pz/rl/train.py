@@ -12,7 +12,7 @@ import torch
 
 from mapf_pz.rl.algorithms import ALGORITHMS, Algorithm
 from mapf_pz.rl.checkpoint import read_position
-from mapf_pz.rl.collect import make_collector
+from mapf_pz.rl.collect import collecting
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.policy import CONFIG, load_config
@@ -138,10 +138,9 @@ def _updates(
         return
     watch, validation = Stopwatch(), Validation(algorithm, config)
     seed = config.seed if done == 0 else int(np.random.SeedSequence([config.seed, done]).generate_state(1)[0])
-    collector = make_collector(algorithm, config, seed, num_updates - done)
-    batches = iter(collector)
-    began = time.perf_counter() - seconds_before
-    try:
+    with collecting(algorithm, config, seed, num_updates - done) as collector:
+        batches = iter(collector)
+        began = time.perf_counter() - seconds_before
         for update in range(done, num_updates):
             with watch.time("collecting"), watch.calls(algorithm.actor, "acting"):
                 batch = next(batches)
@@ -158,8 +157,6 @@ def _updates(
                 **losses,
                 **validation.after(agent_steps, last=update + 1 == num_updates),
             }
-    finally:
-        collector.shutdown()
 
 
 def _shares(seconds: dict[str, float]) -> dict[str, float]:

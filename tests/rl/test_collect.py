@@ -5,7 +5,7 @@ import torch
 
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.algorithms import ALGORITHMS
-from mapf_pz.rl.collect import make_collector
+from mapf_pz.rl.collect import collecting
 from tests.rl.tiny import TINY, rows
 
 
@@ -17,9 +17,8 @@ def config():
 def collected(config, updates):
     """Collect some batches; between them the policy becomes one that always waits."""
     algorithm = ALGORITHMS[config.algorithm](config)
-    collector = make_collector(algorithm, config, config.seed, updates)
     batches = []
-    try:
+    with collecting(algorithm, config, config.seed, updates) as collector:
         for batch in collector:
             batches.append(batch.reshape(config.ppo.num_envs, -1).clone())
             with torch.no_grad():
@@ -27,8 +26,6 @@ def collected(config, updates):
                     parameter.zero_()
                 algorithm.network.head[-1].bias[3] = 50.0
             collector.update_policy_weights_()
-    finally:
-        collector.shutdown()
     return batches
 
 
@@ -49,14 +46,19 @@ def test_processes(config):
     check(config, collected(config, 2))
 
 
-def test_ray(config, monkeypatch):
+def test_ray(config, monkeypatch, tmp_path):
     ray = pytest.importorskip("ray")
     monkeypatch.setenv("RAY_AUTH_MODE", "disabled")
+    monkeypatch.setenv("RAY_worker_niceness", "0")  # on a busy machine, its workers would never get their turn
     config = dataclasses.replace(config, collector="ray")
-    try:
-        check(config, collected(config, 2))
-    finally:
-        ray.shutdown()
+    check(config, collected(config, 2))
+    train(config, tmp_path / "ray")
+    assert not ray.is_initialized()
+    train(dataclasses.replace(config, collector="single"), tmp_path / "single")
+    one, several = rows(tmp_path / "single"), rows(tmp_path / "ray")
+    assert [row.keys() for row in one] == [row.keys() for row in several]
+    assert [row["agent_steps"] for row in one] == [row["agent_steps"] for row in several]
+    load_policy(tmp_path / "ray")
 
 
 @pytest.mark.parametrize("algorithm", ["mappo", "central-ppo"])

@@ -32,24 +32,8 @@ def test_a_policy_routes_agents(name):
 
 
 def test_evaluate_by_name(capsys):
-    assert (
-        main(
-            [
-                "evaluate",
-                "--policy",
-                "mappo",
-                "--map",
-                "empty-8-8",
-                "--num-agents",
-                "4",
-                "--max-steps",
-                "64",
-                "--episodes",
-                "2",
-            ]
-        )
-        == 0
-    )
+    words = "--map empty-8-8 --num-agents 4 --max-steps 64 --episodes 2"
+    assert main(["evaluate", "--policy", "mappo", *words.split()]) == 0
     assert "4 agents on empty-8-8" in capsys.readouterr().out
 
 
