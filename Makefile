@@ -5,7 +5,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: train test lint format figures clean
+.PHONY: train test lint format figures reproduction clean
 
 train: .venv/installed
 	$(BIN)/mapf-pz train quickstart --output runs/quickstart
@@ -24,6 +24,9 @@ format: .venv/installed
 
 figures: .venv/installed
 	$(BIN)/python docs/figures.py
+
+reproduction: .venv/installed
+	$(BIN)/python docs/reproduction.py
 
 .venv/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv

@@ -46,7 +46,7 @@ class Bytes(Seen):
 
 
 class AllGoals(Seen):
-    """All goals look alike: an agent cannot tell its own."""
+    """An agent cannot tell its own goal from those of the agents in view; in the report, from any goal in view."""
 
     def show(self, image: Tensor) -> Tensor:
         """Return the image with all goals in the goal's plane."""

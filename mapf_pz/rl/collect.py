@@ -96,10 +96,8 @@ def _on_ray(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int, 
         raise ImportError(f"collector='ray': {error}: pip install 'mapf-pz[ray]'") from error
     if not ray.is_initialized():
         # RAY_ADDRESS names a cluster; without it, Ray begins one on this machine.
-        own: dict[str, Any] = (
-            {} if "RAY_ADDRESS" in os.environ else {"num_cpus": config.num_workers, "include_dashboard": False}
-        )
-        ray.init(log_to_driver=False, **own)
+        own: dict[str, Any] = {} if "RAY_ADDRESS" in os.environ else {"num_cpus": config.num_workers}
+        ray.init(include_dashboard=False, log_to_driver=False, **own)
         afterwards.callback(ray.shutdown)
     collector = RayCollector(
         _shares(algorithm, config, seed),

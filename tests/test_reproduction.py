@@ -1,0 +1,77 @@
+"""The reproduction of the report: that its flaws are what they are said to be, and that it can be run."""
+
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+pytest.importorskip("torchrl")
+sys.path.insert(0, str(Path(__file__).parents[1] / "docs"))
+flaws = pytest.importorskip("flaws")
+reproduction = pytest.importorskip("reproduction")
+
+from torchrl.envs import TransformedEnv  # noqa: E402
+
+from mapf_pz.rl import BatchedMapfEnv  # noqa: E402
+
+
+def make_env(*transforms, **keywords):
+    channels = ("view", "goal", "orientation", "edge_weights", "other_goals")
+    env = BatchedMapfEnv(2, channels=channels, **{"num_agents": 3} | keywords)
+    env.set_seed(0)
+    for transform in transforms:
+        env = TransformedEnv(env, transform)
+    return env
+
+
+def test_bytes_lose_all_fractions():
+    seen = flaws.Bytes().show(torch.tensor([0.0, 0.25, 0.99, 1.0, -0.5, -1.0]))
+    assert torch.equal(seen * 255, torch.tensor([0.0, 0.0, 0.0, 1.0, 0.0, 255.0]))
+
+
+def test_all_goals_look_alike():
+    plain, flawed = (make_env(*flawed, num_agents=12).reset() for flawed in ((), (flaws.AllGoals(),)))
+    own, others = (plain["agents", "observation"][..., plane, :, :] for plane in (flaws.GOAL, flaws.OTHER_GOALS))
+    seen = flawed["agents", "observation"]
+    assert torch.equal(seen[..., flaws.GOAL, :, :], torch.maximum(own, others))
+    assert not seen[..., flaws.OTHER_GOALS, :, :].any()
+    assert others.any()
+
+
+def test_who_has_reached_a_goal_never_moves_again():
+    env = make_env(flaws.Freeze(), max_steps=10)
+    torch.manual_seed(0)
+    now, frozen = env.reset(), torch.zeros(2, 3, dtype=torch.bool)
+    for _ in range(300):
+        before = now["agents", "position"]
+        step, now = env.step_and_maybe_reset(env.rand_action(now))
+        still = (step["next", "agents", "position"] == before).all(-1)
+        assert still[frozen].all()
+        frozen |= step["next", "agents", "at_goal"].squeeze(-1)
+    assert frozen.any()
+
+
+def test_every_variation_can_be_trained():
+    rows = list(reproduction.variations())
+    assert len({row.name for row in rows}) == len(rows)
+    for row in rows:
+        flaws.FlawedPPO(row.config, row.flaws).transforms(0)
+
+
+def test_the_causes_are_taken_away_one_at_a_time():
+    rows = {row.name: row for row in reproduction.variations()}
+    assert rows["as coded"].flaws == (flaws.Bytes, flaws.AllGoals, flaws.Freeze)
+    assert rows["as coded"].config.task.reward.pay_blocked_forward
+    assert rows["- all goals alike"].flaws == ()
+    assert rows["as printed"].config.task.action_mode == "sigmoid"
+
+
+def test_a_run_is_kept(tmp_path, monkeypatch):
+    options = reproduction.Options(output=tmp_path, agent_steps=8192)
+    reproduction.learn(0, 0, options)
+    (run,) = tmp_path.iterdir()
+    (last,) = reproduction.curve(run)
+    assert last[0] == 8192
+    monkeypatch.setattr(reproduction, "train", None)
+    reproduction.learn(0, 0, options)
