@@ -151,8 +151,8 @@ def _edges(instance: Instance, plan: Plan) -> Violation | None:
         before, after = places[step - 1], places[step]
         at = {int(place): agent for agent, place in enumerate(before)}
         for agent in np.flatnonzero(before != after).tolist():
-            other = at.get(int(after[agent]), agent)
-            if other != agent and after[other] == before[agent]:
+            other = at.get(int(after[agent]))
+            if other is not None and after[other] == before[agent]:
                 cells = (_cell(plan.cells[step, agent]), _cell(plan.cells[step, other]))
                 return Violation("edge", step, (agent, other), cells)
     return None
