@@ -7,8 +7,10 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from torchrl.envs import Compose, RewardScaling, TransformedEnv
 
 import mapf_pz
+from mapf_pz.evaluate.run import Trial, run_episodes
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.algorithms import ALGORITHMS, MAPPO
+from mapf_pz.rl.config import CuriosityConfig
 from mapf_pz.rl.train import Progress
 from tests.rl.tiny import TINY, rows, untimed
 
@@ -141,3 +143,22 @@ def test_a_team_policy_says_how_many_agents_it_acts_for(tmp_path):
     env = mapf_pz.parallel_env(**policy.env_kwargs, num_agents=4)
     with pytest.raises(ValueError, match="exactly 3 agents, 4 observe"):
         policy.act(env.reset(seed=0)[0])
+
+
+@pytest.mark.parametrize("algorithm", ["mappo", "ippo", "central-ppo"])
+def test_all_ideas_at_once(tmp_path, algorithm):
+    task = dataclasses.replace(
+        TINY.task,
+        channels=("view", "cost_to_go", "heuristic"),
+        features=("goal_vector", "location", "last_actions"),
+        edge_weights="crisscross",
+        num_frames=2,
+        neighbors=1,
+    )
+    model = dataclasses.replace(TINY.model, encoder="residual", recurrent=8)
+    config = dataclasses.replace(
+        TINY, task=task, model=model, algorithm=algorithm, curiosity=CuriosityConfig(kind="rnd", size=8)
+    )
+    assert len(rows(train(config, tmp_path))) == 3
+    trial = Trial("three", {"map": "empty-8-8", "num_agents": 3, "max_steps": 8}, episodes=2)
+    assert len(list(run_episodes(load_policy(tmp_path), trial))) == 2
