@@ -1,5 +1,6 @@
-"""Planning: what a plan is, and whether it is legal."""
+"""Planning: planners, and whether what they make is legal."""
 
+from mapf_pz.planners.pibt import PIBT
 from mapf_pz.planners.plan import Plan, Violation, validate
 
-__all__ = ["Plan", "Violation", "validate"]
+__all__ = ["PIBT", "Plan", "Violation", "validate"]

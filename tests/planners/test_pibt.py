@@ -1,0 +1,73 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import mapf_pz
+from mapf_pz.instances import RandomObstacles
+from mapf_pz.planners import PIBT, validate
+from mapf_pz.types import Grid, Instance, Scenario
+
+
+def drawn(text, headings=None):
+    """Read agents a, b, ... and their goals A, B, ... off a drawing; a goal under an agent is `a` alone."""
+    rows = [list(line) for line in text.split()]
+    free = np.array([[cell != "#" for cell in row] for row in rows])
+    at = {cell: (row, col) for row, line in enumerate(rows) for col, cell in enumerate(line)}
+    names = sorted(name for name in at if name.islower())
+    scenario = Scenario([at[name] for name in names], [at.get(name.upper(), at[name]) for name in names])
+    return Instance(Grid(free, "drawn"), scenario, headings)
+
+
+def test_one_agent_takes_the_shortest_way():
+    plan = PIBT().solve(drawn("a..# ..#A ...."))
+    assert plan is not None
+    assert plan.sum_of_costs == 6
+
+
+@pytest.mark.parametrize("headings", [None, [0, 2]])
+def test_who_rests_on_its_goal_gives_way(headings):
+    instance = drawn("aB.bA ..... ", headings)
+    plan = PIBT().solve(instance)
+    assert plan is not None
+    assert validate(instance, plan) is None
+
+
+def test_a_corridor_that_is_too_narrow_has_no_plan():
+    assert PIBT().solve(drawn("aB.bA"), max_steps=50) is None
+
+
+@pytest.mark.parametrize("model", ["cardinal", "rotate"])
+@pytest.mark.parametrize("weights", ["uniform", "random", "crisscross"])
+@settings(max_examples=15)
+@given(seed=st.integers(0, 2**31), on_target=st.sampled_from(["nothing", "restart", "finish"]))
+def test_what_it_wants_it_gets(model, weights, seed, on_target):
+    env = mapf_pz.parallel_env(
+        source=RandomObstacles(8, 8, 0.2, 14),
+        action_model=model,
+        edge_weights=weights,
+        on_target=on_target,
+        max_steps=40,
+    )
+    observations, _ = env.reset(seed=seed)
+    planner = PIBT(env, seed)
+    while env.agents:
+        observations, _, _, _, infos = env.step(planner.act(observations))
+        assert not any(info["blocked"] for info in infos.values())
+
+
+def test_same_seed_same_episode():
+    cells = []
+    for _ in range(2):
+        env = mapf_pz.parallel_env(source=RandomObstacles(8, 8, 0.2, 14), max_steps=20)
+        observations, _ = env.reset(seed=3)
+        planner = PIBT(env)
+        while env.agents:
+            observations = env.step(planner.act(observations))[0]
+        cells.append(env.positions)
+    assert (cells[0] == cells[1]).all()
+
+
+def test_without_an_environment_it_cannot_act():
+    with pytest.raises(RuntimeError, match="expected an environment to act in"):
+        PIBT().act({})
