@@ -22,23 +22,17 @@ from flaws import AllGoals, Bytes, Flaw, FlawedPPO, Freeze
 from matplotlib.figure import Figure
 
 from mapf_pz.config import REWARDS, RewardConfig
-from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
+from mapf_pz.rl.config import PPOConfig, TrainConfig
 from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.run import PROGRESS
 from mapf_pz.rl.train import train
 
 DOCS = Path(__file__).parent
-AGENT_STEPS = 500_000
 FULL = PRESETS["central-ppo"]
 
 AS_CODED = TrainConfig(
-    task=TaskConfig(
-        height=8,
-        width=8,
-        density=0.1,
-        num_agents=4,
-        max_steps=64,
-        view_size=(5, 5),
+    task=replace(
+        FULL.task,
         view="front",
         channels=("view", "goal", "orientation", "edge_weights", "other_goals"),
         features=(),
@@ -47,7 +41,7 @@ AS_CODED = TrainConfig(
         reward=RewardConfig(pay_blocked_forward=True),
     ),
     algorithm="central-ppo",
-    model=ModelConfig(encoder="report", conv_channels=(32, 64), hidden=128, head=(64, 64)),
+    model=FULL.model,
     # What its training script hands to Stable-Baselines3, but for batches: there of 512 steps, and minibatches of 128.
     ppo=PPOConfig(
         num_envs=64,
@@ -61,8 +55,6 @@ AS_CODED = TrainConfig(
         max_grad_norm=5.0,
         credit="team",
     ),
-    agent_steps=AGENT_STEPS,
-    validation_interval=AGENT_STEPS // 5,
 )
 
 
@@ -90,8 +82,8 @@ def variations() -> Iterator[Variation]:
     yield (now := now.but("- actions drawn from the matrix: argmax", task={"action_mode": "argmax"}))
     yield (now := now.but("- agents that freeze", without=Freeze))
     yield (now := now.but("- all goals alike", without=AllGoals))
-    ppo = {field: getattr(FULL.ppo, field) for field in PPOConfig.__dataclass_fields__}
-    yield (now := now.but("+ PPO's settings of this project", ppo=ppo | {"credit": "team"}))
+    ours = replace(now.config, ppo=replace(FULL.ppo, credit="team"))
+    yield (now := Variation("+ PPO's settings of this project", ours))
     yield (now := now.but("+ reward for progress", task={"reward": REWARDS["progress"], "edge_weights": "uniform"}))
     yield (now := now.but("+ credit for each agent", ppo={"credit": "agent"}))
     seen = now.config.task.channels
@@ -132,7 +124,7 @@ class Options:
     """The folder of all runs."""
     jobs: int = 2
     """Trainings side by side."""
-    agent_steps: int = AGENT_STEPS
+    agent_steps: int = 500_000
     """Length of each training."""
     seeds: tuple[int, ...] = (0, 1, 2)
     """Of the trainings."""
@@ -141,9 +133,7 @@ class Options:
 def main(options: Options) -> None:
     """Train what is not trained yet, and write the table and the figure."""
     with ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool:
-        pending = [
-            pool.submit(learn, row, seed, options) for seed in options.seeds for row in range(len(list(variations())))
-        ]
+        pending = [pool.submit(learn, row, seed, options) for seed in options.seeds for row in variations()]
         for run in pending:
             run.result()
     results = {row.name: [curve(folder(options, row, seed)) for seed in options.seeds] for row in variations()}
@@ -157,9 +147,8 @@ def folder(options: Options, row: Variation, seed: int) -> Path:
     return options.output / f"{name.strip('-')}-{seed}"
 
 
-def learn(number: int, seed: int, options: Options) -> None:
+def learn(row: Variation, seed: int, options: Options) -> None:
     """Train a variation, unless that was done before."""
-    row = list(variations())[number]
     output = folder(options, row, seed)
     if (output / PROGRESS).exists() and curve(output)[-1][0] > 0.95 * options.agent_steps:
         return

@@ -161,13 +161,14 @@ class Simulator:
 
     def positions(self, b: int) -> Ints:
         """Return where the agents of environment `b` are: (N, 2) int, [row, col]."""
-        return self._places(self.state.agents["cell"][b])
+        return self.places(self.state.agents["cell"][b])
 
     def goals(self, b: int) -> Ints:
         """Return the present goals of the agents of environment `b`: (N, 2) int, [row, col]."""
-        return self._places(self.state.agents["goal"][b])
+        return self.places(self.state.agents["goal"][b])
 
-    def _places(self, cells: Ints) -> Ints:
+    def places(self, cells: Ints) -> Ints:
+        """Return the cells of these numbers as (..., 2) int, [row, col]."""
         return np.stack(np.divmod(cells, self.shape[1]), axis=-1).astype(np.int64)
 
     def _shortest_steps(self, b: int) -> Ints:

@@ -69,9 +69,10 @@ def test_the_causes_are_taken_away_one_at_a_time():
 
 def test_a_run_is_kept(tmp_path, monkeypatch):
     options = reproduction.Options(output=tmp_path, agent_steps=8192)
-    reproduction.learn(0, 0, options)
+    row = next(reproduction.variations())
+    reproduction.learn(row, 0, options)
     (run,) = tmp_path.iterdir()
     (last,) = reproduction.curve(run)
     assert last[0] == 8192
     monkeypatch.setattr(reproduction, "train", None)
-    reproduction.learn(0, 0, options)
+    reproduction.learn(row, 0, options)

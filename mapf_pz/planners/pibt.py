@@ -42,8 +42,8 @@ class PIBT:
         """Return an action for each agent that observes; raises `RuntimeError` without an environment."""
         if self._env is None:
             raise RuntimeError("PIBT: expected an environment to act in, PIBT(env)")
-        actions = self._decide(self._env)
-        return {name: int(actions[self._env.possible_agents.index(name)]) for name in observations}
+        actions = dict(zip(self._env.possible_agents, self._decide(self._env).tolist(), strict=True))
+        return {name: actions[name] for name in observations}
 
     def solve(self, instance: Instance, time_limit: float = 10.0, max_steps: int = 1000) -> Plan | None:
         """Return a plan that brings all agents to their goals, or None where none was found.

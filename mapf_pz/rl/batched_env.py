@@ -90,7 +90,7 @@ class BatchedMapfEnv(EnvBase):
 
     def _observe(self) -> TensorDict:
         seen, agents = self.simulator.observe(), self.simulator.state.agents
-        position = np.stack(np.divmod(agents["cell"], self.simulator.shape[1]), axis=-1).astype(np.int64)
+        position = self.simulator.places(agents["cell"])
         position[~agents["active"]] = -1
         image = torch.from_numpy(seen.image)
         observation: Tensor | dict[str, Tensor] = image
