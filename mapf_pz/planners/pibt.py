@@ -2,77 +2,28 @@
 
 from __future__ import annotations
 
-import time
-from typing import Any, cast
-
 import numpy as np
 
 from mapf_pz.core.pibt import UNDECIDED, allocate_desk, cardinal_actions, plan_cells, rotating_actions
-from mapf_pz.environment import MapfEnv, parallel_env
-from mapf_pz.instances.sources import InstanceList
-from mapf_pz.planners.plan import Plan
-from mapf_pz.types import Instance, Ints
+from mapf_pz.planners.base import StepPlanner
+from mapf_pz.simulator import Simulator
+from mapf_pz.types import Ints
 
 
-class PIBT:
+class PIBT(StepPlanner):
     """Plans one step at a time, for both action models: see `mapf_pz.core.pibt`.
 
-    Bound to an environment it is a policy, `act(observations) -> actions`; it looks at the environment's state, not at
-    observations. An agent's priority rises while it is away from its goal, so that each reaches it at some time, if the
-    map is such that every two neighbouring cells lie on a cycle; all being there at once is not promised.
+    An agent's priority rises while it is away from its goal, so that each reaches it at some time, if the map is such
+    that every two neighbouring cells lie on a cycle; all being there at once is not promised.
     """
-
-    def __init__(self, env: MapfEnv | None = None, seed: int = 0) -> None:
-        """Bind the planner.
-
-        Args:
-            env: the environment to act in, or a wrapper of it; None: only `solve` can be used.
-            seed: of the draws between equally good choices.
-        """
-        self._env = None if env is None else cast("MapfEnv", env.unwrapped)
-        self._seed = seed
-        self.reset_states()
 
     def reset_states(self) -> None:
         """Forget the episode: called before each."""
-        self._rng = np.random.default_rng(self._seed)
+        super().reset_states()
         self._fraction = self._priority = np.zeros(0)
 
-    def act(self, observations: dict[str, Any]) -> dict[str, int]:
-        """Return an action for each agent that observes; raises `RuntimeError` without an environment."""
-        if self._env is None:
-            raise RuntimeError("PIBT: expected an environment to act in, PIBT(env)")
-        actions = dict(zip(self._env.possible_agents, self._decide(self._env).tolist(), strict=True))
-        return {name: actions[name] for name in observations}
-
-    def solve(self, instance: Instance, time_limit: float = 10.0, max_steps: int = 1000) -> Plan | None:
-        """Return a plan that brings all agents to their goals, or None where none was found.
-
-        Args:
-            instance: with headings for agents that turn, without for cardinal ones.
-            time_limit: seconds.
-            max_steps: the longest plan that is tried.
-        """
-        env = parallel_env(
-            source=InstanceList([instance]),
-            max_steps=max_steps,
-            action_model="cardinal" if instance.headings is None else "rotate",
-            view_size=(1, 1),
-        )
-        planner, began = PIBT(env, self._seed), time.perf_counter()
-        env.reset(seed=self._seed)
-        cells, headings = [env.positions], [env.headings]
-        while env.agents and time.perf_counter() - began < time_limit:
-            env.step(planner.act(dict.fromkeys(env.agents)))
-            cells.append(env.positions)
-            headings.append(env.headings)
-        if not (env.positions == env.goals).all():
-            return None
-        return Plan(np.stack(cells), None if instance.headings is None else np.stack(headings))
-
-    def _decide(self, env: MapfEnv) -> Ints:
-        """Return the actions (N,) int64 for the present state."""
-        simulator = env.simulator
+    def decide(self, simulator: Simulator) -> Ints:
+        """Return the actions (N,) int64 of all agents in the present state of the simulator's first environment."""
         simulator.require_distances()
         crew, occupant, m = simulator.state.agents[0], simulator.state.occupant[0], int(simulator.state.map[0])
         world, tables = simulator.world, simulator.tables.arrays
