@@ -14,8 +14,9 @@ from mapf_pz.environment import MapfEnv
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances.sources import InstanceList
 from mapf_pz.planners.plan import Plan
+from mapf_pz.planners.problem import Path, Problem, problem_of
 from mapf_pz.simulator import Simulator
-from mapf_pz.types import Instance, Ints
+from mapf_pz.types import Action, CardinalAction, Instance, Ints
 
 
 class Planner(ABC):
@@ -84,6 +85,74 @@ class StepPlanner(Planner):
         self.reset_states()
         simulator = simulator_of(instance, max_steps, edge_weights, self._seed)
         return record(simulator, self.decide, until=lambda: time.perf_counter() - began > time_limit)
+
+
+class PlanFollower(Planner):
+    """Plans all the way to the goals, and follows that plan until a goal changes or the environment does otherwise."""
+
+    def __init__(self, env: MapfEnv | None = None, seed: int = 0, time_limit: float = 1.0) -> None:
+        """Bind the planner: see `Planner`. It plans for at most `time_limit` seconds whenever it must plan in `act`."""
+        self._time_limit = time_limit
+        super().__init__(env, seed)
+
+    def reset_states(self) -> None:
+        """Forget the episode: called before each."""
+        super().reset_states()
+        self._goals: Ints = np.zeros(0, np.int32)
+        self._cells: Ints = np.zeros((0, 0), np.int32)
+        self._actions: Ints = np.zeros((0, 0), np.int64)
+        self._step = 0
+
+    @abstractmethod
+    def plan(self, problem: Problem, time_limit: float) -> Path | None:
+        """Return where all agents are until they are at their goals, or None where that was not found in time."""
+
+    def decide(self, simulator: Simulator) -> Ints:
+        """Return the actions (N,) int64 of all agents; all of them wait where there is no plan."""
+        crew = simulator.state.agents[0]
+        active = crew["active"]
+        expected = self._cells[min(self._step, len(self._cells) - 1)] if len(self._cells) else self._goals
+        as_planned = np.array_equal(self._goals, crew["goal"]) and (expected == crew["cell"])[active].all()
+        if not as_planned:
+            self._follow(simulator)
+        rests = self._step >= len(self._actions)
+        actions = np.full(len(crew), waiting(simulator)) if rests else self._actions[self._step]
+        self._step += 1
+        return actions
+
+    def _follow(self, simulator: Simulator) -> None:
+        """Plan afresh from the present state."""
+        crew = simulator.state.agents[0]
+        active = crew["active"]
+        path = self.plan(problem_of(simulator), self._time_limit)
+        self._step, self._goals = 0, crew["goal"].copy()
+        steps = 0 if path is None else len(path.cells) - 1
+        self._cells = np.tile(crew["cell"], (steps + 1, 1))
+        self._actions = np.full((steps, len(crew)), waiting(simulator), np.int64)
+        if path is not None:
+            self._cells[:, active] = path.cells
+            self._actions[:, active] = path.actions(simulator.world.leads_to[simulator.state.map[0]])
+
+    def solve(
+        self,
+        instance: Instance,
+        time_limit: float = 10.0,
+        max_steps: int = 1000,
+        edge_weights: WeightsName | GuidanceGraph = "uniform",
+    ) -> Plan | None:
+        """Return a plan that brings all agents to their goals, or None where none was found: see `Planner`."""
+        began = time.perf_counter()
+        self.reset_states()
+        simulator = simulator_of(instance, max_steps, edge_weights, self._seed)
+        path = self.plan(problem_of(simulator), time_limit - (time.perf_counter() - began))
+        if path is None or len(path.cells) > max_steps + 1:
+            return None
+        return Plan(simulator.places(path.cells), path.headings)
+
+
+def waiting(simulator: Simulator) -> int:
+    """Return the number of the action that waits."""
+    return int(CardinalAction.WAIT if simulator.config.action_model == "cardinal" else Action.WAIT)
 
 
 def simulator_of(instance: Instance, max_steps: int, edge_weights: WeightsName | GuidanceGraph, seed: int) -> Simulator:

@@ -1,4 +1,3 @@
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -6,17 +5,7 @@ from hypothesis import strategies as st
 import mapf_pz
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import PIBT, validate
-from mapf_pz.types import Grid, Instance, Scenario
-
-
-def drawn(text, headings=None):
-    """Read agents a, b, ... and their goals A, B, ... off a drawing; a goal under an agent is `a` alone."""
-    rows = [list(line) for line in text.split()]
-    free = np.array([[cell != "#" for cell in row] for row in rows])
-    at = {cell: (row, col) for row, line in enumerate(rows) for col, cell in enumerate(line)}
-    names = sorted(name for name in at if name.islower())
-    scenario = Scenario([at[name] for name in names], [at.get(name.upper(), at[name]) for name in names])
-    return Instance(Grid(free, "drawn"), scenario, headings)
+from tests.planners.drawing import drawn
 
 
 def test_one_agent_takes_the_shortest_way():

@@ -1,0 +1,65 @@
+"""A one-shot problem as the planners' kernels read it, and the path of all agents that solves it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mapf_pz.core.state import Array
+from mapf_pz.simulator import Simulator
+from mapf_pz.types import Action, CardinalAction, Ints
+
+
+class Problem(NamedTuple):
+    """A one-shot problem of N agents on a map of C cells, as kernels read it; `D` headings, 1 for cardinal agents."""
+
+    leads_to: Array  # (4, C + 1) int32: the cell that a move in each direction ends in; the own cell if blocked
+    weight: Array  # (5, C + 1) float32: of leaving in each direction (inf: blocked), and of waiting or turning
+    to_go: Array  # (S, C + 1, D) float32: cost to go, one table for each different goal
+    table: Array  # (N,) int32: which of the tables is that of the agent's goal
+    starts: Array  # (N,) int32: cells
+    headings: Array  # (N,) int32: at the start; 0 for cardinal agents
+    goals: Array  # (N,) int32: cells
+
+
+class Path(NamedTuple):
+    """Where N agents are in T steps."""
+
+    cells: Ints  # (T + 1, N) int32
+    headings: Ints | None  # (T + 1, N) int8; None: cardinal agents
+
+    def actions(self, leads_to: Ints) -> Ints:
+        """Return the actions (T, N) int64 that lead along this path, on a map of `leads_to` (4, C + 1)."""
+        here, there = self.cells[:-1], self.cells[1:]
+        moved = here != there
+        if self.headings is not None:
+            turn = np.diff(self.headings.astype(np.int64), axis=0) % 4
+            turned = np.select([turn == 1, turn == 3], [Action.ROTATE_RIGHT, Action.ROTATE_LEFT], Action.WAIT)
+            return np.where(moved, Action.FORWARD, turned).astype(np.int64)
+        actions = np.full(here.shape, CardinalAction.WAIT, np.int64)
+        for towards, action in enumerate(CARDINAL_ACTIONS):
+            actions[moved & (leads_to[towards][here] == there)] = action
+        return actions
+
+
+CARDINAL_ACTIONS = (CardinalAction.RIGHT, CardinalAction.DOWN, CardinalAction.LEFT, CardinalAction.UP)
+"""The cardinal action that moves towards each `Heading`."""
+
+
+def problem_of(simulator: Simulator) -> Problem:
+    """Return what is left to solve for the active agents of the simulator's first environment."""
+    simulator.require_distances()
+    world, tables, m = simulator.world, simulator.tables.arrays, int(simulator.state.map[0])
+    crew = simulator.state.agents[0]
+    crew = crew[crew["active"]]
+    cardinal = simulator.config.action_model == "cardinal"
+    return Problem(
+        leads_to=world.leads_to[m],
+        weight=world.weight[m],
+        to_go=tables.to_go,
+        table=tables.slot[m][crew["goal"]],
+        starts=crew["cell"].copy(),
+        headings=np.zeros(len(crew), np.int32) if cardinal else crew["heading"].copy(),
+        goals=crew["goal"].copy(),
+    )
