@@ -1,0 +1,283 @@
+"""PIBT with operations of several actions (EPIBT), and their improvement: one step for all agents of one environment.
+
+Yukhnevich and Andreychuk, *Enhancing PIBT via Multi-Action Operations*, AAAI 2026. Each agent follows an operation, a
+path of D actions from where it is. All operations together are free of conflicts: at first everybody waits, and in each
+step everybody goes on with the rest of its operation, and a wait. In the order of their priorities agents then take
+better operations; who is in the way, if that is a single agent of lower priority, must find another one at once, and may
+ask in the same way. As all agree on D actions and not on one, two that need the same cell settle who goes first.
+
+The improvement is a local search over the operations, as in the entries that won the League of Robot Runners: any
+agent may ask any other, if that makes the weighted sum of the costs smaller.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mapf_pz.core.jit import jit
+from mapf_pz.core.state import WAIT_WEIGHT, Array
+
+NOBODY, SEVERAL, NONE = -1, -2, -1
+AHEAD = 4
+MARGIN = np.float32(1e-3)
+"""Changes of the sum that are smaller may be rounding."""
+MAX_VISITS = 10
+"""So often is an agent asked in one step; more is not worth the time (the authors' number)."""
+
+
+class Operations(NamedTuple):
+    """P operations of D actions as a tree of M nodes: the root 0, and one for each action after another."""
+
+    parent: Array  # (M,) int32: the action before
+    turn: Array  # (M,) int32: quarter turns to the right
+    towards: Array  # (M,) int32: the heading of a move; 4: ahead; -1: no move
+    action: Array  # (M,) int64: its number in the environment
+    nodes: Array  # (P, D) int32: the actions of each operation; of equally good ones the first is taken
+    rest: Array  # (P,) int32: the operation that goes on with this one after its first action, and ends with a wait
+    waits: int  # the operation that only waits
+
+
+class Board(NamedTuple):
+    """What N agents on C cells do, and what else they could do."""
+
+    choice: Array  # (N,) int32: the operation of each
+    cell: Array  # (N,) int32: where its first action leads to; -1: there was none yet
+    heading: Array  # (N,) int32
+    path: Array  # (N, P, D + 1) int32: the cells of every operation, from where the agent is
+    cost: Array  # (N, P) float32: of it and of the way from its end; inf: it leads into an obstacle
+    least: Array  # (N,) float32: of these
+    weight: Array  # (N,) float32: how much an agent's cost counts in the sum
+    rank: Array  # (N,) int32: the place in the order of priorities
+    used: Array  # (D + 1, C + 1) int32: the agent on each cell, now and after each action; -1: nobody
+    visits: Array  # (N,) int32: how often an agent was asked
+    asking: Array  # (N,) bool: it has asked another one
+    chain: Array  # (N,) int32: who asked whom
+    before: Array  # (N,) int32: the operation that each in the chain had
+    node_cell: Array  # (M,) int32: scratch for one agent
+    node_heading: Array  # (M,) int32
+    node_cost: Array  # (M,) float32
+    node_ends: Array  # (M,) bool: it has passed its goal, and the rest costs nothing
+
+
+def allocate_board(num_agents: int, num_cells: int, tree: Operations) -> Board:
+    """Make room for N agents on C cells."""
+    num_nodes, (size, depth) = len(tree.parent), tree.nodes.shape
+    return Board(
+        choice=np.full(num_agents, tree.waits, np.int32),
+        cell=np.full(num_agents, -1, np.int32),
+        heading=np.zeros(num_agents, np.int32),
+        path=np.zeros((num_agents, size, depth + 1), np.int32),
+        cost=np.zeros((num_agents, size), np.float32),
+        least=np.zeros(num_agents, np.float32),
+        weight=np.ones(num_agents, np.float32),
+        rank=np.zeros(num_agents, np.int32),
+        used=np.full((depth + 1, num_cells + 1), NOBODY, np.int32),
+        visits=np.zeros(num_agents, np.int32),
+        asking=np.zeros(num_agents, np.bool_),
+        chain=np.zeros(num_agents, np.int32),
+        before=np.zeros(num_agents, np.int32),
+        node_cell=np.zeros(num_nodes, np.int32),
+        node_heading=np.zeros(num_nodes, np.int32),
+        node_cost=np.zeros(num_nodes, np.float32),
+        node_ends=np.zeros(num_nodes, np.bool_),
+    )
+
+
+@jit
+def go_on(crew: Array, tree: Operations, board: Board) -> None:
+    """Give each agent the rest of its operation.
+
+    Where any is not where it should be (another episode, other rules) all of them wait, which is always possible.
+    """
+    as_planned = True
+    for i in range(crew.size):
+        if crew[i].active:
+            as_planned &= board.cell[i] == crew[i].cell and board.heading[i] == crew[i].heading
+    for i in range(crew.size):
+        board.choice[i] = tree.rest[board.choice[i]] if as_planned else tree.waits
+
+
+@jit
+def rate(
+    leads_to: Array, weight: Array, slot: Array, to_go: Array, crew: Array, passing: bool, tree: Operations, board: Board
+) -> None:
+    """Find cells and costs of all operations, and mark the cells that agents use.
+
+    Arrays are those of one map, as in `mapf_pz.core.pibt`. With `passing`, to pass its goal is all that an agent wants;
+    otherwise it shall stay there.
+    """
+    size, depth = tree.nodes.shape
+    board.used[:] = NOBODY
+    for i in range(crew.size):
+        if not crew[i].active:
+            continue
+        _walk(leads_to, weight, to_go[slot[crew[i].goal]], crew[i], passing, tree, board)
+        board.least[i] = np.inf
+        for p in range(size):
+            board.path[i, p, 0] = crew[i].cell
+            for t in range(depth):
+                board.path[i, p, t + 1] = board.node_cell[tree.nodes[p, t]]
+            board.cost[i, p] = board.node_cost[tree.nodes[p, depth - 1]]
+            board.least[i] = min(board.least[i], board.cost[i, p])
+        board.used[0, crew[i].cell] = i
+        _put(board, i)
+
+
+@jit
+def _walk(
+    leads_to: Array, weight: Array, table: Array, agent: Array, passing: bool, tree: Operations, board: Board
+) -> None:
+    """Follow the tree from an agent's state; the leaves' costs include the way from there, by its `table` (C + 1, D)."""
+    cells, headings, cost, ends = board.node_cell, board.node_heading, board.node_cost, board.node_ends
+    num_headings = table.shape[1]
+    cells[0], headings[0], cost[0], ends[0] = agent.cell, agent.heading, 0.0, False
+    for node in range(1, cells.size):
+        before = tree.parent[node]
+        cell, heading = cells[before], (headings[before] + tree.turn[node]) % 4
+        price = weight[WAIT_WEIGHT, cell]
+        cells[node], headings[node] = cell, heading
+        if tree.towards[node] >= 0:
+            towards = heading if tree.towards[node] == AHEAD else tree.towards[node]
+            cells[node] = leads_to[towards, cell]
+            price = weight[towards, cell]
+        elif cell == agent.goal and tree.turn[node] == 0:
+            price = 0.0
+        cost[node] = cost[before] if ends[before] and price < np.inf else cost[before] + price
+        ends[node] = ends[before] or (passing and cells[node] == agent.goal)
+    for p in range(tree.nodes.shape[0]):
+        leaf = tree.nodes[p, -1]
+        if not ends[leaf]:
+            cost[leaf] += table[cells[leaf], headings[leaf] % num_headings]
+
+
+@jit
+def improve_in_order(crew: Array, order: Array, board: Board) -> None:
+    """Let agents take better operations in their `order` (N,), the highest priority first."""
+    board.visits[:] = 0
+    for place in range(order.size):
+        board.rank[order[place]] = place
+    for i in order:
+        if crew[i].active:
+            _search(i, False, board)
+
+
+@jit
+def improve_sum(draws: Array, crew: Array, board: Board) -> None:
+    """Let the agents `draws` (K,) one after the other look for changes that lower the weighted sum of the costs."""
+    for i in draws:
+        if crew[i].active:
+            board.visits[:] = 0
+            _search(i, True, board)
+
+
+@jit
+def _search(first: int, by_sum: bool, board: Board) -> bool:
+    """Find a better operation for agent `first`, and others for all whom it must ask; else everything stays.
+
+    `by_sum`: better is what lowers the sum of all costs, and anybody may be asked. Otherwise what lowers the cost of
+    `first`, and those after it in the order may be asked.
+    """
+    choice, cost, chain, before, asking = board.choice, board.cost, board.chain, board.before, board.asking
+    chain[0], before[0] = first, choice[first]
+    limit = cost[first, choice[first]]
+    _take(board, first)
+    choice[first] = NONE
+    depth, change = 0, np.float32(0.0)  # of the sum, by the operations of those who ask
+    while True:
+        i = chain[depth]
+        old = cost[i, before[depth]]
+        if by_sum:
+            limit = old - change / board.weight[i] - MARGIN
+        elif depth > 0:
+            limit = np.float32(np.inf)
+        p = _next_option(cost[i], choice[i], limit)
+        choice[i] = p
+        if p == NONE:
+            choice[i] = before[depth]
+            if depth == 0:
+                _put(board, i)
+                return False
+            depth -= 1
+            asker = chain[depth]
+            _take(board, asker)
+            _put(board, i)
+            asking[asker] = False
+            change -= board.weight[asker] * (cost[asker, choice[asker]] - cost[asker, before[depth]])
+            continue
+        other = _in_the_way(board, i, p)
+        if other == NOBODY:
+            _put(board, i)
+            for k in range(depth):
+                asking[chain[k]] = False
+            return True
+        if other == SEVERAL or asking[other] or board.visits[other] >= MAX_VISITS:
+            continue
+        if not by_sum and board.rank[other] < board.rank[first]:
+            continue
+        asked_change = change + board.weight[i] * (cost[i, p] - old)
+        if by_sum and asked_change + board.weight[other] * (board.least[other] - cost[other, choice[other]]) >= 0:
+            continue
+        board.visits[other] += 1
+        _take(board, other)
+        _put(board, i)
+        asking[i] = True
+        change = asked_change
+        depth += 1
+        chain[depth], before[depth] = other, choice[other]
+        choice[other] = NONE
+
+
+@jit
+def _next_option(cost: Array, last: int, limit: float) -> int:
+    """Return the operation that comes after `last` in the order of their costs, if it costs less than `limit`."""
+    best, least = NONE, limit
+    for p in range(cost.size):
+        after = last == NONE or cost[p] > cost[last] or (cost[p] == cost[last] and p > last)
+        if after and cost[p] < least:
+            best, least = p, cost[p]
+    return best
+
+
+@jit
+def _in_the_way(board: Board, i: int, p: int) -> int:
+    """Return the one agent whose operation conflicts with operation `p` of agent `i`; or NOBODY, or SEVERAL."""
+    path, used, found = board.path[i, p], board.used, NOBODY
+    for t in range(1, path.size):
+        here, there = path[t - 1], path[t]
+        on_it = used[t, there]
+        if on_it != NOBODY and on_it != found:
+            if found != NOBODY:
+                return SEVERAL
+            found = on_it
+        leaving = used[t - 1, there]
+        if here != there and leaving != NOBODY and leaving != found and used[t, here] == leaving:  # they change places
+            if found != NOBODY:
+                return SEVERAL
+            found = leaving
+    return found
+
+
+@jit
+def _put(board: Board, i: int) -> None:
+    path = board.path[i, board.choice[i]]
+    for t in range(1, path.size):
+        board.used[t, path[t]] = i
+
+
+@jit
+def _take(board: Board, i: int) -> None:
+    path = board.path[i, board.choice[i]]
+    for t in range(1, path.size):
+        board.used[t, path[t]] = NOBODY
+
+
+@jit
+def first_actions(crew: Array, tree: Operations, board: Board, actions: Array) -> None:
+    """Write each agent's first action (N,) int64, and remember where it leads to."""
+    for i in range(crew.size):
+        node = tree.nodes[board.choice[i], 0]
+        actions[i] = tree.action[node]
+        board.cell[i] = board.path[i, board.choice[i], 1]
+        board.heading[i] = (crew[i].heading + tree.turn[node]) % 4

@@ -1,0 +1,68 @@
+"""EPIBT as a policy, and as a planner: looks some steps ahead, and uses what time there is to do better."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from mapf_pz.core import epibt
+from mapf_pz.environment import MapfEnv
+from mapf_pz.planners.base import StepPlanner
+from mapf_pz.planners.operations import operations
+from mapf_pz.simulator import Simulator
+from mapf_pz.types import Ints
+
+DRAWS = 256
+"""So many agents try to improve the plan between two looks at the clock."""
+
+
+class EPIBT(StepPlanner):
+    """Plans operations of several actions, and acts by their first: see `mapf_pz.core.epibt`.
+
+    Made for lifelong episodes: agents near their goals come first. With a `time_limit`, what it does depends on the
+    machine's speed; without one, on the seed alone.
+    """
+
+    def __init__(self, env: MapfEnv | None = None, seed: int = 0, depth: int = 4, time_limit: float = 0.0) -> None:
+        """Bind the planner.
+
+        Args:
+            env: the environment to act in, or a wrapper of it; None: only `solve` can be used.
+            seed: of the draws.
+            depth: D, the number of actions of an operation, 1 to 6.
+            time_limit: seconds for a step; what is left after planning improves the plan.
+
+        Raises `ValueError` for another depth.
+        """
+        if not 1 <= depth <= 6:
+            raise ValueError(f"depth={depth}: expected a number of actions, 1 to 6")
+        self._depth = depth
+        self._time_limit = time_limit
+        super().__init__(env, seed)
+
+    def reset_states(self) -> None:
+        """Forget the episode: called before each."""
+        super().reset_states()
+        self._board: epibt.Board | None = None
+
+    def decide(self, simulator: Simulator) -> Ints:
+        """Return the actions (N,) int64 of all agents in the present state of the simulator's first environment."""
+        began = time.perf_counter()
+        simulator.require_distances()
+        crew, m = simulator.state.agents[0], int(simulator.state.map[0])
+        world, tables = simulator.world, simulator.tables.arrays
+        tree = operations(self._depth, simulator.config.action_model == "cardinal")
+        if self._board is None:
+            self._board = epibt.allocate_board(len(crew), world.obstacle.shape[1] - 1, tree)
+        board = self._board
+        epibt.go_on(crew, tree, board)
+        passing = simulator.config.on_target != "nothing"
+        epibt.rate(world.leads_to[m], world.weight[m], tables.slot[m], tables.to_go, crew, passing, tree, board)
+        order = np.argsort(simulator.distance_to_go(0), kind="stable")
+        epibt.improve_in_order(crew, order, board)
+        while time.perf_counter() - began < self._time_limit:
+            epibt.improve_sum(self._rng.integers(len(crew), size=DRAWS), crew, board)
+        actions = np.empty(len(crew), np.int64)
+        epibt.first_actions(crew, tree, board, actions)
+        return actions
