@@ -28,7 +28,9 @@ COMMANDS: dict[str, Command] = {
     "evaluate": Command("mapf_pz.commands.evaluate:evaluate", "try a trained policy on instances that it never saw"),
     "maps": Command("mapf_pz.commands.maps:maps", "list the bundled maps, or write their files"),
     "render": Command("mapf_pz.commands.render:render", "play an episode and save it as GIF or PNG"),
+    "solve": Command("mapf_pz.commands.solve:solve", "let a planner solve an instance, and write its plan"),
     "train": Command("mapf_pz.commands.train:train", "train a policy, and evaluate it"),
+    "validate": Command("mapf_pz.commands.validate:validate_plan", "check a plan file, and count its costs"),
 }
 """The commands by name."""
 

@@ -2,6 +2,8 @@
 
 from mapf_pz.instances.bundled import generate_bundled
 from mapf_pz.instances.library import load_map, load_scenario, map_names
+from mapf_pz.instances.load import load_instance
+from mapf_pz.instances.lorr import LorrProblem, load_problem
 from mapf_pz.instances.movingai import (
     format_map,
     format_scenario,
@@ -19,6 +21,7 @@ __all__ = [
     "FixedMap",
     "FixedScenario",
     "InstanceList",
+    "LorrProblem",
     "RandomMaps",
     "RandomObstacles",
     "components",
@@ -26,7 +29,9 @@ __all__ = [
     "format_scenario",
     "generate_bundled",
     "largest_component",
+    "load_instance",
     "load_map",
+    "load_problem",
     "load_scenario",
     "map_names",
     "parse_map",

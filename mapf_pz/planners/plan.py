@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -105,6 +105,27 @@ def validate(instance: Instance, plan: Plan) -> Violation | None:
         raise ValueError(f"plan: {plan.num_agents} agents, but the instance has {instance.num_agents}")
     found = [violation for check in _CHECKS if (violation := check(instance, plan)) is not None]
     return min(found, key=lambda violation: violation.step, default=None)
+
+
+def reached(path: Ints, goals: Iterable[Ints]) -> list[int]:
+    """Return the steps that end on one agent's goals, taken one after the other.
+
+    A goal is the agent's from the step on that follows the one that ended on the goal before, so each takes a step at
+    least, and standing on the first goal at the start is not enough: the rule of the League of Robot Runners, and of
+    `on_target="restart"`.
+
+    Args:
+        path: (T + 1, 2), [row, col]: where the agent is after each step; row 0 is the start.
+        goals: Any number of cells (2,), [row, col].
+    """
+    steps: list[int] = []
+    left = (goal.tolist() for goal in goals)
+    goal = next(left, None)
+    for step, cell in enumerate(path[1:].tolist(), 1):
+        if cell == goal:
+            steps.append(step)
+            goal = next(left, None)
+    return steps
 
 
 def _starts(instance: Instance, plan: Plan) -> Violation | None:

@@ -1,0 +1,70 @@
+"""Untrusted JSON files: an object and its members, refused in one line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from reprlib import repr as shortened
+from typing import Any, TypeGuard
+
+from mapf_pz.types import FormatError
+
+MAX_LISTS = 4_000_000
+"""Files with more lists and objects are refused: an empty list takes some thirty times its text's memory."""
+MAX_NUMBER = 2**30
+"""Larger whole numbers are refused."""
+
+JsonObject = dict[str, Any]
+
+
+def parse_object(text: str, origin: str | Path) -> JsonObject:
+    """Parse the text of a JSON file that came from `origin`; raises `FormatError` unless it holds one object."""
+    if text.count("[") + text.count("{") > MAX_LISTS:
+        raise FormatError(origin, f"expected at most {MAX_LISTS} lists and objects")
+    try:
+        data = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise FormatError(origin, f"expected JSON: {error.msg}", error.lineno, error.colno) from None
+    except RecursionError:
+        raise FormatError(origin, "expected JSON that is not nested deeply") from None
+    except ValueError:
+        raise FormatError(origin, "expected JSON, got a number of thousands of digits") from None
+    if not isinstance(data, dict):
+        raise FormatError(origin, f"expected a JSON object, got {shortened(data)}", 1)
+    return data
+
+
+def whole_number(data: JsonObject, name: str, origin: str | Path, least: int = 0) -> int:
+    """Return the member `name`; raises `FormatError` unless it is a whole number from `least` to `MAX_NUMBER`."""
+    value = data.get(name)
+    if not is_whole(value) or not least <= value <= MAX_NUMBER:
+        raise FormatError(origin, f"expected {name!r} to be a whole number, {least} or more, got {shortened(value)}")
+    return value
+
+
+def text_member(data: JsonObject, name: str, origin: str | Path) -> str:
+    """Return the member `name`; raises `FormatError` unless it is text."""
+    value = data.get(name)
+    if not isinstance(value, str):
+        raise FormatError(origin, f"expected {name!r} to be text, got {shortened(value)}")
+    return value
+
+
+def list_member(data: JsonObject, name: str, origin: str | Path, least: int = 0) -> list[Any]:
+    """Return the member `name`; raises `FormatError` unless it is a list of `least` items or more."""
+    value = data.get(name)
+    if not isinstance(value, list):
+        raise FormatError(origin, f"expected {name!r} to be a list, got {shortened(value)}")
+    if len(value) < least:
+        raise FormatError(origin, f"expected {least} items in {name!r}, got {len(value)}")
+    return value
+
+
+def is_whole(value: Any) -> TypeGuard[int]:
+    """Tell whether a JSON value is a whole number: true and false are none, though Python counts them as such."""
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def are_whole(values: Any) -> TypeGuard[list[int]]:
+    """Tell whether a JSON value is a list of whole numbers from 0 to `MAX_NUMBER`."""
+    return isinstance(values, list) and all(is_whole(value) and 0 <= value <= MAX_NUMBER for value in values)

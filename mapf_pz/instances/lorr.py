@@ -1,0 +1,220 @@
+"""Problems of the League of Robot Runners, 2023 to 2026: a map, where robots start, and the tasks that they get.
+
+A problem is a JSON file that names three others. Cells are numbers, `row * width + col`; robots start facing east.
+Source: github.com/MAPF-Competition/Start-Kit and Benchmark-Archive.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import re
+from array import array
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from reprlib import repr as shortened
+
+import numpy as np
+
+from mapf_pz.instances.jsonfile import JsonObject, parse_object, text_member, whole_number
+from mapf_pz.instances.movingai import read_map
+from mapf_pz.instances.place import check_reachable
+from mapf_pz.instances.textfile import read_text
+from mapf_pz.types import FormatError, Grid, Heading, Instance, Ints, Scenario, frozen
+
+LORR_PASSABLE = ".GSE"
+"""Characters of free cells in the competition's maps, whose warehouses have stations (`E`) and shelves (`S`)."""
+ROUND_ROBIN, ENTRANT = "roundrobin", "entrant"
+STRATEGIES = (ROUND_ROBIN, "roundrobin_fixed", "greedy", ENTRANT)
+"""Who gets which task. `entrant`: since 2024 a competitor's own scheduler decides; such files name no strategy."""
+MAX_PROBLEM_CHARACTERS = 100_000
+"""Longer JSON files are refused as problems: they only name others."""
+MAX_ERRANDS_PER_TASK = 100
+"""Tasks of more errands are refused."""
+MAX_GOALS = 16_000_000
+"""An instance of more goals in all is refused."""
+
+_NUMBER = r"\d{1,9}"
+
+
+@dataclass(frozen=True, eq=False)
+class LorrProblem:
+    """A problem: M robots and K tasks, each of one or more errands that a robot runs in order."""
+
+    grid: Grid
+    """The map."""
+    starts: Ints
+    """(M, 2) int32, [row, col]."""
+    errands: Ints
+    """(E, 2) int32, [row, col]: the errands of all tasks, one task after the other."""
+    offsets: Ints
+    """(K + 1,) int64: task `k` is `errands[offsets[k]:offsets[k + 1]]`."""
+    strategy: str
+    """One of `STRATEGIES`."""
+    version: str | None
+    """As the file says, such as `2024 LoRR`; None in 2023."""
+
+    @property
+    def team_size(self) -> int:
+        """M."""
+        return len(self.starts)
+
+    @property
+    def num_tasks(self) -> int:
+        """K."""
+        return len(self.offsets) - 1
+
+    def task(self, number: int) -> Ints:
+        """Return the errands of a task, (L, 2), [row, col]; after the last task the first follows again."""
+        k = number % self.num_tasks
+        return self.errands[self.offsets[k] : self.offsets[k + 1]]
+
+    def instance(self, goals_per_agent: int | None = None) -> Instance:
+        """Return the lifelong instance: all robots face east, and each has its goals in order.
+
+        Robot `i` gets the tasks `i`, `i + M`, `i + 2M` and so on, going round the file. That is the competition's own
+        `roundrobin` of 2023. Since 2024 an entrant's scheduler chooses instead, so there it is only a stand-in, in
+        which a robot runs all errands of a task in order. (The robots of 2026 also take several ticks for an action and
+        are delayed; an instance knows nothing of that.)
+
+        Args:
+            goals_per_agent: L; None: until the tasks of all robots repeat, or the fewest goals that any has until then.
+
+        Raises:
+            ValueError: The strategy is another, whose choice depends on who is free first or which runs out of tasks;
+                or there are more than `MAX_GOALS` goals in all, or one that its robot cannot reach.
+        """
+        if self.strategy not in (ROUND_ROBIN, ENTRANT):
+            expected = f"expected {ROUND_ROBIN!r}, or none since 2024"
+            raise ValueError(f"strategy {self.strategy!r} gives robots no fixed sequence of goals: {expected}")
+        period = self.num_tasks // math.gcd(self.num_tasks, self.team_size)
+        tasks_per_agent = period if goals_per_agent is None else min(period, goals_per_agent)
+        self._check_goals(tasks_per_agent if goals_per_agent is None else goals_per_agent)
+        given = np.add.outer(np.arange(self.team_size), np.arange(tasks_per_agent) * self.team_size) % self.num_tasks
+        lengths = np.diff(self.offsets)
+        count = goals_per_agent
+        if count is None:
+            count = int(lengths[given].sum(axis=1).min())
+            self._check_goals(count)
+        goals = np.empty((self.team_size, count, 2), np.int32)
+        for agent, tasks in enumerate(given):
+            before = lengths[tasks].cumsum() - lengths[tasks]
+            errands = np.repeat(self.offsets[tasks] - before, lengths[tasks])
+            errands += np.arange(len(errands))
+            goals[agent] = self.errands[errands[np.arange(count) % len(errands)]]
+        headings = np.full(self.team_size, Heading.EAST)
+        instance = Instance(self.grid, Scenario(self.starts, goals), headings)
+        check_reachable(instance)
+        return instance
+
+    def _check_goals(self, count: int) -> None:
+        most = MAX_GOALS // self.team_size
+        if not 1 <= count <= most:
+            raise ValueError(f"goals_per_agent: expected 1 to {most} for {self.team_size} robots, got {count}")
+
+
+def load_problem(path: str | Path) -> LorrProblem:
+    """Read a problem's JSON file and the three files that it names, which must lie in the JSON's folder or below.
+
+    `teamSize` may be smaller than the agents' file: then its first agents are taken.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        FormatError: A file is malformed, or a cell lies outside the map, on an obstacle, or is two robots' start.
+    """
+    text = read_text(path)
+    if len(text) > MAX_PROBLEM_CHARACTERS:
+        raise FormatError(path, f"expected a problem of at most {MAX_PROBLEM_CHARACTERS} characters")
+    data = parse_object(text, path)
+    size = whole_number(data, "teamSize", path, least=1)
+    strategy = data.get("taskAssignmentStrategy", ENTRANT)
+    if strategy not in STRATEGIES:
+        raise FormatError(path, f"expected 'taskAssignmentStrategy' {', '.join(STRATEGIES)}, got {shortened(strategy)}")
+    grid = read_map(_named_file(data, "mapFile", path), LORR_PASSABLE)
+    agent_file, task_file = _named_file(data, "agentFile", path), _named_file(data, "taskFile", path)
+    starts, counts, first_line = _read_cells(agent_file, grid, errands=1)
+    if size > len(counts):
+        raise FormatError(path, f"expected a 'teamSize' of at most {len(counts)}, the agents in {agent_file}")
+    _check_different(starts, first_line, agent_file)
+    errands, counts, _ = _read_cells(task_file, grid, errands=MAX_ERRANDS_PER_TASK)
+    return LorrProblem(
+        grid=grid,
+        starts=frozen(starts[:size], np.int32),
+        errands=frozen(errands, np.int32),
+        offsets=frozen(np.concatenate([[0], np.cumsum(counts)]), np.int64),
+        strategy=strategy,
+        version=None if data.get("version") is None else text_member(data, "version", path),
+    )
+
+
+def _named_file(data: JsonObject, name: str, origin: str | Path) -> Path:
+    """Return the file that the JSON names, which must not lead out of the JSON's folder."""
+    told = text_member(data, name, origin)
+    folder = Path(origin).parent
+    # A link could lead out, too: only where the path really ends counts.
+    if "\0" in told or not Path(os.path.realpath(folder / told)).is_relative_to(os.path.realpath(folder)):
+        raise FormatError(origin, f"expected {name!r} to be a file in the folder of the JSON, got {shortened(told)}")
+    return folder / told
+
+
+def _read_cells(path: Path, grid: Grid, errands: int) -> tuple[Ints, Ints, int]:
+    """Read a file of cells, up to `errands` a line: all cells (E, 2), how many in each line (K,), the first line."""
+    lines = _content(path)
+    number, line = next(lines, (1, ""))
+    if not re.fullmatch(_NUMBER, line, re.ASCII) or int(line) < 1:
+        raise FormatError(path, f"expected the number of lines that follow, 1 or more, got {shortened(line)}", number)
+    expected, first_line = int(line), number + 1
+    pattern = re.compile(rf"{_NUMBER}(,{_NUMBER}){{0,{errands - 1}}}", re.ASCII)
+    cells, counts = array("q"), array("q")
+    for number, line in lines:
+        if len(counts) == expected:
+            if line.strip():
+                raise FormatError(path, f"expected the end of the file after {expected} lines", number)
+        elif not pattern.fullmatch(line):
+            what = "a cell's number" if errands == 1 else f"1 to {errands} cells' numbers between commas"
+            raise FormatError(path, f"expected {what}, got {shortened(line)}", number)
+        else:
+            numbers = line.split(",")
+            cells.extend(map(int, numbers))
+            counts.append(len(numbers))
+    if len(counts) < expected:
+        raise FormatError(path, f"expected {expected} lines, got {len(counts)}", number)
+    places = np.stack(np.divmod(np.array(cells), grid.shape[1]), axis=1)
+    _check_free(places, np.array(counts), grid, path, first_line)
+    return places, np.array(counts), first_line
+
+
+def _content(path: Path) -> Iterator[tuple[int, str]]:
+    """Yield the lines and their numbers, without the comments at the file's beginning."""
+    lines = enumerate((line.rstrip("\r\n") for line in io.StringIO(read_text(path))), 1)
+    begun = False
+    for number, line in lines:
+        begun = begun or not line.startswith("#")
+        if begun:
+            yield number, line
+
+
+def _check_free(places: Ints, counts: Ints, grid: Grid, path: Path, first_line: int) -> None:
+    """Raise `FormatError` for the first of `places` (E, 2), `counts` (K,) a line, that is no free cell."""
+    height, width = grid.shape
+    inside = places[:, 0] < height
+    usable = inside.copy()
+    usable[inside] = grid.free[places[inside, 0], places[inside, 1]]
+    if not usable.all():
+        worst = int(np.argmin(usable))
+        row, col = places[worst].tolist()
+        problem = "an obstacle" if inside[worst] else "outside"
+        message = f"expected a free cell of map {grid.name!r} ({height} x {width}), got {row * width + col}, {problem}"
+        raise FormatError(path, message, first_line + int(np.searchsorted(np.cumsum(counts), worst, side="right")))
+
+
+def _check_different(starts: Ints, first_line: int, path: Path) -> None:
+    """Raise `FormatError` for the first line with a cell that an earlier line has."""
+    _, first = np.unique(starts, axis=0, return_index=True)
+    if len(first) < len(starts):
+        agent = int(np.setdiff1d(np.arange(len(starts)), first)[0])
+        row, col = starts[agent].tolist()
+        message = f"expected different starts, got [row {row}, col {col}] again"
+        raise FormatError(path, message, first_line + agent)

@@ -1,0 +1,101 @@
+import pytest
+
+from mapf_pz.cli import main
+from mapf_pz.commands.solve import lower_bound
+from mapf_pz.instances import load_instance
+from mapf_pz.planners import PLANNERS, Plan, Planner
+from tests.planners.drawing import drawn
+
+
+def run(capsys, command, *words):
+    """Return the status and the lines of both outputs."""
+    status = main([command, *map(str, words)])
+    out, err = capsys.readouterr()
+    return status, out.splitlines(), err.splitlines()
+
+
+@pytest.mark.parametrize(
+    ("ending", "action_model"), [("json", "rotate"), ("json", "cardinal"), ("csv", "cardinal"), ("txt", "rotate")]
+)
+def test_a_plan_is_solved_written_and_legal(capsys, tmp_path, ending, action_model):
+    plan = tmp_path / "new" / f"plan.{ending}"
+    options = ["--map", "empty-8-8", "--num-agents", 3, "--action-model", action_model, "--seed", 1]
+    status, out, err = run(capsys, "solve", plan, *options, "--edge-weights", "crisscross")
+    assert (status, len(out), err) == (0, 1, [])
+    assert out[0].startswith(f"{plan}: 3 agents, sum of costs ")
+    if ending != "csv":
+        status, validated, err = run(capsys, "validate", plan, "--map", "empty-8-8")
+        assert (status, err) == (0, [])
+        assert validated[1].split(", ")[0] in out[0].replace("costs ", "costs: ")
+
+
+def test_a_scenario_of_the_benchmark(capsys, tmp_path, benchmark):
+    files = [
+        "--map", benchmark / "maps" / "random-32-32-10.map",
+        "--scenario", benchmark / "scens" / "random-32-32-10-even-2.scen",
+        "--num-agents", 20,
+    ]  # fmt: skip
+    status, out, _ = run(capsys, "solve", tmp_path / "plan.csv", "--action-model", "cardinal", *files)
+    assert status == 0
+    assert " times the lower bound " in out[0]
+    assert ",even,2,20,," in (tmp_path / "plan.csv").read_text()
+    assert run(capsys, "validate", tmp_path / "plan.csv", *files)[0] == 0
+
+
+def test_lower_bound():
+    assert lower_bound(drawn("a.B\n##.\nA.b", headings=[0, 0])) == 6 + 2 + 2 + 1
+    assert lower_bound(drawn("a.B\n##.\nA.b")) == 6 + 2
+    assert lower_bound(drawn("a.")) == 0
+
+
+class Idle(Planner):
+    """A planner that leaves everybody where they are, or has no plan."""
+
+    plan = None
+
+    def decide(self, simulator):
+        raise NotImplementedError
+
+    def solve(self, instance, time_limit=10.0, max_steps=1000, edge_weights="uniform"):
+        return self.plan
+
+
+@pytest.fixture
+def idle(monkeypatch):
+    monkeypatch.setitem(PLANNERS, "idle", Idle)
+    return Idle
+
+
+def test_no_plan(capsys, tmp_path, idle):
+    words = [tmp_path / "plan.txt", "--planner", "idle", "--num-agents", 2, "--time-limit", 0.5, "--max-steps", 7]
+    message = "mapf-pz solve: idle found no plan for 2 agents within 0.5 seconds and 7 steps"
+    assert run(capsys, "solve", *words) == (1, [], [message])
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_wrong_plan_is_not_written(capsys, tmp_path, idle, monkeypatch):
+    instance = load_instance("empty-8-8", None, 2)
+    monkeypatch.setattr(idle, "plan", Plan(instance.scenario.starts[None], instance.headings[None]))
+    status, out, err = run(capsys, "solve", tmp_path / "plan.txt", "--planner", "idle", "--num-agents", 2)
+    assert (status, out, len(err)) == (1, [], 1)
+    assert err[0].startswith("mapf-pz solve: idle made a plan that is not legal: step 0: agent 0 at ")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["a.txt", "--planner", "none"], "planner 'none': expected one of "),
+        (["a.gif", "--num-agents", "2"], "a.gif: expected a file that ends in .json, .csv, .txt"),
+        (["a.csv", "--num-agents", "2"], "a.csv: a tracker CSV file holds no headings, expected action"),
+        (["a.txt"], "num_agents: expected a number, as there is no scenario"),
+        (["a.txt", "--num-agents", "65"], "65 agents do not fit on the 64 cells"),
+        (["a.txt", "--map", "nowhere", "--num-agents", "2"], "no .map file is named 'nowhere'"),
+    ],
+)  # fmt: skip
+def test_errors(capsys, tmp_path, monkeypatch, words, message):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = run(capsys, "solve", *words)
+    assert (status, out, len(err)) == (1, [], 1)
+    assert message in err[0]
+    assert not list(tmp_path.iterdir())
