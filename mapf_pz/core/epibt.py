@@ -3,11 +3,11 @@
 Yukhnevich and Andreychuk, *Enhancing PIBT via Multi-Action Operations*, AAAI 2026. Each agent follows an operation, a
 path of D actions from where it is. All operations together are free of conflicts: at first everybody waits, and in each
 step everybody goes on with the rest of its operation, and a wait. In the order of their priorities agents then take
-better operations; who is in the way, if that is a single agent of lower priority, must find another one at once, and may
-ask in the same way. As all agree on D actions and not on one, two that need the same cell settle who goes first.
+better operations; who is in the way, if that is a single agent of lower priority, must find another one at once, and
+may ask in the same way. As all agree on D actions and not on one, two that need the same cell settle who goes first.
 
 The improvement is a local search over the operations, as in the entries that won the League of Robot Runners: any
-agent may ask any other, if that makes the weighted sum of the costs smaller.
+agent may ask any other, if that makes the sum of the costs smaller.
 """
 
 from __future__ import annotations
@@ -48,8 +48,9 @@ class Board(NamedTuple):
     path: Array  # (N, P, D + 1) int32: the cells of every operation, from where the agent is
     cost: Array  # (N, P) float32: of it and of the way from its end; inf: it leads into an obstacle
     least: Array  # (N,) float32: of these
-    weight: Array  # (N,) float32: how much an agent's cost counts in the sum
-    rank: Array  # (N,) int32: the place in the order of priorities
+    to_go: Array  # (N,) float32: from where the agent is
+    order: Array  # (N,) int32: the agents, those that are nearer to their goals first
+    rank: Array  # (N,) int32: the place of each in that order
     used: Array  # (D + 1, C + 1) int32: the agent on each cell, now and after each action; -1: nobody
     visits: Array  # (N,) int32: how often an agent was asked
     asking: Array  # (N,) bool: it has asked another one
@@ -71,7 +72,8 @@ def allocate_board(num_agents: int, num_cells: int, tree: Operations) -> Board:
         path=np.zeros((num_agents, size, depth + 1), np.int32),
         cost=np.zeros((num_agents, size), np.float32),
         least=np.zeros(num_agents, np.float32),
-        weight=np.ones(num_agents, np.float32),
+        to_go=np.zeros(num_agents, np.float32),
+        order=np.arange(num_agents, dtype=np.int32),
         rank=np.zeros(num_agents, np.int32),
         used=np.full((depth + 1, num_cells + 1), NOBODY, np.int32),
         visits=np.zeros(num_agents, np.int32),
@@ -86,7 +88,32 @@ def allocate_board(num_agents: int, num_cells: int, tree: Operations) -> Board:
 
 
 @jit
-def go_on(crew: Array, tree: Operations, board: Board) -> None:
+def plan(
+    leads_to: Array,
+    weight: Array,
+    slot: Array,
+    to_go: Array,
+    crew: Array,
+    passing: bool,
+    tree: Operations,
+    board: Board,
+) -> None:
+    """Choose an operation for each agent.
+
+    Arrays are those of one map, as in `mapf_pz.core.pibt`. With `passing`, to pass its goal is all that an agent wants;
+    otherwise it shall stay there.
+    """
+    _go_on(crew, tree, board)
+    _rate(leads_to, weight, slot, to_go, crew, passing, tree, board)
+    _sort(board)
+    board.visits[:] = 0
+    for i in board.order:
+        if crew[i].active:
+            _search(i, False, board)
+
+
+@jit
+def _go_on(crew: Array, tree: Operations, board: Board) -> None:
     """Give each agent the rest of its operation.
 
     Where any is not where it should be (another episode, other rules) all of them wait, which is always possible.
@@ -100,20 +127,25 @@ def go_on(crew: Array, tree: Operations, board: Board) -> None:
 
 
 @jit
-def rate(
-    leads_to: Array, weight: Array, slot: Array, to_go: Array, crew: Array, passing: bool, tree: Operations, board: Board
+def _rate(
+    leads_to: Array,
+    weight: Array,
+    slot: Array,
+    to_go: Array,
+    crew: Array,
+    passing: bool,
+    tree: Operations,
+    board: Board,
 ) -> None:
-    """Find cells and costs of all operations, and mark the cells that agents use.
-
-    Arrays are those of one map, as in `mapf_pz.core.pibt`. With `passing`, to pass its goal is all that an agent wants;
-    otherwise it shall stay there.
-    """
+    """Find cells and costs of all operations, and mark the cells that agents use."""
     size, depth = tree.nodes.shape
     board.used[:] = NOBODY
     for i in range(crew.size):
         if not crew[i].active:
             continue
-        _walk(leads_to, weight, to_go[slot[crew[i].goal]], crew[i], passing, tree, board)
+        table = to_go[slot[crew[i].goal]]
+        board.to_go[i] = table[crew[i].cell, crew[i].heading % table.shape[1]]
+        _walk(leads_to, weight, table, crew[i], passing, tree, board)
         board.least[i] = np.inf
         for p in range(size):
             board.path[i, p, 0] = crew[i].cell
@@ -129,7 +161,7 @@ def rate(
 def _walk(
     leads_to: Array, weight: Array, table: Array, agent: Array, passing: bool, tree: Operations, board: Board
 ) -> None:
-    """Follow the tree from an agent's state; the leaves' costs include the way from there, by its `table` (C + 1, D)."""
+    """Follow the tree from an agent's state; leaves' costs include the way from there, by its `table` (C + 1, D)."""
     cells, headings, cost, ends = board.node_cell, board.node_heading, board.node_cost, board.node_ends
     num_headings = table.shape[1]
     cells[0], headings[0], cost[0], ends[0] = agent.cell, agent.heading, 0.0, False
@@ -142,7 +174,7 @@ def _walk(
             towards = heading if tree.towards[node] == AHEAD else tree.towards[node]
             cells[node] = leads_to[towards, cell]
             price = weight[towards, cell]
-        elif cell == agent.goal and tree.turn[node] == 0:
+        elif cell == agent.goal and tree.turn[node] == 0 and not passing:
             price = 0.0
         cost[node] = cost[before] if ends[before] and price < np.inf else cost[before] + price
         ends[node] = ends[before] or (passing and cells[node] == agent.goal)
@@ -153,19 +185,25 @@ def _walk(
 
 
 @jit
-def improve_in_order(crew: Array, order: Array, board: Board) -> None:
-    """Let agents take better operations in their `order` (N,), the highest priority first."""
-    board.visits[:] = 0
+def _sort(board: Board) -> None:
+    """Sort the order by cost to go, then by index; from one step to the next it hardly changes."""
+    order, to_go = board.order, board.to_go
+    for place in range(order.size):
+        i, free = order[place], place
+        while free > 0:
+            j = order[free - 1]
+            if to_go[j] < to_go[i] or (to_go[j] == to_go[i] and j < i):
+                break
+            order[free] = j
+            free -= 1
+        order[free] = i
     for place in range(order.size):
         board.rank[order[place]] = place
-    for i in order:
-        if crew[i].active:
-            _search(i, False, board)
 
 
 @jit
 def improve_sum(draws: Array, crew: Array, board: Board) -> None:
-    """Let the agents `draws` (K,) one after the other look for changes that lower the weighted sum of the costs."""
+    """Let the agents `draws` (K,) one after the other look for changes that lower the sum of the costs."""
     for i in draws:
         if crew[i].active:
             board.visits[:] = 0
@@ -181,17 +219,14 @@ def _search(first: int, by_sum: bool, board: Board) -> bool:
     """
     choice, cost, chain, before, asking = board.choice, board.cost, board.chain, board.before, board.asking
     chain[0], before[0] = first, choice[first]
-    limit = cost[first, choice[first]]
     _take(board, first)
     choice[first] = NONE
     depth, change = 0, np.float32(0.0)  # of the sum, by the operations of those who ask
     while True:
         i = chain[depth]
         old = cost[i, before[depth]]
-        if by_sum:
-            limit = old - change / board.weight[i] - MARGIN
-        elif depth > 0:
-            limit = np.float32(np.inf)
+        own_limit = old if depth == 0 else np.float32(np.inf)
+        limit = old - change - MARGIN if by_sum else own_limit
         p = _next_option(cost[i], choice[i], limit)
         choice[i] = p
         if p == NONE:
@@ -204,7 +239,7 @@ def _search(first: int, by_sum: bool, board: Board) -> bool:
             _take(board, asker)
             _put(board, i)
             asking[asker] = False
-            change -= board.weight[asker] * (cost[asker, choice[asker]] - cost[asker, before[depth]])
+            change -= cost[asker, choice[asker]] - cost[asker, before[depth]]
             continue
         other = _in_the_way(board, i, p)
         if other == NOBODY:
@@ -216,8 +251,8 @@ def _search(first: int, by_sum: bool, board: Board) -> bool:
             continue
         if not by_sum and board.rank[other] < board.rank[first]:
             continue
-        asked_change = change + board.weight[i] * (cost[i, p] - old)
-        if by_sum and asked_change + board.weight[other] * (board.least[other] - cost[other, choice[other]]) >= 0:
+        asked_change = change + cost[i, p] - old
+        if by_sum and asked_change + board.least[other] - cost[other, choice[other]] >= 0:
             continue
         board.visits[other] += 1
         _take(board, other)

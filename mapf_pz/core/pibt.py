@@ -25,9 +25,12 @@ _CARDINAL_ACTION = tuple(int(CardinalAction[name]) for name in ("RIGHT", "DOWN",
 
 
 class Desk(NamedTuple):
-    """Scratch for N agents on C cells; `want` holds the result."""
+    """What N agents on C cells remember, and scratch."""
 
-    want: Array  # (N,) int32: the cell that each agent gets, or wants to reach
+    want: Array  # (N,) int32: the cell that each agent gets, or wants to reach; -1: it must choose
+    away: Array  # (N,) int32: so many steps an agent is away from its goal; -1: the episode begins
+    fraction: Array  # (N,) float32: decides between agents that are away equally long
+    order: Array  # (N,) int32: the agents, the highest priority first
     taken: Array  # (C + 1,) int32: the agent that gets each cell; -1: nobody yet
     choices: Array  # (N, 5) int8: directions, and 4 for staying, the best first
     tried: Array  # (N,) int32: how many of them were tried
@@ -39,6 +42,9 @@ def allocate_desk(num_agents: int, num_cells: int) -> Desk:
     """Make room for N agents on C cells."""
     return Desk(
         want=np.full(num_agents, UNDECIDED, np.int32),
+        away=np.full(num_agents, -1, np.int32),
+        fraction=np.zeros(num_agents, np.float32),
+        order=np.arange(num_agents, dtype=np.int32),
         taken=np.full(num_cells + 1, NOBODY, np.int32),
         choices=np.zeros((num_agents, 5), np.int8),
         tried=np.zeros(num_agents, np.int32),
@@ -48,24 +54,61 @@ def allocate_desk(num_agents: int, num_cells: int) -> Desk:
 
 
 @jit
-def plan_cells(
-    leads_to: Array, weight: Array, slot: Array, to_go: Array, crew: Array, occupant: Array, order: Array, ties: Array,
-    desk: Desk
+def plan(
+    leads_to: Array, weight: Array, slot: Array, to_go: Array, crew: Array, occupant: Array, ties: Array, desk: Desk,
+    actions: Array
 ) -> None:  # fmt: skip
-    """Set `desk.want` for all agents; those that want a cell already (not `UNDECIDED`) keep it.
+    """Write an action (N,) int64 for each agent.
 
-    `leads_to` (4, C + 1), `weight` (5, C + 1) and `slot` (C + 1,) are those of one map; `order` (N,) begins with the
-    highest priority; of equal choices, the one with the lowest of `ties` (N, 5) comes first.
+    `leads_to` (4, C + 1), `weight` (5, C + 1), `slot` (C + 1,) and `occupant` (C + 1,) are those of one environment and
+    its map; of equal choices, the one with the lowest of `ties` (N, 5) comes first.
     """
+    rotates = to_go.shape[2] == 4
+    _prioritize(slot, to_go, crew, desk)
     desk.taken[:] = NOBODY
     for i in range(crew.size):
         if not crew[i].active:
             desk.want[i] = crew[i].cell
-        elif desk.want[i] != UNDECIDED:
+        elif not rotates or desk.want[i] == crew[i].cell:
+            desk.want[i] = UNDECIDED
+        if crew[i].active and desk.want[i] != UNDECIDED:
             desk.taken[desk.want[i]] = i
-    for i in order:
+    for i in desk.order:
         if desk.want[i] == UNDECIDED:
             _decide(leads_to, weight, slot, to_go, crew, occupant, ties, i, desk)
+    if rotates:
+        _write_rotating(leads_to, crew, occupant, desk, actions)
+    else:
+        _write_cardinal(leads_to, crew, desk.want, actions)
+
+
+@jit
+def _prioritize(slot: Array, to_go: Array, crew: Array, desk: Desk) -> None:
+    """Sort the order: those come first who have been away from their goals for longer, then those farther away."""
+    if crew.size and desk.away[0] < 0:
+        farthest = np.float32(0.0)
+        for i in range(crew.size):
+            table = to_go[slot[crew[i].goal]]
+            desk.fraction[i] = table[crew[i].cell, crew[i].heading % table.shape[1]]
+            if farthest < desk.fraction[i] < np.inf:
+                farthest = desk.fraction[i]
+        desk.fraction[:] /= farthest + 1
+    for i in range(crew.size):
+        desk.away[i] = 0 if crew[i].cell == crew[i].goal else desk.away[i] + 1
+    order = desk.order
+    for place in range(order.size):  # from one step to the next it hardly changes
+        i, free = order[place], place
+        while free > 0 and _comes_before(desk, i, order[free - 1]):
+            order[free] = order[free - 1]
+            free -= 1
+        order[free] = i
+
+
+@jit
+def _comes_before(desk: Desk, i: int, j: int) -> bool:
+    if desk.away[i] != desk.away[j]:
+        return desk.away[i] > desk.away[j]
+    return desk.fraction[i] > desk.fraction[j] or (desk.fraction[i] == desk.fraction[j] and i < j)
 
 
 @jit
@@ -135,45 +178,46 @@ def _before(cost: Array, ties: Array, one: int, other: int) -> bool:
 
 
 @jit
-def cardinal_actions(leads_to: Array, crew: Array, want: Array, actions: Array) -> None:
-    """Write the action (N,) int64 that takes each agent to the cell that it wants."""
+def _write_cardinal(leads_to: Array, crew: Array, want: Array, actions: Array) -> None:
+    """Write the action that takes each agent to the cell that it wants."""
     for i in range(crew.size):
-        choice = STAY
-        for towards in range(4):
-            if want[i] != crew[i].cell and leads_to[towards, crew[i].cell] == want[i]:
-                choice = towards
-        actions[i] = _CARDINAL_ACTION[choice]
+        actions[i] = _CARDINAL_ACTION[_direction(leads_to, crew[i].cell, want[i])]
 
 
 @jit
-def rotating_actions(leads_to: Array, crew: Array, occupant: Array, want: Array, asking: Array, actions: Array) -> None:
-    """Write the action (N,) int64 that brings each agent nearer to the cell that it wants.
+def _write_rotating(leads_to: Array, crew: Array, occupant: Array, desk: Desk, actions: Array) -> None:
+    """Write the action that brings each agent nearer to the cell that it wants.
 
     Turns come first; then it drives if the cell is empty, or is left in this step, also around a cycle.
     """
     for i in range(crew.size):
-        actions[i] = _WAIT
-        for towards in range(4):
-            if want[i] != crew[i].cell and leads_to[towards, crew[i].cell] == want[i]:
-                turn = (towards - crew[i].heading) % 4
-                actions[i] = _FORWARD if turn == 0 else (_LEFT if turn == 3 else _RIGHT)
+        towards = _direction(leads_to, crew[i].cell, desk.want[i])
+        turn = (towards - crew[i].heading) % 4
+        actions[i] = _WAIT if towards == STAY else (_FORWARD if turn == 0 else (_LEFT if turn == 3 else _RIGHT))
+    desk.tried[:] = 0  # 1: it drives
     for i in range(crew.size):
-        if actions[i] == _FORWARD:
-            _hold_unless_way_clears(crew, occupant, want, asking, actions, i)
+        if actions[i] == _FORWARD and desk.tried[i] == 0:
+            _settle_queue(crew, occupant, desk, actions, i)
 
 
 @jit
-def _hold_unless_way_clears(
-    crew: Array, occupant: Array, want: Array, asking: Array, actions: Array, first: int
-) -> None:
-    """Turn forward moves into waits from `first` on along the queue, if the one at its head does not drive away."""
+def _direction(leads_to: Array, cell: int, target: int) -> int:
+    """Return the heading that leads from a cell to a neighbour, or STAY."""
+    for towards in range(4):
+        if target != cell and leads_to[towards, cell] == target:
+            return towards
+    return STAY
+
+
+@jit
+def _settle_queue(crew: Array, occupant: Array, desk: Desk, actions: Array, first: int) -> None:
+    """Let the queue from `first` on drive, or wait if the one at its head does not drive away."""
     length, i = 0, first
-    while i != NOBODY and actions[i] == _FORWARD:
-        asking[length] = i
+    while i != NOBODY and actions[i] == _FORWARD and desk.tried[i] == 0:
+        desk.asking[length] = i
         length += 1
-        i = occupant[want[i]]
-        if i == first or length == crew.size:
-            return  # a cycle: all of them drive
-    if i != NOBODY:
+        desk.tried[i] = 1
+        i = occupant[desk.want[i]]
+    if i != NOBODY and actions[i] != _FORWARD:
         for k in range(length):
-            actions[asking[k]] = _WAIT
+            actions[desk.asking[k]] = _WAIT

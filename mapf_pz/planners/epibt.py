@@ -13,7 +13,7 @@ from mapf_pz.planners.operations import operations
 from mapf_pz.simulator import Simulator
 from mapf_pz.types import Ints
 
-DRAWS = 256
+DRAWS = 32
 """So many agents try to improve the plan between two looks at the clock."""
 
 
@@ -56,11 +56,8 @@ class EPIBT(StepPlanner):
         if self._board is None:
             self._board = epibt.allocate_board(len(crew), world.obstacle.shape[1] - 1, tree)
         board = self._board
-        epibt.go_on(crew, tree, board)
         passing = simulator.config.on_target != "nothing"
-        epibt.rate(world.leads_to[m], world.weight[m], tables.slot[m], tables.to_go, crew, passing, tree, board)
-        order = np.argsort(simulator.distance_to_go(0), kind="stable")
-        epibt.improve_in_order(crew, order, board)
+        epibt.plan(world.leads_to[m], world.weight[m], tables.slot[m], tables.to_go, crew, passing, tree, board)
         while time.perf_counter() - began < self._time_limit:
             epibt.improve_sum(self._rng.integers(len(crew), size=DRAWS), crew, board)
         actions = np.empty(len(crew), np.int64)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from itertools import product
+from itertools import pairwise, product
 from typing import NamedTuple
 
 import numpy as np
@@ -70,10 +70,12 @@ def _is_useful(word: Word) -> bool:
     """Tell whether turns are followed by a move, unless there is none, and are not more than are needed."""
     moves = [t for t, act in enumerate(word) if act.towards != NONE]
     ends = [-1, *moves, len(word)]
-    runs = [word[before + 1 : after] for before, after in zip(ends, ends[1:], strict=False)]
+    runs = [word[before + 1 : after] for before, after in pairwise(ends)]
     if moves and any(act.turn for act in runs[-1]):
         return False
-    return all((run.count(RIGHT) == 0 or run.count(LEFT) == 0) and sum(act.turn != 0 for act in run) < 3 for run in runs)
+    return all(
+        (run.count(RIGHT) == 0 or run.count(LEFT) == 0) and sum(act.turn != 0 for act in run) < 3 for run in runs
+    )
 
 
 def _trace(word: Word) -> tuple[tuple[int, ...], ...]:

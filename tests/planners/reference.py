@@ -1,0 +1,160 @@
+"""EPIBT and causal PIBT in plain Python, by recursion and dictionaries: what the kernels must do, and how slow it is."""
+
+from itertools import product
+
+import numpy as np
+
+STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0))
+LETTERS = "FRLW"
+ACTION = {"F": 0, "L": 1, "R": 2, "W": 3}
+
+
+class World:
+    """A map, and the cost to go to each goal from (row, col, heading); all weights are 1."""
+
+    def __init__(self, free):
+        self.free = {(int(row), int(col)) for row, col in np.argwhere(free)}
+        self._tables = {}
+
+    def to_go(self, goal):
+        """Return the cost from every state, by breadth-first search backwards from the goal."""
+        if goal not in self._tables:
+            table = {(*goal, heading): 0 for heading in range(4)}
+            queue = list(table)
+            for row, col, heading in queue:
+                behind = (row - STEPS[heading][0], col - STEPS[heading][1], heading)
+                for state in (behind, (row, col, (heading + 1) % 4), (row, col, (heading + 3) % 4)):
+                    if state[:2] in self.free and state not in table:
+                        table[state] = table[row, col, heading] + 1
+                        queue.append(state)
+            self._tables[goal] = table
+        return self._tables[goal]
+
+
+def act(state, letter):
+    """Return the state after an action."""
+    row, col, heading = state
+    if letter == "F":
+        return row + STEPS[heading][0], col + STEPS[heading][1], heading
+    return row, col, (heading + {"R": 1, "L": 3, "W": 0}[letter]) % 4
+
+
+def trace(letters):
+    """Return the cells that actions lead over, and the heading at their end."""
+    states = [(0, 0, 0)]
+    for letter in letters:
+        states.append(act(states[-1], letter))
+    return (*(state[:2] for state in states), states[-1][2])
+
+
+def operations(depth):
+    """Return the operations: no turn after the last move if there is one, no needless turns, no two alike."""
+    chosen = {}
+    for letters in map("".join, product(LETTERS, repeat=depth)):
+        runs = letters.split("F")
+        if len(runs) > 1 and runs[-1].strip("W"):
+            continue
+        if any(("R" in run and "L" in run) or len(run.replace("W", "")) > 2 for run in runs):
+            continue
+        chosen.setdefault(trace(letters), letters)
+    return list(chosen.values())
+
+
+class SlowEPIBT:
+    """Plans for lifelong episodes; an operation is the number of its place in the list."""
+
+    def __init__(self, world, depth):
+        self.world, self.operations = world, operations(depth)
+        places = {trace(letters): place for place, letters in enumerate(self.operations)}
+        self.rest = [places[trace(letters[1:] + "W")] for letters in self.operations]
+        self.waits = places[trace("W" * depth)]
+        self.known = {}
+        self.chosen = self.expected = None
+
+    def paths(self, state):
+        """Return the states of each operation that does not lead into an obstacle."""
+        if state not in self.known:
+            self.known[state] = {}
+            for place, letters in enumerate(self.operations):
+                path = [state]
+                for letter in letters:
+                    path.append(act(path[-1], letter))
+                if all(reached[:2] in self.world.free for reached in path):
+                    self.known[state][place] = path
+        return self.known[state]
+
+    def decide(self, states, goals):
+        """Return a letter for each agent at `states` [(row, col, heading)] with `goals` [(row, col)]."""
+        agents = range(len(states))
+        as_planned = self.expected == list(states)
+        self.chosen = [self.rest[place] if as_planned else self.waits for place in self.chosen or agents]
+        self.options = [self.paths(state) for state in states]
+        self.costs, self.sorted, away = [], [], []
+        for options, state, goal in zip(self.options, states, goals, strict=True):
+            table, costs = self.world.to_go(goal), {}
+            for place, path in options.items():
+                reached = next((t for t, at in enumerate(path[1:], 1) if at[:2] == goal), None)
+                costs[place] = len(path) - 1 + table[path[-1]] if reached is None else reached
+            self.costs.append(costs)
+            self.sorted.append(sorted(costs, key=lambda place: (costs[place], place)))
+            away.append(table[state])
+        self.used = {}
+        for agent in agents:
+            self.put(agent)
+        self.rank = {agent: rank for rank, agent in enumerate(sorted(agents, key=lambda agent: away[agent]))}
+        self.visits = dict.fromkeys(agents, 0)
+        for agent in self.rank:
+            had = self.chosen[agent]
+            self.take(agent)
+            if not self.search(agent, agent, set(), self.costs[agent][had]):
+                self.chosen[agent] = had
+                self.put(agent)
+        self.expected = [self.options[agent][self.chosen[agent]][1] for agent in agents]
+        return [self.operations[place][0] for place in self.chosen]
+
+    def put(self, agent):
+        """Reserve an agent's cells."""
+        for t, state in enumerate(self.options[agent][self.chosen[agent]]):
+            self.used[t, state[:2]] = agent
+
+    def take(self, agent):
+        """Release them, but for the cell where it is now."""
+        for t, state in enumerate(self.options[agent][self.chosen[agent]][1:], 1):
+            del self.used[t, state[:2]]
+
+    def conflicts(self, path):
+        """Return the agents that share a cell with this path, or change places with it."""
+        found = set()
+        for t in range(1, len(path)):
+            here, there = path[t - 1][:2], path[t][:2]
+            found.add(self.used.get((t, there)))
+            leaving = self.used.get((t - 1, there))
+            if here != there and self.used.get((t, here)) == leaving:
+                found.add(leaving)
+        return found - {None}
+
+    def search(self, agent, first, asking, limit):
+        """Find an operation that costs less than `limit` for an agent that has none; tell whether there is one."""
+        for place in self.sorted[agent]:
+            if self.costs[agent][place] >= limit:
+                return False
+            others = self.conflicts(self.options[agent][place])
+            if len(others) > 1:
+                continue
+            self.chosen[agent] = place
+            if not others:
+                self.put(agent)
+                return True
+            (other,) = others
+            if other in asking or self.visits[other] >= 10 or self.rank[other] < self.rank[first]:
+                continue
+            self.visits[other] += 1
+            had = self.chosen[other]
+            self.take(other)
+            self.put(agent)
+            if self.search(other, first, asking | {agent}, float("inf")):
+                return True
+            self.take(agent)
+            self.chosen[other] = had
+            self.put(other)
+        return False

@@ -1,0 +1,89 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import mapf_pz
+from mapf_pz.instances import RandomObstacles
+from mapf_pz.planners import EPIBT, validate
+from tests.planners.drawing import drawn
+from tests.planners.reference import ACTION, SlowEPIBT, World
+
+
+@pytest.mark.parametrize("depth", [1, 2, 3, 4])
+@settings(max_examples=15)
+@given(seed=st.integers(0, 2**31), num_agents=st.sampled_from([4, 12, 24]))
+def test_it_decides_as_in_plain_python(depth, seed, num_agents):
+    env = mapf_pz.parallel_env(source=RandomObstacles(8, 8, 0.2, num_agents), on_target="restart", max_steps=30)
+    observations, _ = env.reset(seed=seed)
+    planner, slow = EPIBT(env, depth=depth), SlowEPIBT(World(env.grid), depth)
+    while env.agents:
+        states = [(*cell, heading) for cell, heading in zip(env.positions.tolist(), env.headings.tolist(), strict=True)]
+        expected = [ACTION[letter] for letter in slow.decide(states, list(map(tuple, env.goals.tolist())))]
+        actions = planner.act(observations)
+        assert list(actions.values()) == expected
+        observations = env.step(actions)[0]
+
+
+@pytest.mark.parametrize("model", ["cardinal", "rotate"])
+@pytest.mark.parametrize("weights", ["uniform", "random", "crisscross"])
+@settings(max_examples=10)
+@given(
+    seed=st.integers(0, 2**31),
+    on_target=st.sampled_from(["nothing", "restart", "finish"]),
+    depth=st.integers(1, 4),
+    time_limit=st.sampled_from([0.0, 0.002]),
+)
+def test_what_it_wants_it_gets(model, weights, seed, on_target, depth, time_limit):
+    env = mapf_pz.parallel_env(
+        source=RandomObstacles(8, 8, 0.2, 14),
+        action_model=model,
+        edge_weights=weights,
+        on_target=on_target,
+        max_steps=40,
+    )
+    observations, _ = env.reset(seed=seed)
+    planner = EPIBT(env, seed, depth, time_limit)
+    while env.agents:
+        observations, _, _, _, infos = env.step(planner.act(observations))
+        assert not any(info["blocked"] for info in infos.values())
+
+
+@pytest.mark.parametrize("headings", [None, [0, 2]])
+def test_two_pass_each_other(headings):
+    instance = drawn("aB.bA ..... ", headings)
+    plan = EPIBT().solve(instance)
+    assert plan is not None
+    assert validate(instance, plan) is None
+
+
+def test_time_makes_it_better():
+    arrivals = []
+    for time_limit in (0.0, 0.02):
+        env = mapf_pz.parallel_env(map="random-16-16-20", num_agents=60, on_target="restart", max_steps=100)
+        observations, _ = env.reset(seed=0)
+        planner = EPIBT(env, depth=5, time_limit=time_limit)
+        while env.agents:
+            observations = env.step(planner.act(observations))[0]
+        arrivals.append(env.metrics()["avg_throughput"])
+    assert arrivals[1] > 1.1 * arrivals[0]
+
+
+def test_another_episode_begins_without_reset_states():
+    env = mapf_pz.parallel_env(source=RandomObstacles(8, 8, 0.2, 14), max_steps=10)
+    planner = EPIBT(env)
+    for seed in (0, 1):
+        observations, _ = env.reset(seed=seed)
+        while env.agents:
+            observations, _, _, _, infos = env.step(planner.act(observations))
+            assert not any(info["blocked"] for info in infos.values())
+
+
+def test_a_depth_that_it_cannot_have():
+    with pytest.raises(ValueError, match="depth=0: expected a number of actions, 1 to 6"):
+        EPIBT(depth=0)
+
+
+def test_same_seed_same_actions():
+    plans = [EPIBT(seed=3).solve(drawn("a.b.. ..A.. B....", [0, 1])) for _ in range(2)]
+    assert np.array_equal(plans[0].cells, plans[1].cells)
