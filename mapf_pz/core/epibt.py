@@ -21,8 +21,8 @@ from mapf_pz.core.state import WAIT_WEIGHT, Array
 
 NOBODY, SEVERAL, NONE = -1, -2, -1
 AHEAD = 4
-MARGIN = np.float32(1e-3)
-"""Changes of the sum that are smaller may be rounding."""
+UNLIMITED, MARGIN = np.float32(np.inf), np.float32(1e-3)
+"""A limit on costs; and what changes of the sum must exceed, as smaller ones may be rounding."""
 MAX_VISITS = 10
 """So often is an agent asked in one step; more is not worth the time (the authors' number)."""
 
@@ -49,7 +49,8 @@ class Board(NamedTuple):
     cost: Array  # (N, P) float32: of it and of the way from its end; inf: it leads into an obstacle
     least: Array  # (N,) float32: of these
     to_go: Array  # (N,) float32: from where the agent is
-    order: Array  # (N,) int32: the agents, those that are nearer to their goals first
+    away: Array  # (N,) int32: so many steps it is away from its goal, where it shall stay there; else 0
+    order: Array  # (N,) int32: the agents, the highest priority first
     rank: Array  # (N,) int32: the place of each in that order
     used: Array  # (D + 1, C + 1) int32: the agent on each cell, now and after each action; -1: nobody
     visits: Array  # (N,) int32: how often an agent was asked
@@ -73,6 +74,7 @@ def allocate_board(num_agents: int, num_cells: int, tree: Operations) -> Board:
         cost=np.zeros((num_agents, size), np.float32),
         least=np.zeros(num_agents, np.float32),
         to_go=np.zeros(num_agents, np.float32),
+        away=np.zeros(num_agents, np.int32),
         order=np.arange(num_agents, dtype=np.int32),
         rank=np.zeros(num_agents, np.int32),
         used=np.full((depth + 1, num_cells + 1), NOBODY, np.int32),
@@ -145,6 +147,7 @@ def _rate(
             continue
         table = to_go[slot[crew[i].goal]]
         board.to_go[i] = table[crew[i].cell, crew[i].heading % table.shape[1]]
+        board.away[i] = 0 if passing or crew[i].cell == crew[i].goal else board.away[i] + 1
         _walk(leads_to, weight, table, crew[i], passing, tree, board)
         board.least[i] = np.inf
         for p in range(size):
@@ -186,19 +189,24 @@ def _walk(
 
 @jit
 def _sort(board: Board) -> None:
-    """Sort the order by cost to go, then by index; from one step to the next it hardly changes."""
-    order, to_go = board.order, board.to_go
+    """Sort the order; from one step to the next it hardly changes."""
+    order = board.order
     for place in range(order.size):
         i, free = order[place], place
-        while free > 0:
-            j = order[free - 1]
-            if to_go[j] < to_go[i] or (to_go[j] == to_go[i] and j < i):
-                break
-            order[free] = j
+        while free > 0 and _comes_before(board, i, order[free - 1]):
+            order[free] = order[free - 1]
             free -= 1
         order[free] = i
     for place in range(order.size):
         board.rank[order[place]] = place
+
+
+@jit
+def _comes_before(board: Board, i: int, j: int) -> bool:
+    """Tell whether agent `i` has priority: who is away for longer, then who is nearer to its goal."""
+    if board.away[i] != board.away[j]:
+        return board.away[i] > board.away[j]
+    return board.to_go[i] < board.to_go[j] or (board.to_go[i] == board.to_go[j] and i < j)
 
 
 @jit
@@ -225,8 +233,7 @@ def _search(first: int, by_sum: bool, board: Board) -> bool:
     while True:
         i = chain[depth]
         old = cost[i, before[depth]]
-        own_limit = old if depth == 0 else np.float32(np.inf)
-        limit = old - change - MARGIN if by_sum else own_limit
+        limit = old - change - MARGIN if by_sum else (old if depth == 0 else UNLIMITED)
         p = _next_option(cost[i], choice[i], limit)
         choice[i] = p
         if p == NONE:
@@ -265,7 +272,7 @@ def _search(first: int, by_sum: bool, board: Board) -> bool:
 
 
 @jit
-def _next_option(cost: Array, last: int, limit: float) -> int:
+def _next_option(cost: Array, last: int, limit: np.float32) -> int:
     """Return the operation that comes after `last` in the order of their costs, if it costs less than `limit`."""
     best, least = NONE, limit
     for p in range(cost.size):

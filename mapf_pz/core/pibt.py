@@ -94,7 +94,8 @@ def _prioritize(slot: Array, to_go: Array, crew: Array, desk: Desk) -> None:
                 farthest = desk.fraction[i]
         desk.fraction[:] /= farthest + 1
     for i in range(crew.size):
-        desk.away[i] = 0 if crew[i].cell == crew[i].goal else desk.away[i] + 1
+        # With a goal after the other an agent is never seen on its goal: it has a new one by then.
+        desk.away[i] = 0 if crew[i].cell == crew[i].goal or crew[i].arrived else desk.away[i] + 1
     order = desk.order
     for place in range(order.size):  # from one step to the next it hardly changes
         i, free = order[place], place

@@ -81,10 +81,9 @@ class StepPlanner(Planner):
         edge_weights: WeightsName | GuidanceGraph = "uniform",
     ) -> Plan | None:
         """Return a plan that brings all agents to their goals, or None where none was found: see `Planner`."""
-        began = time.perf_counter()
         self.reset_states()
         simulator = simulator_of(instance, max_steps, edge_weights, self._seed)
-        return record(simulator, self.decide, until=lambda: time.perf_counter() - began > time_limit)
+        return record(simulator, self.decide, time_limit)
 
 
 class PlanFollower(Planner):
@@ -170,17 +169,20 @@ def simulator_of(instance: Instance, max_steps: int, edge_weights: WeightsName |
     return simulator
 
 
-def record(simulator: Simulator, decide: Callable[[Simulator], Ints], until: Callable[[], bool]) -> Plan | None:
+def record(simulator: Simulator, decide: Callable[[Simulator], Ints], time_limit: float) -> Plan | None:
     """Play the episode that has begun; return it as a plan if it ends with all at their goals, else None.
 
-    It is given up at its last step, or when `until()` says so.
+    It is given up at its last step, or after `time_limit` seconds, in which the first step does not count: kernels may
+    have to be compiled for it.
     """
     crew = simulator.state.agents[0]
     cells, headings = [simulator.positions(0)], [crew["heading"].copy()]
+    deadline = np.inf
     while not crew["at_goal"].all():
-        if crew["truncated"].any() or until():
+        if crew["truncated"].any() or time.perf_counter() > deadline:
             return None
         simulator.step(decide(simulator)[None])
+        deadline = min(deadline, time.perf_counter() + time_limit)
         cells.append(simulator.positions(0))
         headings.append(crew["heading"].copy())
     cardinal = simulator.config.action_model == "cardinal"

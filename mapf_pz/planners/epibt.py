@@ -20,8 +20,9 @@ DRAWS = 32
 class EPIBT(StepPlanner):
     """Plans operations of several actions, and acts by their first: see `mapf_pz.core.epibt`.
 
-    Made for lifelong episodes: agents near their goals come first. With a `time_limit`, what it does depends on the
-    machine's speed; without one, on the seed alone.
+    Made for lifelong episodes, in which agents near their goals come first. Where agents shall stay at their goals,
+    those come first who have been away for longer. With a `time_limit`, what it does depends on the speed of the
+    machine; without one, on the seed alone.
     """
 
     def __init__(self, env: MapfEnv | None = None, seed: int = 0, depth: int = 4, time_limit: float = 0.0) -> None:
@@ -31,7 +32,8 @@ class EPIBT(StepPlanner):
             env: the environment to act in, or a wrapper of it; None: only `solve` can be used.
             seed: of the draws.
             depth: D, the number of actions of an operation, 1 to 6.
-            time_limit: seconds for a step; what is left after planning improves the plan.
+            time_limit: seconds for a step; what is left after planning improves the plan, unless agents shall stay at
+                their goals (`nothing`).
 
         Raises `ValueError` for another depth.
         """
@@ -58,7 +60,8 @@ class EPIBT(StepPlanner):
         board = self._board
         passing = simulator.config.on_target != "nothing"
         epibt.plan(world.leads_to[m], world.weight[m], tables.slot[m], tables.to_go, crew, passing, tree, board)
-        while time.perf_counter() - began < self._time_limit:
+        # Where agents shall stay, the least sum of costs would be that nobody leaves a goal to let others pass.
+        while passing and time.perf_counter() - began < self._time_limit:
             epibt.improve_sum(self._rng.integers(len(crew), size=DRAWS), crew, board)
         actions = np.empty(len(crew), np.int64)
         epibt.first_actions(crew, tree, board, actions)

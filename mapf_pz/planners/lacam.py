@@ -1,0 +1,137 @@
+"""LaCAM as a planner, and as a policy: complete, and quick also where agents stand close together."""
+
+from __future__ import annotations
+
+import time
+from typing import TypeVar
+
+import numpy as np
+
+from mapf_pz.config import WeightsName
+from mapf_pz.core import lacam
+from mapf_pz.core import lacam_schedule as schedule
+from mapf_pz.core.lacam_step import allocate_desk
+from mapf_pz.core.tables import DistanceTables
+from mapf_pz.core.world import allocate
+from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.planners.base import PlanFollower
+from mapf_pz.planners.plan import Plan
+from mapf_pz.planners.problem import Path, Problem
+from mapf_pz.types import Floats, Instance, Ints
+
+MAX_BYTES = 1 << 30
+"""The search is given up where it would need more room than this."""
+
+_AGENT_STEPS = 50_000  # of one call of the kernel: some 50 ms
+
+Room = TypeVar("Room", lacam.Nodes, lacam.Constraints)
+
+
+class LaCAM(PlanFollower):
+    """Plans all the way by a search over configurations, for both action models: see `mapf_pz.core.lacam`.
+
+    Given time and room it finds a plan for whatever can be solved. It holds at most `MAX_BYTES` at a time, and half of
+    that more while it moves to larger arrays. Compiling, on the first call, is not counted as planning time.
+    """
+
+    def plan(self, problem: Problem, time_limit: float) -> Path | None:
+        """Return where all agents are until they are at their goals, or None where that was not found.
+
+        Of agents that share a goal, only the nearest is to reach it. The same seed gives the same path. None means that
+        it was not found in time or in the room there is, or that the search has seen all configurations.
+        """
+        if not np.isfinite(_cost_to_go(problem)).all():
+            return None
+        target = _without_turns(problem)._replace(goals=_claimed_goals(problem))
+        cells = _search(target, int(self._rng.integers(1, 2**63)), time_limit)
+        return None if cells is None else _carried_out(problem, cells)
+
+    def solve(
+        self,
+        instance: Instance,
+        time_limit: float = 10.0,
+        max_steps: int = 1000,
+        edge_weights: WeightsName | GuidanceGraph = "uniform",
+    ) -> Plan | None:
+        """Return a plan that brings all agents to their goals, or None where none was found: see `Planner`."""
+        goals = instance.scenario.goals.reshape(-1, 2)
+        shared = len(np.unique(goals, axis=0)) < len(goals)
+        return None if shared else super().solve(instance, time_limit, max_steps, edge_weights)
+
+
+def _cost_to_go(problem: Problem) -> Floats:
+    return problem.to_go[problem.table, problem.starts, problem.headings]
+
+
+def _claimed_goals(problem: Problem) -> Ints:
+    """Return each agent's goal (N,) int32; -1 where another agent is nearer to the same one."""
+    nearest_first = np.argsort(_cost_to_go(problem), kind="stable")
+    _, first = np.unique(problem.goals[nearest_first], return_index=True)
+    claiming = nearest_first[first]
+    goals = np.full_like(problem.goals, lacam.NONE)
+    goals[claiming] = problem.goals[claiming]
+    return goals
+
+
+def _search(problem: Problem, seed: int, time_limit: float) -> Ints | None:
+    """Return the cells (T + 1, N) of all configurations on the way to the goals."""
+    num_agents, num_cells = len(problem.goals), problem.leads_to.shape[1] - 1
+    cost = np.where(problem.goals == lacam.NONE, -1, _cost_to_go(problem))
+    farthest_first = np.argsort(-cost, kind="stable").astype(np.int32)
+    desk = allocate_desk(num_agents, num_cells, seed)
+    nodes, constraints = lacam.allocate_nodes(1 << 10, num_agents), lacam.allocate_constraints(1 << 13)
+    tally = np.zeros(4, np.int64)
+    status = lacam.begin(problem, farthest_first, nodes, constraints, desk, tally)
+    lacam.search(problem, 0, nodes, constraints, desk, tally)  # compiles, before the time counts
+    deadline = time.perf_counter() + time_limit
+    while status in (lacam.RUNNING, lacam.FULL) and time.perf_counter() < deadline:
+        if status == lacam.FULL:
+            if 2 * sum(array.nbytes for array in (*nodes, *constraints)) > MAX_BYTES:
+                return None
+            if tally[lacam.NUM_NODES] == len(nodes.parent):
+                nodes = _doubled(nodes)
+                lacam.refill_slots(nodes, tally)
+            else:
+                constraints = _doubled(constraints)
+        status = lacam.search(problem, 1 + _AGENT_STEPS // num_agents, nodes, constraints, desk, tally)
+    if status != lacam.SOLVED:
+        return None
+    chain = [int(tally[lacam.SOLUTION])]
+    while nodes.parent[chain[-1]] != lacam.NONE:
+        chain.append(int(nodes.parent[chain[-1]]))
+    return nodes.cells[chain[::-1]]
+
+
+def _without_turns(problem: Problem) -> Problem:
+    """Return the problem that is left if turns are free."""
+    if problem.to_go.shape[2] == 1:
+        return problem
+    num_cells = problem.leads_to.shape[1]
+    world = allocate(1, (1, num_cells - 1))
+    world.leads_to[0], world.weight[0] = problem.leads_to, problem.weight
+    prices = problem.weight[:4][problem.leads_to != np.arange(num_cells)]
+    world.equal_weight[0] = prices[0] if len(np.unique(prices)) == 1 else 0
+    tables = DistanceTables(world, num_headings=1, max_bytes=8 * num_cells * len(problem.goals))
+    tables.require(np.zeros_like(problem.goals), problem.goals)
+    table = tables.arrays.slot[0][problem.goals]
+    return problem._replace(to_go=tables.arrays.to_go, table=table, headings=np.zeros_like(problem.headings))
+
+
+def _doubled(room: Room) -> Room:
+    return room._make(np.concatenate([array, np.zeros_like(array)]) for array in room)
+
+
+def _carried_out(problem: Problem, cells: Ints) -> Path:
+    """Return the path that leads through the configurations `cells` (T + 1, N), which are changed."""
+    steps, num_agents = len(cells) - 1, cells.shape[1]
+    rotates = problem.to_go.shape[2] == 4
+    over_cells = np.zeros((2, problem.leads_to.shape[1]), np.int32)
+    at, intent = np.zeros(num_agents, np.int32), np.zeros(num_agents, np.int8)
+    while schedule.cut_loops(cells, over_cells[0], over_cells[1]):
+        pass
+    visits = schedule.allocate_visits(cells)
+    schedule.list_visits(cells, problem.leads_to, visits, at, over_cells[0])
+    rows = (3 if rotates else 1) * steps + 1
+    there, looks = np.tile(problem.starts, (rows, 1)), np.tile(problem.headings.astype(np.int8), (rows, 1))
+    rows = schedule.carry_out(visits, rotates, there, looks, at, intent) + 1
+    return Path(there[:rows], looks[:rows] if rotates else None)
