@@ -25,7 +25,9 @@ class Command(NamedTuple):
 
 COMMANDS: dict[str, Command] = {
     "benchmark": Command("mapf_pz.commands.benchmark:benchmark", "measure how fast environments step"),
-    "evaluate": Command("mapf_pz.commands.evaluate:evaluate", "try a trained policy on instances that it never saw"),
+    "evaluate": Command(
+        "mapf_pz.commands.evaluate:evaluate_policies", "compare policies and planners on the same instances"
+    ),
     "maps": Command("mapf_pz.commands.maps:maps", "list the bundled maps, or write their files"),
     "render": Command("mapf_pz.commands.render:render", "play an episode and save it as GIF or PNG"),
     "solve": Command("mapf_pz.commands.solve:solve", "let a planner solve an instance, and write its plan"),

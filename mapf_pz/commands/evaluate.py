@@ -1,91 +1,120 @@
-"""The command `mapf-pz evaluate`: how a trained policy does on instances that it never saw."""
+"""The command `mapf-pz evaluate`: how policies and planners do on instances that they never saw."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 from rich.console import Console
-from rich.progress import track
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from tyro.conf import UseAppendAction
 
-from mapf_pz.evaluate.report import Episodes, results_table, write_episodes
-from mapf_pz.evaluate.run import Policy, Trial, run_episodes
-from mapf_pz.evaluate.suites import SUITES
-from mapf_pz.rl.policy import load_policy
+from mapf_pz.config import ActionModel
+from mapf_pz.evaluate import Episode, Trial, evaluate, load_suite, markdown_table, named_policy, terminal_table
+from mapf_pz.evaluate.run import Casting, Policy
 
-EPISODES_FILE, TABLE_FILE = "episodes.csv", "evaluation.txt"
+TABLE_FILE = "evaluation.md"
 
 
 @dataclass(frozen=True)
 class EvaluateOptions:
-    """Which policy, and what it is tried on: a suite, or one map."""
+    """Who is tried, and on what: suites, or one map."""
 
-    policy: str
-    """The name of a policy that comes with the package, the folder of a training run, or the weights' file in it."""
-    suite: str = "quickstart"
-    """The name of a suite; not used where a map is given."""
+    policy: Annotated[tuple[str, ...], UseAppendAction]
+    """Once or more: `random`; a planner (`pibt`, `epibt:depth=5,time_limit=0.1`); a trained policy, by its name if it
+    comes with the package or by its run's folder; that with `+pibt` after it: carried out by PIBT."""
+    suite: Annotated[tuple[str, ...], UseAppendAction] = ()
+    """Once or more: the name of a suite, or the path of a suite's file; `standard` where neither is given nor a map."""
     map: str | None = None
-    """A map's name or the path of a `.map` file."""
+    """In place of suites: a map's name or the path of a `.map` file."""
     scenario: str | None = None
     """The path of a `.scen` file for that map; None draws starts and goals."""
     num_agents: int = 10
     """The number of agents on that map."""
     max_steps: int = 512
     """Time limit on that map."""
+    action_model: ActionModel | None = None
+    """Whether agents turn and drive or step in four directions; None: as the suite or the policy has it."""
     episodes: int | None = None
     """How many episodes of each trial; None: as the suite has it, 64 on a map."""
     seed: int | None = None
     """Of the first episode; None: as the suite has it."""
     policy_seed: int = 0
-    """Of the policy's draws."""
+    """Of the policies' draws."""
     deterministic: bool = False
-    """Always take the likeliest action."""
+    """Trained policies take the likeliest action."""
+    jobs: int | Literal["ray"] = 1
+    """How many processes; `ray`: as many as the Ray cluster has room for."""
     output: Path | None = None
-    """A folder for the table and the episodes as CSV."""
+    """A folder for all episodes as CSV, the table in Markdown, and figures; what it has already is not done again."""
 
     def trials(self) -> tuple[Trial, ...]:
-        """Return the trials that were asked for; raises `ValueError` for an unknown suite."""
-        changes = {name: getattr(self, name) for name in ("episodes", "seed") if getattr(self, name) is not None}
-        if self.map is None:
-            if self.suite not in SUITES:
-                raise ValueError(f"suite {self.suite!r}: expected one of {', '.join(SUITES)}")
-            return tuple(Trial(trial.name, trial.keywords, **_numbers(trial) | changes) for trial in SUITES[self.suite])
-        keywords: dict[str, Any] = {"map": self.map, "num_agents": self.num_agents, "max_steps": self.max_steps}
-        name = f"{self.num_agents} agents on {Path(self.map).stem}"
+        """Return the trials that were asked for."""
+        trials = [trial for suite in self.suite or ("standard",) for trial in load_suite(suite)]
+        if self.map is not None:
+            if self.suite:
+                raise ValueError("expected either --suite or --map")
+            trials = [self._on_map(self.map)]
+        keywords = {} if self.action_model is None else {"action_model": self.action_model}
+        return tuple(
+            trial.but(keywords=trial.keywords | keywords, episodes=self.episodes, seed=self.seed) for trial in trials
+        )
+
+    def _on_map(self, map: str) -> Trial:
+        keywords: dict[str, Any] = {"map": map, "num_agents": self.num_agents, "max_steps": self.max_steps}
+        about = Path(map).stem
         if self.scenario is not None:
             keywords["scenario"] = self.scenario
-            name += f", {Path(self.scenario).name}"
-        return (Trial(name, keywords, **{"episodes": 64} | changes),)
+            about += f", {Path(self.scenario).name}"
+        return Trial(about, self.num_agents, keywords, episodes=64)
 
 
-def evaluate(options: EvaluateOptions) -> None:
-    """Evaluate a trained policy and print the table of results."""
-    policy = load_policy(options.policy, options.policy_seed, options.deterministic)
-    evaluate_policy(policy, options.trials(), options.output)
+def evaluate_policies(options: EvaluateOptions) -> None:
+    """Let policies and planners act in the same episodes, and print the table of results."""
+    castings: dict[str, Casting | Policy | str] = {
+        name: named_policy(name, options.policy_seed, options.deterministic) for name in options.policy
+    }
+    report(castings, options.trials(), options.output, options.jobs)
 
 
-def evaluate_policy(policy: Policy, trials: tuple[Trial, ...], output: Path | None) -> dict[str, Episodes]:
-    """Run the trials, print the table, and write it and the episodes to `output` if there is one."""
-    results: dict[str, Episodes] = {}
-    progress = Console(stderr=True)
-    for trial in trials:
-        episodes = run_episodes(policy, trial)
-        shown = track(
-            episodes, trial.name, trial.episodes, console=progress, transient=True, disable=not progress.is_terminal
-        )
-        results[trial.name] = list(shown)
-    table = results_table(results)
-    console = Console(file=sys.stdout, width=None if sys.stdout.isatty() else 160)
-    console.print(table)
-    if output is not None:
-        output.mkdir(parents=True, exist_ok=True)
-        write_episodes(results, output / EPISODES_FILE)
-        with (output / TABLE_FILE).open("w") as file:
-            Console(file=file, width=160).print(table)
-    return results
+def report(
+    policies: dict[str, Casting | Policy | str], trials: Sequence[Trial], output: Path | None, jobs: int | str = 1
+) -> None:
+    """Evaluate, print the table, and write it and the figures to `output` if there is one."""
+    with _progress_bar() as show:
+        episodes = evaluate(policies, trials, output, jobs, show)
+    Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200).print(terminal_table(episodes))
+    if output is None:
+        return
+    (output / TABLE_FILE).write_text(markdown_table(episodes), "utf-8")
+    print(f"table and episodes written to {output}")
+    if find_spec("matplotlib") is None:
+        print("no figures: pip install 'mapf-pz[train]' has what draws them")
+        return
+    from mapf_pz.evaluate.figures import draw_figures
+
+    for file in draw_figures(episodes, output):
+        print(f"figure written to {file}")
 
 
-def _numbers(trial: Trial) -> dict[str, int]:
-    return {"episodes": trial.episodes, "seed": trial.seed}
+@contextmanager
+def _progress_bar() -> Generator[Callable[[Episode | None, int], None]]:
+    """Show a bar; yield what moves it."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("evaluating", total=None)
+
+        def show(episode: Episode | None, left: int) -> None:
+            if episode is None:
+                bar.update(task, total=left)
+            else:
+                about = f"{episode.policy}, {episode.num_agents} agents on {episode.about}"
+                bar.update(task, advance=1, description=about)
+
+        yield show

@@ -15,8 +15,8 @@ from rich.progress import track
 from tyro.conf import Positional
 
 from mapf_pz.config import ActionModel, CollisionSystem, EnvConfig, OnTarget
-from mapf_pz.environment import parallel_env
-from mapf_pz.evaluate.run import AnyEnv, Policy, make_env, play
+from mapf_pz.evaluate.policies import named_policy
+from mapf_pz.evaluate.run import AnyEnv, Policy, play
 from mapf_pz.render.gif import save_gif, save_png
 
 Frames = Iterable[NDArray[np.uint8]]
@@ -29,7 +29,7 @@ class EpisodeOptions:
     output: Positional[Path]
     """The file: `.gif` shows the whole episode, `.png` its end."""
     policy: str = "random"
-    """`random`, or a trained policy: its name, if it comes with the package, or the folder of a run."""
+    """`random`, a planner, or a trained policy: its name, if it comes with the package, or the folder of a run."""
     map: str = str(EnvConfig.map)
     """A map's name or the path of a `.map` file."""
     scenario: str | None = None
@@ -60,7 +60,7 @@ def render(episode: EpisodeOptions) -> None:
     ending = episode.output.suffix.lower()
     if ending not in SAVERS:
         raise ValueError(f"{episode.output}: expected a file that ends in {' or '.join(SAVERS)}")
-    env, policy = _cast(episode)
+    env, policy = named_policy(episode.policy, episode.seed)(episode.keywords() | {"render_mode": "rgb_array"})
     save_episode(env, policy, episode.seed, episode.output, episode.fps)
 
 
@@ -79,35 +79,6 @@ def _save_last(frames: Frames, path: Path, fps: float) -> None:
 
 SAVERS: dict[str, Callable[[Frames, Path, float], None]] = {".gif": save_gif, ".png": _save_last}
 """What writes frames to a file, by the file's ending."""
-
-
-class RandomPolicy:
-    """Takes any action, each as likely as the others."""
-
-    def __init__(self, num_actions: int, seed: int) -> None:
-        """Choose among `num_actions` actions; `seed` decides which."""
-        self._num_actions = num_actions
-        self._rng = np.random.default_rng((seed, 1))  # another stream than the environment's
-
-    def act(self, observations: dict[str, Any]) -> dict[str, int]:
-        """Return an action for each agent that observes."""
-        actions = self._rng.integers(self._num_actions, size=len(observations))
-        return dict(zip(observations, actions.tolist(), strict=True))
-
-    def reset_states(self) -> None:
-        """Forget the episode; this policy remembers nothing."""
-
-
-def _cast(episode: EpisodeOptions) -> tuple[AnyEnv, Policy]:
-    """Return the environment, and who acts in it."""
-    keywords = episode.keywords() | {"render_mode": "rgb_array"}
-    if episode.policy == "random":
-        env = parallel_env(**keywords, view_size=(1, 1))  # it looks at nothing, and fits on any map
-        return env, RandomPolicy(env.simulator.num_actions, episode.seed)
-    from mapf_pz.rl.policy import load_policy
-
-    policy = load_policy(episode.policy, episode.seed)
-    return make_env(policy, **keywords), policy
 
 
 def _pictures(env: AnyEnv, policy: Policy, seed: int) -> Iterator[NDArray[np.uint8]]:

@@ -15,9 +15,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from tyro.conf import Positional, subcommand
 from tyro.extras import subcommand_type_from_defaults
 
-from mapf_pz.commands.evaluate import evaluate_policy
+from mapf_pz.commands.evaluate import report
 from mapf_pz.commands.render import save_episode
-from mapf_pz.evaluate.suites import SUITES
+from mapf_pz.evaluate import load_suite, make_env
 from mapf_pz.rl import load_policy
 from mapf_pz.rl import train as train_policy
 from mapf_pz.rl.config import TrainConfig
@@ -26,18 +26,20 @@ from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.train import resume as resume_policy
 
 EPISODE_FILE = "episode.gif"
+SUITES = {"quickstart": "quickstart", "central-ppo": "central-4", "central-ppo-8": "central-8"}
+"""The suites that presets are evaluated on afterwards; the others on `standard`."""
 
 
 @dataclass(frozen=True)
 class TrainOptions:
-    """A training run, and what is done with the policy: every preset has a suite of its own name."""
+    """A training run, and what is done with the policy."""
 
     config: TrainConfig
     """The run."""
     output: Path
     """The run's folder."""
     evaluate: str = "quickstart"
-    """The suite to evaluate on afterwards; `none`: no evaluation and no episode."""
+    """The suite to evaluate on afterwards, a name or a file; `none`: no evaluation and no episode."""
 
 
 @dataclass(frozen=True)
@@ -49,31 +51,33 @@ class ResumeOptions:
     agent_steps: int | None = None
     """Length of the whole run, in steps of all agents together, instead of the one that it was begun with."""
     evaluate: str = "quickstart"
-    """The suite to evaluate on afterwards; `none`: no evaluation and no episode."""
+    """The suite to evaluate on afterwards, a name or a file; `none`: no evaluation and no episode."""
 
 
 if TYPE_CHECKING:
     Run = TrainOptions | ResumeOptions
 else:
     Begin = subcommand_type_from_defaults(
-        {name: TrainOptions(config, Path("runs") / name, evaluate=name) for name, config in PRESETS.items()}
+        {
+            name: TrainOptions(config, Path("runs") / name, evaluate=SUITES.get(name, "standard"))
+            for name, config in PRESETS.items()
+        }
     )
     Run = Begin | Annotated[ResumeOptions, subcommand("resume")]
 
 
 def train(run: Run) -> None:
     """Train a policy or continue its training, evaluate it on instances that it never saw, and draw an episode."""
-    if run.evaluate not in (*SUITES, "none"):
-        raise ValueError(f"evaluate={run.evaluate!r}: expected 'none' or one of {', '.join(SUITES)}")
+    trials = None if run.evaluate == "none" else load_suite(run.evaluate)
     logging.getLogger("torchrl").setLevel(logging.WARNING)  # it reports every buffer that it makes
     with _terminated_as_interrupted():
         _learn(run)
     print(f"policy, configuration and progress written to {run.output}")
-    if run.evaluate == "none":
+    if trials is None:
         return
-    policy, trials = load_policy(run.output), SUITES[run.evaluate]
-    evaluate_policy(policy, trials, run.output)
-    env = trials[-1].make_env(policy, render_mode="rgb_array")
+    policy = load_policy(run.output)
+    report({run.output.name: policy}, trials, run.output)
+    env = make_env(policy, **trials[-1].keywords, render_mode="rgb_array")
     save_episode(env, policy, trials[-1].seed, run.output / EPISODE_FILE, fps=8)
 
 

@@ -84,7 +84,7 @@ def plan(
 
 @jit
 def _prioritize(slot: Array, to_go: Array, crew: Array, desk: Desk) -> None:
-    """Sort the order: those come first who have been away from their goals for longer, then those farther away."""
+    """Sort the order: those come first who have been away from their goals for longer, then those nearer to them."""
     if crew.size and desk.away[0] < 0:
         farthest = np.float32(0.0)
         for i in range(crew.size):
@@ -109,7 +109,7 @@ def _prioritize(slot: Array, to_go: Array, crew: Array, desk: Desk) -> None:
 def _comes_before(desk: Desk, i: int, j: int) -> bool:
     if desk.away[i] != desk.away[j]:
         return desk.away[i] > desk.away[j]
-    return desk.fraction[i] > desk.fraction[j] or (desk.fraction[i] == desk.fraction[j] and i < j)
+    return desk.fraction[i] < desk.fraction[j] or (desk.fraction[i] == desk.fraction[j] and i < j)
 
 
 @jit

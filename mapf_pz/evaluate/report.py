@@ -1,16 +1,19 @@
-"""Summaries of evaluated episodes, and the table that shows them."""
+"""Summaries of evaluated episodes: means with intervals, as a table for the terminal and in Markdown."""
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from rich.table import Table
 
-Episodes = Sequence[dict[str, float]]
-SHOWN = ("CSR", "ISR", "SoC_ratio", "makespan", "ep_length", "avg_throughput", "runtime")
+from mapf_pz.evaluate.results import METRICS, Episode
+
+SHOWN = tuple(name for name in METRICS if name not in ("SoC", "ep_length", "runtime"))
+"""The metrics of the tables; the others are in the file of episodes."""
+
+Group = tuple[str, int, str]
+"""What a trial is about, its number of agents, and a policy."""
 
 
 def interval(values: Sequence[float], seed: int = 0, draws: int = 2000) -> tuple[float, float]:
@@ -21,29 +24,46 @@ def interval(values: Sequence[float], seed: int = 0, draws: int = 2000) -> tuple
     return float(low), float(high)
 
 
-def results_table(results: dict[str, Episodes]) -> Table:
-    """Return a table: a row for each trial, means with their 95 % intervals."""
-    keys = [key for key in SHOWN if any(key in episodes[0] for episodes in results.values())]
-    table = Table("trial", "episodes", *keys, title="mean [95 % interval]")
-    for name, episodes in results.items():
-        table.add_row(name, str(len(episodes)), *[_cell(episodes, key) for key in keys])
+def grouped(episodes: Iterable[Episode]) -> dict[Group, dict[str, list[float]]]:
+    """Return the values of each metric for each trial and policy, in the order in which they come."""
+    groups: dict[Group, dict[str, list[float]]] = {}
+    for episode in episodes:
+        values = groups.setdefault((episode.about, episode.num_agents, episode.policy), {})
+        for name, value in episode.metrics.items():
+            values.setdefault(name, []).append(value)
+    return groups
+
+
+def rows(episodes: Iterable[Episode]) -> list[list[str]]:
+    """Return the table: its header, and a row for each trial and policy, with means and their 95 % intervals."""
+    groups = grouped(episodes)
+    shown = [name for name in SHOWN if any(name in values for values in groups.values())]
+    table = [["trial", "agents", "policy", "episodes", *shown]]
+    for (about, num_agents, policy), values in groups.items():
+        count = max(map(len, values.values()))
+        table.append([about, str(num_agents), policy, str(count), *(_cell(values.get(name)) for name in shown)])
     return table
 
 
-def write_episodes(results: dict[str, Episodes], file: Path) -> None:
-    """Write one row an episode as CSV."""
-    keys = sorted({key for episodes in results.values() for episode in episodes for key in episode})
-    with file.open("w", newline="") as out:
-        writer = csv.DictWriter(out, ["trial", "episode", *keys])
-        writer.writeheader()
-        for name, episodes in results.items():
-            for number, episode in enumerate(episodes):
-                writer.writerow({"trial": name, "episode": number} | episode)
+def terminal_table(episodes: Iterable[Episode]) -> Table:
+    """Return the table for a terminal."""
+    header, *body = rows(episodes)
+    table = Table(*header, title="mean [95 % interval]")
+    for row in body:
+        table.add_row(*row)
+    return table
 
 
-def _cell(episodes: Episodes, key: str) -> str:
-    if key not in episodes[0]:
+def markdown_table(episodes: Iterable[Episode]) -> str:
+    """Return the table in Markdown."""
+    header, *body = rows(episodes)
+    lines = [header, ["---"] * len(header), *body]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def _cell(values: Sequence[float] | None) -> str:
+    if values is None:
         return ""
-    values = [episode[key] for episode in episodes]
-    low, high = interval(values)
-    return f"{np.mean(values):.3g} [{low:.3g}, {high:.3g}]"
+    mean = f"{np.mean(values):.3g}"
+    low, high = (f"{end:.3g}" for end in interval(values))
+    return mean if low == high else f"{mean} [{low}, {high}]"

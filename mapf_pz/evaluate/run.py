@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import Any, Protocol, TypeAlias
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, Protocol, TypeAlias, cast
 
 from pettingzoo.utils import BaseParallelWrapper
 
 from mapf_pz.environment import AgentObservation, MapfEnv, parallel_env
+from mapf_pz.evaluate.trial import Trial
+from mapf_pz.instances import InstanceList
+from mapf_pz.simulator import Simulator
+from mapf_pz.types import Instance
 from mapf_pz.wrappers import History, Sharing
 
 AnyEnv: TypeAlias = "MapfEnv | BaseParallelWrapper[str, AgentObservation, Any]"
@@ -17,6 +20,8 @@ AnyEnv: TypeAlias = "MapfEnv | BaseParallelWrapper[str, AgentObservation, Any]"
 
 WRAPPERS: dict[str, type[History | Sharing]] = {"History": History, "Sharing": Sharing}
 """What policies may need around the environment, by name."""
+
+Metrics = dict[str, float]
 
 
 class Policy(Protocol):
@@ -31,22 +36,8 @@ class Policy(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Trial:
-    """Some episodes of one kind."""
-
-    name: str
-    """What the result is called."""
-    keywords: dict[str, Any] = field(default_factory=dict)
-    """Keywords of `parallel_env`: map, scenario or source, number of agents, time limit."""
-    episodes: int = 256
-    """How many."""
-    seed: int = 1_000_000
-    """Of the first episode; the others follow by ones."""
-
-    def make_env(self, policy: Policy, **keywords: Any) -> AnyEnv:
-        """Return the environment, as the policy must see it; `keywords` come on top."""
-        return make_env(policy, **(self.keywords | keywords))
+Casting: TypeAlias = "Callable[[dict[str, Any]], tuple[AnyEnv, Policy]]"
+"""Given keywords of `parallel_env`, makes the environment as the policy must see it, and the policy."""
 
 
 def make_env(policy: Policy, **keywords: Any) -> AnyEnv:
@@ -61,9 +52,14 @@ def make_env(policy: Policy, **keywords: Any) -> AnyEnv:
     return env
 
 
-def play(env: AnyEnv, policy: Policy, seed: int) -> Iterator[float]:
+def simulator_of(env: AnyEnv) -> Simulator:
+    """Return the simulator of an environment, or of the one that it wraps."""
+    return cast("MapfEnv", env.unwrapped).simulator
+
+
+def play(env: AnyEnv, policy: Policy, seed: int, instance: Instance | None = None) -> Iterator[float]:
     """Play an episode; yield at its beginning (0.0), and after each step the seconds that the policy took to decide."""
-    observations, _ = env.reset(seed=seed)
+    observations, _ = env.reset(seed=seed, options=None if instance is None else {"instance": instance})
     policy.reset_states()
     yield 0.0
     while env.agents:
@@ -74,9 +70,43 @@ def play(env: AnyEnv, policy: Policy, seed: int) -> Iterator[float]:
         yield seconds
 
 
-def run_episodes(policy: Policy, trial: Trial) -> Iterator[dict[str, float]]:
-    """Yield each episode's metrics, and `runtime`: the seconds that the policy took to decide."""
-    env = trial.make_env(policy)
-    for episode in range(trial.episodes):
-        runtime = sum(play(env, policy, trial.seed + episode))
-        yield env.metrics() | {"runtime": runtime}
+def run_episodes(casting: Casting, trial: Trial, episodes: Iterable[int]) -> Iterator[Metrics]:
+    """Yield the metrics of some of a trial's episodes.
+
+    Besides those of `mapf_pz.metrics`: `runtime`, the seconds that the policy took to decide in an episode; `step_ms`
+    and `agent_us`, the milliseconds a step and the microseconds an agent step of that; `collisions`, the share of agent
+    steps in which a move was asked for that an obstacle or another agent prevented; `best_ratio`, the throughput over
+    the best known.
+    """
+    scene: tuple[AnyEnv, Policy] | None = None
+    size = ""
+    for episode in episodes:
+        instance = trial.instance(episode)
+        like_it = {} if instance is None else {"source": InstanceList([instance])}
+        needed = like_it["source"].size if like_it else ""
+        if scene is None or size != needed:
+            scene, size = casting(trial.keywords | like_it), needed
+            _compile(*scene, trial.seed + episode)
+        yield _metrics(*scene, trial, episode)
+
+
+def _compile(env: AnyEnv, policy: Policy, seed: int) -> None:
+    """Let the policy decide once, so that what is compiled or loaded for it is not measured."""
+    observations, _ = env.reset(seed=seed)
+    policy.reset_states()
+    env.step(policy.act(observations))
+
+
+def _metrics(env: AnyEnv, policy: Policy, trial: Trial, episode: int) -> Metrics:
+    """Play an episode and return its metrics."""
+    crew = simulator_of(env).state.agents[0]
+    runtime, steps, blocked, acting = 0.0, 0, 0, 0
+    for seconds in play(env, policy, trial.seed + episode, trial.instance(episode)):
+        if env.step_count:
+            runtime, steps = runtime + seconds, steps + 1
+            blocked, acting = blocked + int(crew["blocked"].sum()), acting + int(crew["was_active"].sum())
+    metrics = env.metrics() | {"runtime": runtime, "collisions": blocked / max(acting, 1)}
+    metrics |= {"step_ms": 1e3 * runtime / max(steps, 1), "agent_us": 1e6 * runtime / max(acting, 1)}
+    if trial.best is not None:
+        metrics["best_ratio"] = metrics["avg_throughput"] / trial.best
+    return metrics

@@ -19,19 +19,24 @@ JsonObject = dict[str, Any]
 
 def parse_object(text: str, origin: str | Path) -> JsonObject:
     """Parse the text of a JSON file that came from `origin`; raises `FormatError` unless it holds one object."""
+    data = parse_json(text, origin)
+    if not isinstance(data, dict):
+        raise FormatError(origin, f"expected a JSON object, got {shortened(data)}", 1)
+    return data
+
+
+def parse_json(text: str, origin: str | Path) -> Any:
+    """Parse the text of a JSON file that came from `origin`; raises `FormatError` where it is none, or too large."""
     if text.count("[") + text.count("{") > MAX_LISTS:
         raise FormatError(origin, f"expected at most {MAX_LISTS} lists and objects")
     try:
-        data = json.loads(text)
+        return json.loads(text)
     except json.JSONDecodeError as error:
         raise FormatError(origin, f"expected JSON: {error.msg}", error.lineno, error.colno) from None
     except RecursionError:
         raise FormatError(origin, "expected JSON that is not nested deeply") from None
     except ValueError:
         raise FormatError(origin, "expected JSON, got a number of thousands of digits") from None
-    if not isinstance(data, dict):
-        raise FormatError(origin, f"expected a JSON object, got {shortened(data)}", 1)
-    return data
 
 
 def whole_number(data: JsonObject, name: str, origin: str | Path, least: int = 0) -> int:

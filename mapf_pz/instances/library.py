@@ -14,7 +14,7 @@ from mapf_pz.instances.movingai import parse_cells, read_map, read_scenario
 from mapf_pz.types import Bools, Grid, Scenario
 
 BENCHMARK_VARIABLE = "MAPF_PZ_BENCHMARK"
-"""The environment variable that names a folder with the benchmark's `maps/` and `scens/`."""
+"""The environment variable that names folders of benchmark data, as `PATH` does: for `maps/`, `scens/` and others."""
 
 
 def load_map(map: str | Path | Bools | Grid) -> Grid:
@@ -72,10 +72,17 @@ def _bundled() -> Path:
     return Path(str(resources.files("mapf_pz.maps")))
 
 
-def _benchmark(folder: str) -> list[Path]:
-    """Return the benchmark's folder of this name, if one is set."""
-    root = os.environ.get(BENCHMARK_VARIABLE)
-    return [Path(root) / folder] if root else []
+def benchmark_file(name: str) -> Path:
+    """Return the file of this relative path in the folders of benchmark data; raises `FileNotFoundError`."""
+    for file in _benchmark(name):
+        if file.is_file():
+            return file
+    raise FileNotFoundError(f"no file {name!r} in the folders that {BENCHMARK_VARIABLE} names")
+
+
+def _benchmark(name: str) -> list[Path]:
+    """Return this relative path in each of the folders of benchmark data."""
+    return [Path(root) / name for root in os.environ.get(BENCHMARK_VARIABLE, "").split(os.pathsep) if root]
 
 
 def _resolve(source: object, ending: str, folders: list[Path]) -> Path:

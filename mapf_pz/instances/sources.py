@@ -180,6 +180,11 @@ class InstanceList:
         object.__setattr__(self, "instances", instances)
 
     @property
+    def size(self) -> str:
+        """Map size, number of agents and of goals, which all instances share."""
+        return _size(self.instances[0])
+
+    @property
     def shape(self) -> tuple[int, int]:
         """(H, W) of every map."""
         return self.instances[0].grid.shape

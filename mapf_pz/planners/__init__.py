@@ -2,10 +2,27 @@
 
 from mapf_pz.planners.base import Planner
 from mapf_pz.planners.epibt import EPIBT
+from mapf_pz.planners.lacam import LaCAM
 from mapf_pz.planners.pibt import PIBT
 from mapf_pz.planners.plan import Plan, Violation, validate
+from mapf_pz.planners.prioritized import PrioritizedSIPP
 
-PLANNERS: dict[str, type[Planner]] = {"pibt": PIBT}
+PLANNERS: dict[str, type[Planner]] = {
+    "pibt": PIBT,
+    "epibt": EPIBT,
+    "prioritized": PrioritizedSIPP,
+    "lacam": LaCAM,
+}
 """The planners by name."""
 
-__all__ = ["EPIBT", "PIBT", "PLANNERS", "Plan", "Planner", "Violation", "validate"]
+__all__ = [
+    "EPIBT",
+    "PIBT",
+    "PLANNERS",
+    "LaCAM",
+    "Plan",
+    "Planner",
+    "PrioritizedSIPP",
+    "Violation",
+    "validate",
+]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
@@ -24,6 +24,9 @@ class Planner(ABC):
 
     A planner looks at the environment's state, not at observations.
     """
+
+    env_kwargs: ClassVar[dict[str, Any]] = {"view_size": (1, 1), "channels": ("view",)}
+    """Keywords of an environment that spends no time on observations."""
 
     def __init__(self, env: MapfEnv | None = None, seed: int = 0) -> None:
         """Bind the planner.
@@ -89,9 +92,20 @@ class StepPlanner(Planner):
 class PlanFollower(Planner):
     """Plans all the way to the goals, and follows that plan until a goal changes or the environment does otherwise."""
 
-    def __init__(self, env: MapfEnv | None = None, seed: int = 0, time_limit: float = 1.0) -> None:
-        """Bind the planner: see `Planner`. It plans for at most `time_limit` seconds whenever it must plan in `act`."""
+    def __init__(
+        self, env: MapfEnv | None = None, seed: int = 0, time_limit: float = 1.0, anytime: bool = True
+    ) -> None:
+        """Bind the planner.
+
+        Args:
+            env: the environment to act in, or a wrapper of it; None: only `solve` can be used.
+            seed: of whatever is drawn.
+            time_limit: seconds, whenever it must plan to act.
+            anytime: use up the time limit for shorter paths; what comes of it depends on the machine's speed. Without
+                it the first solution is returned, which depends on the seed alone.
+        """
         self._time_limit = time_limit
+        self._anytime = anytime
         super().__init__(env, seed)
 
     def reset_states(self) -> None:

@@ -17,6 +17,7 @@ from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.planners.base import PlanFollower
 from mapf_pz.planners.plan import Plan
 from mapf_pz.planners.problem import Path, Problem
+from mapf_pz.planners.refine import NeighborhoodSearch, refine
 from mapf_pz.types import Floats, Instance, Ints
 
 MAX_BYTES = 1 << 30
@@ -30,21 +31,29 @@ Room = TypeVar("Room", lacam.Nodes, lacam.Constraints)
 class LaCAM(PlanFollower):
     """Plans all the way by a search over configurations, for both action models: see `mapf_pz.core.lacam`.
 
-    Given time and room it finds a plan for whatever can be solved. It holds at most `MAX_BYTES` at a time, and half of
-    that more while it moves to larger arrays. Compiling, on the first call, is not counted as planning time.
+    Given time and room it finds a plan for whatever can be solved; what time is left makes it shorter
+    (`mapf_pz.planners.refine`). The search holds at most `MAX_BYTES` at a time, and half of that more while it moves to
+    larger arrays. Compiling, on the first call, is not counted as planning time.
     """
 
     def plan(self, problem: Problem, time_limit: float) -> Path | None:
         """Return where all agents are until they are at their goals, or None where that was not found.
 
-        Of agents that share a goal, only the nearest is to reach it. The same seed gives the same path. None means that
+        Of agents that share a goal, only the nearest is to reach it. None means that
         it was not found in time or in the room there is, or that the search has seen all configurations.
         """
         if not np.isfinite(_cost_to_go(problem)).all():
             return None
-        target = _without_turns(problem)._replace(goals=_claimed_goals(problem))
-        cells = _search(target, int(self._rng.integers(1, 2**63)), time_limit)
-        return None if cells is None else _carried_out(problem, cells)
+        claimed = _claimed_goals(problem)
+        search = ConfigurationSearch(_without_turns(problem)._replace(goals=claimed), self._rng)
+        improving = self._anytime and (claimed != lacam.NONE).all()
+        refinement = NeighborhoodSearch(problem, self._rng) if improving else None
+        deadline = time.perf_counter() + time_limit
+        cells = search.run(deadline)
+        if cells is None:
+            return None
+        path = _carried_out(problem, cells)
+        return path if refinement is None else refine(refinement, path, deadline)
 
     def solve(
         self,
@@ -73,33 +82,48 @@ def _claimed_goals(problem: Problem) -> Ints:
     return goals
 
 
-def _search(problem: Problem, seed: int, time_limit: float) -> Ints | None:
-    """Return the cells (T + 1, N) of all configurations on the way to the goals."""
-    num_agents, num_cells = len(problem.goals), problem.leads_to.shape[1] - 1
-    cost = np.where(problem.goals == lacam.NONE, -1, _cost_to_go(problem))
-    farthest_first = np.argsort(-cost, kind="stable").astype(np.int32)
-    desk = allocate_desk(num_agents, num_cells, seed)
-    nodes, constraints = lacam.allocate_nodes(1 << 10, num_agents), lacam.allocate_constraints(1 << 13)
-    tally = np.zeros(4, np.int64)
-    status = lacam.begin(problem, farthest_first, nodes, constraints, desk, tally)
-    lacam.search(problem, 0, nodes, constraints, desk, tally)  # compiles, before the time counts
-    deadline = time.perf_counter() + time_limit
-    while status in (lacam.RUNNING, lacam.FULL) and time.perf_counter() < deadline:
-        if status == lacam.FULL:
-            if 2 * sum(array.nbytes for array in (*nodes, *constraints)) > MAX_BYTES:
+class ConfigurationSearch:
+    """A search over configurations, for cardinal agents or for those whose turns are free."""
+
+    def __init__(self, problem: Problem, rng: np.random.Generator) -> None:
+        """Begin with the first configuration. Here the search is compiled, so that a clock may start afterwards."""
+        num_agents, num_cells = len(problem.goals), problem.leads_to.shape[1] - 1
+        cost = np.where(problem.goals == lacam.NONE, -1, _cost_to_go(problem))
+        farthest_first = np.argsort(-cost, kind="stable").astype(np.int32)
+        self._problem = problem
+        self._desk = allocate_desk(num_agents, num_cells, int(rng.integers(1, 2**63)))
+        self._nodes, self._constraints = lacam.allocate_nodes(1 << 10, num_agents), lacam.allocate_constraints(1 << 13)
+        self._tally = np.zeros(4, np.int64)
+        self._status = lacam.begin(problem, farthest_first, self._nodes, self._constraints, self._desk, self._tally)
+        self._go_on(steps=0)
+
+    def run(self, deadline: float) -> Ints | None:
+        """Return the cells (T + 1, N) of all configurations on the way to the goals, or None."""
+        slice_of_work = 1 + _AGENT_STEPS // len(self._problem.goals)
+        while self._status in (lacam.RUNNING, lacam.FULL) and time.perf_counter() < deadline:
+            if self._status == lacam.FULL and not self._make_room():
                 return None
-            if tally[lacam.NUM_NODES] == len(nodes.parent):
-                nodes = _doubled(nodes)
-                lacam.refill_slots(nodes, tally)
-            else:
-                constraints = _doubled(constraints)
-        status = lacam.search(problem, 1 + _AGENT_STEPS // num_agents, nodes, constraints, desk, tally)
-    if status != lacam.SOLVED:
-        return None
-    chain = [int(tally[lacam.SOLUTION])]
-    while nodes.parent[chain[-1]] != lacam.NONE:
-        chain.append(int(nodes.parent[chain[-1]]))
-    return nodes.cells[chain[::-1]]
+            self._status = self._go_on(slice_of_work)
+        if self._status != lacam.SOLVED:
+            return None
+        chain = [int(self._tally[lacam.SOLUTION])]
+        while self._nodes.parent[chain[-1]] != lacam.NONE:
+            chain.append(int(self._nodes.parent[chain[-1]]))
+        return self._nodes.cells[chain[::-1]]
+
+    def _go_on(self, steps: int) -> int:
+        return lacam.search(self._problem, steps, self._nodes, self._constraints, self._desk, self._tally)
+
+    def _make_room(self) -> bool:
+        """Double what is full; tell whether that is allowed."""
+        if 2 * sum(array.nbytes for array in (*self._nodes, *self._constraints)) > MAX_BYTES:
+            return False
+        if self._tally[lacam.NUM_NODES] == len(self._nodes.parent):
+            self._nodes = _doubled(self._nodes)
+            lacam.refill_slots(self._nodes, self._tally)
+        else:
+            self._constraints = _doubled(self._constraints)
+        return True
 
 
 def _without_turns(problem: Problem) -> Problem:

@@ -46,8 +46,8 @@ class LearnedPolicy:
         self.env_kwargs = config.task.observation_keywords()
         self.env_wrappers = config.task.env_wrappers()
         self.deterministic = deterministic
-        self._generator = torch.Generator().manual_seed(seed)
-        self._memories: dict[str, Tensor] = {}
+        self._seed = seed
+        self.reset_states()
 
     def act(self, observations: dict[str, Any]) -> dict[str, int]:
         """Return an action for each agent that observes."""
@@ -78,8 +78,9 @@ class LearnedPolicy:
         return tuple(parameter[0] for parameter in parameters)
 
     def reset_states(self) -> None:
-        """Forget the episode."""
-        self._memories.clear()
+        """Forget the episode: called before each, so that its draws do not depend on those of other episodes."""
+        self._generator = torch.Generator().manual_seed(self._seed)
+        self._memories: dict[str, Tensor] = {}
 
 
 class SharedPolicy(LearnedPolicy):
@@ -99,7 +100,11 @@ class TeamPolicy(LearnedPolicy):
         """Wrap a network; arguments as in `LearnedPolicy`."""
         super().__init__(network, config, seed, deterministic)
         self._decode = ACTION_MODES[config.task.action_mode]
-        self._rng = np.random.default_rng(seed)
+
+    def reset_states(self) -> None:
+        """Forget the episode: see `LearnedPolicy`."""
+        super().reset_states()
+        self._rng = np.random.default_rng(self._seed)
 
     def _decide(self, names: list[str], image: Tensor, features: Tensor | None = None) -> list[int]:
         expected = self.config.task.num_agents

@@ -1,4 +1,4 @@
-"""EPIBT and causal PIBT in plain Python, by recursion and dictionaries: what the kernels must do, and how slow it is."""
+"""EPIBT in plain Python, by recursion and dictionaries: what the kernels must do, and how slow that is."""
 
 from itertools import product
 

@@ -29,7 +29,7 @@ def facing_east(instance, model):
 def test_changing_places_where_there_is_little_room(text, model):
     instance = facing_east(drawn(text), model)
     assert PIBT().solve(instance, max_steps=200) is None
-    plan = LaCAM().solve(instance)
+    plan = LaCAM(anytime=False).solve(instance)
     assert plan is not None
     assert validate(instance, plan) is None
 
@@ -39,36 +39,36 @@ def test_everybody_moves_round_in_a_circle(model):
     grid = Grid(np.ones((2, 2), bool))
     square = [(0, 0), (0, 1), (1, 1), (1, 0)]
     instance = facing_east(Instance(grid, Scenario(square, square[1:] + square[:1])), model)
-    plan = LaCAM().solve(instance)
+    plan = LaCAM(anytime=False).solve(instance)
     assert validate(instance, plan) is None
     assert plan.makespan == (1 if model == "cardinal" else 3)
 
 
 def test_one_agent_takes_the_shortest_way():
-    assert LaCAM().solve(drawn("a..# ..#A ....")).sum_of_costs == 6
+    assert LaCAM(anytime=False).solve(drawn("a..# ..#A ....")).sum_of_costs == 6
 
 
 def test_nobody_waits_for_nothing():
-    plan = LaCAM().solve(drawn("a..# ..#A ....", headings=[2]))
+    plan = LaCAM(anytime=False).solve(drawn("a..# ..#A ....", headings=[2]))
     moved = (plan.cells[1:] != plan.cells[:-1]).any(axis=2)
     assert moved.sum() == 6
     assert (moved | (plan.headings[1:] != plan.headings[:-1])).all()
 
 
 def test_who_is_at_its_goal_stays():
-    plan = LaCAM().solve(drawn("a.. .b."))
+    plan = LaCAM(anytime=False).solve(drawn("a.. .b."))
     assert plan.num_steps == 0
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_a_corridor_that_is_too_narrow_has_no_plan(model):
-    assert LaCAM().solve(facing_east(drawn("aB.bA"), model), time_limit=1000) is None
+    assert LaCAM(anytime=False).solve(facing_east(drawn("aB.bA"), model), time_limit=1000) is None
     # More configurations than there is room for at first.
-    assert LaCAM().solve(facing_east(drawn("abcd........DCAB"), model), time_limit=1000) is None
+    assert LaCAM(anytime=False).solve(facing_east(drawn("abcd........DCAB"), model), time_limit=1000) is None
 
 
 def test_a_goal_out_of_reach_has_no_plan():
-    assert LaCAM().solve(drawn("a#A"), time_limit=1000) is None
+    assert LaCAM(anytime=False).solve(drawn("a#A"), time_limit=1000) is None
 
 
 # The agents a and b never get past each other, however long the others move about.
@@ -76,17 +76,17 @@ HOPELESS = "aB.bA ##### c..dC .e.f. ED.F."
 
 
 def test_it_is_given_up_in_time():
-    assert LaCAM().solve(drawn(HOPELESS), time_limit=0.2) is None
+    assert LaCAM(anytime=False).solve(drawn(HOPELESS), time_limit=0.2) is None
 
 
 def test_it_is_given_up_when_there_is_no_more_room(monkeypatch):
     monkeypatch.setattr(lacam, "MAX_BYTES", 1 << 20)
-    assert LaCAM().solve(drawn(HOPELESS), time_limit=1000) is None
+    assert LaCAM(anytime=False).solve(drawn(HOPELESS), time_limit=1000) is None
 
 
 def test_a_shared_goal_has_no_plan():
     instance = Instance(Grid(np.ones((2, 2), bool)), Scenario([(0, 0), (1, 1)], [(0, 1), (0, 1)]))
-    assert LaCAM().solve(instance, time_limit=1000) is None
+    assert LaCAM(anytime=False).solve(instance, time_limit=1000) is None
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -96,7 +96,7 @@ def test_it_solves_exactly_what_can_be_solved(model, free, agents, seed):
     grid = Grid(np.array(free).reshape(3, 3) | np.eye(3, k=1, dtype=bool))
     assume(len(largest_component(grid.free)) >= max(agents, 2))
     instance = facing_east(Instance(grid, place(grid, agents, np.random.default_rng(seed))), model)
-    plan = LaCAM(seed=seed).solve(instance, time_limit=1000)
+    plan = LaCAM(anytime=False, seed=seed).solve(instance, time_limit=1000)
     assert (plan is not None) == can_be_solved(instance)
     assert plan is None or validate(instance, plan) is None
 
@@ -127,7 +127,7 @@ def can_be_solved(instance):
 @given(seed=st.integers(0, 2**31))
 def test_plans_are_legal(model, weights, seed):
     instance = facing_east(RandomObstacles(8, 8, 0.2, 14).sample(np.random.default_rng(seed)), model)
-    plan = LaCAM(seed=seed).solve(instance, time_limit=1.0, edge_weights=weights)
+    plan = LaCAM(anytime=False, seed=seed).solve(instance, time_limit=1.0, edge_weights=weights)
     assert plan is None or validate(instance, plan) is None
 
 
@@ -135,14 +135,14 @@ def test_weights_lead_the_way():
     instance = drawn("a.A ...")
     move = np.ones((4, 2, 3), np.float32)
     move[0, 0, 0] = 9.0
-    plan = LaCAM().solve(instance, edge_weights=GuidanceGraph(move, np.ones((2, 3), np.float32)))
+    plan = LaCAM(anytime=False).solve(instance, edge_weights=GuidanceGraph(move, np.ones((2, 3), np.float32)))
     assert plan.sum_of_costs == 4
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_same_seed_same_plan(model):
     instance = facing_east(RandomObstacles(8, 8, 0.2, 14).sample(np.random.default_rng(3)), model)
-    one, other = (LaCAM(seed=5).solve(instance) for _ in range(2))
+    one, other = (LaCAM(anytime=False, seed=5).solve(instance) for _ in range(2))
     assert np.array_equal(one.cells, other.cells)
     assert model == "cardinal" or np.array_equal(one.headings, other.headings)
 
@@ -156,7 +156,7 @@ def test_what_it_wants_it_gets(model, on_target, seed):
         source=RandomObstacles(8, 8, 0.2, 10), action_model=model, on_target=on_target, max_steps=40
     )
     observations, _ = env.reset(seed=seed)
-    planner = LaCAM(env, seed)
+    planner = LaCAM(env, seed, anytime=False)
     while env.agents:
         observations, _, _, _, infos = env.step(planner.act(observations))
         assert not any(info["blocked"] for info in infos.values())
@@ -168,7 +168,7 @@ def test_agents_that_share_goals_keep_arriving(model):
         source=RandomObstacles(8, 8, 0.1, 10), action_model=model, on_target="restart", max_steps=100
     )
     observations, _ = env.reset(seed=1)
-    planner, steps_with_shared_goals = LaCAM(env), 0
+    planner, steps_with_shared_goals = LaCAM(env, anytime=False), 0
     while env.agents:
         steps_with_shared_goals += len(np.unique(env.goals, axis=0)) < 10
         observations = env.step(planner.act(observations))[0]
@@ -180,7 +180,7 @@ def test_agents_that_share_goals_keep_arriving(model):
 def test_all_reach_their_goals_in_an_environment(model):
     env = mapf_pz.parallel_env(source=RandomObstacles(8, 8, 0.1, 10), action_model=model, max_steps=300)
     observations, _ = env.reset(seed=1)
-    planner, terminated = LaCAM(env), {}
+    planner, terminated = LaCAM(env, anytime=False), {}
     while env.agents:
         observations, _, terminated, _, _ = env.step(planner.act(observations))
     assert all(terminated.values())
@@ -194,7 +194,7 @@ def test_benchmark(benchmark, model, name, agents):
     grid = load_map(benchmark / "maps" / f"{name}.map")
     scenario = load_scenario(benchmark / "scens" / f"{name}-random-1.scen", grid)
     instance = facing_east(Instance(grid, Scenario(scenario.starts[:agents], scenario.goals[:agents])), model)
-    plan = LaCAM().solve(instance, time_limit=30.0, max_steps=3000)
+    plan = LaCAM(anytime=False).solve(instance, time_limit=30.0, max_steps=3000)
     assert plan is not None
     assert validate(instance, plan) is None
     if model == "cardinal":

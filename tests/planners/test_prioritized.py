@@ -1,0 +1,208 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import mapf_pz
+from mapf_pz.core.reservations import (
+    NONE,
+    allocate_reservations,
+    discard,
+    read_path,
+    reserve,
+    withdraw,
+    write_path,
+)
+from mapf_pz.core.sipp import allocate_search, find_path
+from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.instances import RandomObstacles, read_map, read_scenario
+from mapf_pz.planners import Plan, validate
+from mapf_pz.planners.base import simulator_of
+from mapf_pz.planners.prioritized import PrioritizedSIPP
+from mapf_pz.planners.problem import problem_of
+from mapf_pz.planners.refine import task_of
+from mapf_pz.types import Heading, Instance, Scenario
+from tests.planners.drawing import drawn
+
+NEVER = 10**6
+
+
+def first_solution(instance, **keywords):
+    return PrioritizedSIPP(anytime=False).solve(instance, **keywords)
+
+
+def wander(instance, steps, rng):
+    """Return where agents are that act at random: (steps + 1, N) cells."""
+    simulator = simulator_of(instance, steps + 1, "uniform", 0)
+    cells = [simulator.state.agents[0]["cell"].copy()]
+    for _ in range(steps):
+        simulator.step(rng.integers(simulator.num_actions, size=(1, instance.num_agents)))
+        cells.append(simulator.state.agents[0]["cell"].copy())
+    return np.stack(cells)
+
+
+def moves(problem, cell, heading):
+    if problem.to_go.shape[2] == 1:
+        return [(cell, 0), *((int(problem.leads_to[d, cell]), 0) for d in range(4))]
+    ahead = int(problem.leads_to[heading, cell])
+    return [(cell, heading), (cell, (heading + 1) % 4), (cell, (heading + 3) % 4), (ahead, heading)]
+
+
+def earliest_arrival(problem, agent, others):
+    """Search breadth first in space and time; `others` (T + 1, M) rest at the end. None: there is no way."""
+    goal, last = problem.goals[agent], len(others) - 1
+    crossed = [step for step in range(last + 1) if goal in others[step]]
+    states = {(int(problem.starts[agent]), int(problem.headings[agent]))}
+    for step in range(last + 4 * problem.leads_to.shape[1]):
+        if step > max(crossed, default=-1) and any(cell == goal for cell, _ in states):
+            return step
+        before, after = others[min(step, last)].tolist(), others[min(step + 1, last)].tolist()
+        moving = set(zip(before, after, strict=True))
+        states = {
+            (target, facing)
+            for cell, heading in states
+            for target, facing in moves(problem, cell, heading)
+            if target not in after and (target == cell or (target, cell) not in moving)
+        }
+    return None
+
+
+@pytest.mark.parametrize("model", ["cardinal", "rotate"])
+@pytest.mark.parametrize("weights", ["uniform", "crisscross", "random"])
+@settings(max_examples=40)
+@given(seed=st.integers(0, 2**31), size=st.integers(3, 6), steps=st.integers(0, 12))
+def test_the_earliest_arrival_among_others(model, weights, seed, size, steps):
+    rng = np.random.default_rng(seed)
+    drawn_instance = RandomObstacles(size, size, 0.2, 4).sample(rng)
+    grid, starts = drawn_instance.grid, drawn_instance.scenario.starts
+    headings = rng.integers(4, size=4) if model == "rotate" else None
+    their_headings = None if headings is None else headings[:3]
+    others = wander(Instance(grid, Scenario(starts[:3], starts[:3]), their_headings), steps, rng)
+    ends = np.stack(np.divmod(others[-1], size), axis=1)
+    instance = Instance(grid, Scenario(starts, np.concatenate([ends, drawn_instance.scenario.goals[3:]])), headings)
+    problem = problem_of(simulator_of(instance, NEVER, weights, 0))
+    expected = earliest_arrival(problem, 3, others)
+
+    task = task_of(problem)
+    num_headings = problem.to_go.shape[2]
+    reservations = allocate_reservations(4, size * size, 300)
+    search = allocate_search(len(reservations.visits), num_headings, 300)
+    read_path(reservations, others)
+    for rotation in range(4):
+        first = find_path(task, 3, NEVER, rotation, reservations, search)
+        assert (first == NONE) == (expected is None)
+        if expected is None:
+            continue
+        assert find_path(task, 3, expected - 1, rotation, reservations, search) == NONE
+        reserve(reservations, 3, first)
+        assert reservations.arrival[3] == expected
+        shape = (max(expected, steps) + 1, 4)
+        cells, facing = np.zeros(shape, np.int32), np.zeros(shape if model == "rotate" else (0, 0), np.int8)
+        write_path(reservations, problem.leads_to, problem.headings, cells, facing)
+        plan = Plan(np.stack(np.divmod(cells, size), axis=-1), facing if model == "rotate" else None)
+        assert validate(instance, plan) is None
+        discard(reservations, withdraw(reservations, 3))
+
+
+@pytest.mark.parametrize(("headings", "cost"), [(None, 4), ([0], 4), ([2], 6), ([1], 5)])
+def test_one_agent_takes_the_shortest_way(headings, cost):
+    plan = first_solution(drawn("a...A", headings))
+    assert plan is not None
+    assert plan.sum_of_costs == cost
+
+
+@pytest.mark.parametrize("headings", [None, [0, 2]])
+def test_a_passing_bay_lets_two_pass(headings):
+    instance = drawn("Ba...bA #.#####", headings)
+    plan = first_solution(instance)
+    assert plan is not None
+    assert validate(instance, plan) is None
+
+
+def test_it_waits_for_who_crosses():
+    plan = first_solution(drawn("##b## ##.## a...A ##.## ##.## ##B##"))
+    assert plan is not None
+    assert plan.arrivals.tolist() == [5, 5]  # both would be at the crossing after 2 steps; b has farther to go
+
+
+def test_it_arrives_after_who_crosses_its_goal():
+    instance = drawn("b.A.B ##a##")
+    plan = first_solution(instance)
+    assert plan is not None
+    assert plan.arrivals.tolist() == [3, 4]
+    assert validate(instance, plan) is None
+
+
+def test_who_stands_on_its_goal_makes_way():
+    instance = drawn("b.a.B ##.##")
+    plan = first_solution(instance)
+    assert plan is not None
+    assert plan.arrivals.tolist() == [3, 4]
+
+
+def test_a_corridor_that_is_too_narrow_has_no_plan():
+    assert first_solution(drawn("aB.bA"), time_limit=0.1) is None
+
+
+def test_no_plan_for_one_goal_of_two():
+    instance = drawn("a.b")
+    problem = problem_of(simulator_of(instance, NEVER, "uniform", 0))
+    both = problem._replace(goals=problem.goals[[0, 0]], table=problem.table[[0, 0]])
+    assert PrioritizedSIPP().plan(both, 10.0) is None
+
+
+@pytest.mark.parametrize("model", ["cardinal", "rotate"])
+@pytest.mark.parametrize("weights", ["uniform", "crisscross", "random"])
+@settings(max_examples=15)
+@given(seed=st.integers(0, 2**31))
+def test_every_plan_is_legal(model, weights, seed):
+    instance = RandomObstacles(8, 8, 0.1, 14).sample(np.random.default_rng(seed))
+    if model == "rotate":
+        headings = np.random.default_rng(seed).integers(4, size=14)
+        instance = Instance(instance.grid, instance.scenario, headings)
+    plan = first_solution(instance, time_limit=1.0, edge_weights=weights)
+    assert plan is None or validate(instance, plan) is None
+
+
+def test_weights_decide_between_ways_of_one_length():
+    instance = drawn("a. .A")
+    move = np.full((4, 2, 2), np.inf)
+    move[0, :, 0] = move[2, :, 1] = move[1, 0] = move[3, 1] = 1
+    for dear, expected in ((Heading.EAST, [1, 0]), (Heading.SOUTH, [0, 1])):
+        weights = move.copy()
+        weights[dear, 0, 0] = 3
+        plan = first_solution(instance, edge_weights=GuidanceGraph(weights, np.ones((2, 2))))
+        assert plan is not None
+        assert plan.cells[1, 0].tolist() == expected
+
+
+def test_it_keeps_off_one_way_streets():
+    move = np.full((4, 2, 2), np.inf)
+    move[0, :, 0] = move[2, :, 1] = move[1, 0] = move[3, 1] = 1
+    move[0, 0, 0] = np.inf
+    plan = first_solution(drawn("aA .."), edge_weights=GuidanceGraph(move, np.ones((2, 2))))
+    assert plan is not None
+    assert plan.sum_of_costs == 3
+
+
+@pytest.mark.parametrize("model", ["cardinal", "rotate"])
+def test_benchmark_instances(benchmark, model):
+    grid = read_map(benchmark / "maps" / "random-32-32-20.map")
+    scenario = read_scenario(benchmark / "scens" / "random-32-32-20-random-1.scen", grid)
+    scenario = Scenario(scenario.starts[:150], scenario.goals[:150])
+    instance = Instance(grid, scenario, np.zeros(150) if model == "rotate" else None)
+    plans = [PrioritizedSIPP(seed=1, anytime=False).solve(instance, time_limit=60) for _ in range(2)]
+    assert plans[0] is not None
+    assert plans[1] is not None
+    assert validate(instance, plans[0]) is None
+    assert np.array_equal(plans[0].cells, plans[1].cells)
+
+
+@pytest.mark.parametrize("model", ["cardinal", "rotate"])
+def test_as_a_policy_it_brings_all_to_their_goals(model):
+    env = mapf_pz.parallel_env(source=RandomObstacles(8, 8, 0.1, 6), action_model=model, max_steps=200)
+    observations, _ = env.reset(seed=1)
+    planner = PrioritizedSIPP(env, anytime=False)
+    while env.agents:
+        observations = env.step(planner.act(observations))[0]
+    assert (env.positions == env.goals).all()

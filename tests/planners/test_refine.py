@@ -1,0 +1,97 @@
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mapf_pz.instances import RandomObstacles, read_map, read_scenario
+from mapf_pz.planners import PIBT, Plan, validate
+from mapf_pz.planners.base import simulator_of
+from mapf_pz.planners.prioritized import PrioritizedSIPP
+from mapf_pz.planners.problem import Path, problem_of
+from mapf_pz.planners.refine import NeighborhoodSearch, refine
+from mapf_pz.types import Instance, Scenario
+from tests.planners.drawing import drawn
+
+LATER = float("inf")
+
+
+def problem(instance, weights="uniform"):
+    return problem_of(simulator_of(instance, 1000, weights, 0))
+
+
+def plan_of(instance, path):
+    return Plan(np.stack(np.divmod(path.cells, instance.grid.shape[1]), axis=-1), path.headings)
+
+
+def slow_path():
+    """Two agents that go one after the other, though each has a row of its own; it takes 3 steps each."""
+    rows = [[0, 4], [1, 4], [2, 4], [3, 4], [3, 4], [3, 5], [3, 6], [3, 6], [3, 7]]
+    return drawn("a..A b..B"), Path(np.array(rows, np.int32), None)
+
+
+def test_a_bad_solution_becomes_the_best():
+    instance, path = slow_path()
+    assert plan_of(instance, path).sum_of_costs == 11
+    better = refine(
+        NeighborhoodSearch(problem(instance), np.random.default_rng(0)), path, LATER
+    )  # ends as no path can be shorter
+    assert plan_of(instance, better).sum_of_costs == 6
+    assert validate(instance, plan_of(instance, better)) is None
+
+
+def test_a_deadline_in_the_past_changes_nothing():
+    instance, path = slow_path()
+    assert (
+        refine(NeighborhoodSearch(problem(instance), np.random.default_rng(0)), path, time.perf_counter() - 1) is path
+    )
+
+
+def test_what_is_best_stays():
+    instance = drawn("a..A b..B")
+    path = Path(np.array([[0, 4], [1, 5], [2, 6], [3, 7]], np.int32), None)
+    assert refine(NeighborhoodSearch(problem(instance), np.random.default_rng(0)), path, LATER) is path
+
+
+def test_nobody_to_plan_for():
+    one = problem(drawn("a.A"))
+    nobody = one._replace(starts=one.starts[:0], headings=one.headings[:0], goals=one.goals[:0], table=one.table[:0])
+    path = PrioritizedSIPP().plan(nobody, 1000)
+    assert path is not None
+    assert path.cells.shape == (1, 0)
+
+
+@pytest.mark.parametrize("model", ["cardinal", "rotate"])
+@pytest.mark.parametrize("weights", ["uniform", "crisscross", "random"])
+@settings(max_examples=10)
+@given(seed=st.integers(0, 2**31))
+def test_paths_stay_legal_and_get_no_longer(model, weights, seed):
+    rng = np.random.default_rng(seed)
+    instance = RandomObstacles(8, 8, 0.1, 12).sample(rng)
+    if model == "rotate":
+        instance = Instance(instance.grid, instance.scenario, rng.integers(4, size=12))
+    path = PrioritizedSIPP(anytime=False).plan(problem(instance, weights), 1.0)
+    if path is None:
+        return
+    search = NeighborhoodSearch(problem(instance, weights), rng)
+    search.begin_with(path)
+    cost = plan_of(instance, path).sum_of_costs
+    for _ in range(20):
+        search.improve(work=50)
+        plan = plan_of(instance, search.path())
+        assert validate(instance, plan) is None
+        assert plan.sum_of_costs == search.sum_of_costs <= cost
+        cost = search.sum_of_costs
+
+
+def test_a_benchmark_instance(benchmark):
+    grid = read_map(benchmark / "maps" / "random-32-32-20.map")
+    scenario = read_scenario(benchmark / "scens" / "random-32-32-20-random-1.scen", grid)
+    instance = Instance(grid, Scenario(scenario.starts[:100], scenario.goals[:100]))
+    plan = PIBT().solve(instance, time_limit=60)
+    assert plan is not None
+    path = Path((plan.cells @ np.array([grid.shape[1], 1])).astype(np.int32), None)
+    better = refine(NeighborhoodSearch(problem(instance), np.random.default_rng(0)), path, time.perf_counter() + 1)
+    assert validate(instance, plan_of(instance, better)) is None
+    assert 2253 <= plan_of(instance, better).sum_of_costs <= plan.sum_of_costs  # the best known lower bound
