@@ -21,7 +21,8 @@ from mapf_pz.types import Action, CardinalAction
 
 NOBODY, UNDECIDED, STAY = -1, -1, 4
 _FORWARD, _LEFT, _RIGHT, _WAIT = map(int, Action)
-_CARDINAL_ACTION = tuple(int(CardinalAction[name]) for name in ("RIGHT", "DOWN", "LEFT", "UP", "WAIT"))
+CARDINAL_ACTIONS = tuple(int(CardinalAction[name]) for name in ("RIGHT", "DOWN", "LEFT", "UP", "WAIT"))
+"""The action that moves towards each heading, and the one that stays."""
 
 
 class Desk(NamedTuple):
@@ -64,18 +65,17 @@ def plan(
     its map; of equal choices, the one with the lowest of `ties` (N, 5) comes first.
     """
     rotates = to_go.shape[2] == 4
-    _prioritize(slot, to_go, crew, desk)
+    prioritize(slot, to_go, crew, desk)
     desk.taken[:] = NOBODY
     for i in range(crew.size):
         if not crew[i].active:
             desk.want[i] = crew[i].cell
-        elif not rotates or desk.want[i] == crew[i].cell:
-            desk.want[i] = UNDECIDED
-        if crew[i].active and desk.want[i] != UNDECIDED:
+        elif rotates and desk.want[i] != UNDECIDED and desk.want[i] != crew[i].cell:
             desk.taken[desk.want[i]] = i
-    for i in desk.order:
-        if desk.want[i] == UNDECIDED:
-            _decide(leads_to, weight, slot, to_go, crew, occupant, ties, i, desk)
+        else:
+            desk.want[i] = UNDECIDED
+            _rank(leads_to, weight, to_go[slot[crew[i].goal]], crew[i], ties[i], desk.choices[i], desk.cost)
+    decide(leads_to, crew, occupant, desk)
     if rotates:
         _write_rotating(leads_to, crew, occupant, desk, actions)
     else:
@@ -83,7 +83,7 @@ def plan(
 
 
 @jit
-def _prioritize(slot: Array, to_go: Array, crew: Array, desk: Desk) -> None:
+def prioritize(slot: Array, to_go: Array, crew: Array, desk: Desk) -> None:
     """Sort the order: those come first who have been away from their goals for longer, then those nearer to them."""
     if crew.size and desk.away[0] < 0:
         farthest = np.float32(0.0)
@@ -113,43 +113,44 @@ def _comes_before(desk: Desk, i: int, j: int) -> bool:
 
 
 @jit
-def _decide(
-    leads_to: Array, weight: Array, slot: Array, to_go: Array, crew: Array, occupant: Array, ties: Array, first: int,
-    desk: Desk
-) -> None:  # fmt: skip
+def decide(leads_to: Array, crew: Array, occupant: Array, desk: Desk) -> None:
+    """Set `desk.want` of all agents that are undecided, by their `desk.choices`, in `desk.order`."""
+    for i in desk.order:
+        if desk.want[i] == UNDECIDED:
+            _find_cell(leads_to, crew, occupant, i, desk)
+
+
+@jit
+def _find_cell(leads_to: Array, crew: Array, occupant: Array, first: int, desk: Desk) -> None:
     """Find a cell for agent `first`, and for all whom it must ask to give way."""
     want, taken, asking = desk.want, desk.taken, desk.asking
     asking[0] = first
-    depth = 1
-    _rank(leads_to, weight, to_go[slot[crew[first].goal]], crew[first], ties[first], desk.choices[first], desk.cost)
     desk.tried[first] = 0
+    depth = 1
     while depth > 0:
         i = asking[depth - 1]
-        agent = crew[i]
-        target = -1
+        here, target = crew[i].cell, -1
         while desk.tried[i] < 5:
             choice = desk.choices[i, desk.tried[i]]
             desk.tried[i] += 1
-            cell = agent.cell if choice == STAY else leads_to[choice, agent.cell]
-            if (choice != STAY and cell == agent.cell) or taken[cell] != NOBODY:
+            cell = here if choice == STAY else leads_to[choice, here]
+            if (choice != STAY and cell == here) or taken[cell] != NOBODY:
                 continue
             other = occupant[cell]
-            if other != NOBODY and other != i and want[other] == agent.cell:
+            if other != NOBODY and other != i and want[other] == here:
                 continue  # they would change places
             target = cell
             break
         if target < 0:
-            want[i] = agent.cell  # nowhere to go: whoever asked must try something else
-            taken[agent.cell] = i
+            want[i] = here  # nowhere to go: whoever asked must try something else
+            taken[here] = i
             depth -= 1
             continue
         want[i] = target
         taken[target] = i
         other = occupant[target]
-        in_the_way = other != NOBODY and want[other] == UNDECIDED
-        if not in_the_way:
+        if other == NOBODY or want[other] != UNDECIDED:
             return
-        _rank(leads_to, weight, to_go[slot[crew[other].goal]], crew[other], ties[other], desk.choices[other], desk.cost)
         desk.tried[other] = 0
         asking[depth] = other
         depth += 1
@@ -182,7 +183,7 @@ def _before(cost: Array, ties: Array, one: int, other: int) -> bool:
 def _write_cardinal(leads_to: Array, crew: Array, want: Array, actions: Array) -> None:
     """Write the action that takes each agent to the cell that it wants."""
     for i in range(crew.size):
-        actions[i] = _CARDINAL_ACTION[_direction(leads_to, crew[i].cell, want[i])]
+        actions[i] = CARDINAL_ACTIONS[_direction(leads_to, crew[i].cell, want[i])]
 
 
 @jit

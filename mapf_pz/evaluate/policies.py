@@ -5,12 +5,14 @@ from __future__ import annotations
 import ast
 import inspect
 from functools import partial
-from typing import Any
+from importlib import resources
+from pathlib import Path
+from typing import Any, cast
 
-from mapf_pz.environment import parallel_env
+from mapf_pz.environment import MapfEnv, parallel_env
 from mapf_pz.evaluate.random_policy import RandomPolicy
 from mapf_pz.evaluate.run import AnyEnv, Casting, Policy, make_env
-from mapf_pz.planners import PLANNERS, Planner
+from mapf_pz.planners import PLANNERS, Planner, Shield
 
 UNDER_PIBT = "+pibt"
 """After the name of a trained policy: its preferences are carried out by PIBT, without collisions."""
@@ -25,15 +27,33 @@ def named_policy(name: str, seed: int = 0, deterministic: bool = False) -> Casti
         seed: of the policy's draws, in every episode.
         deterministic: a trained policy takes the likeliest action instead of drawing it.
 
-    Raises `ValueError` for a planner's option that there is not.
+    Raises `ValueError` for an unknown name, and for an option that a planner does not have or allow.
     """
     planner, _, options = name.partition(":")
     if planner in PLANNERS:
-        return partial(_cast_planner, PLANNERS[planner], _options(PLANNERS[planner], options), seed)
+        arguments = _options(PLANNERS[planner], options)
+        PLANNERS[planner](seed=seed, **arguments)  # refuses values that are not allowed
+        return partial(_cast_planner, PLANNERS[planner], arguments, seed)
     if name == "random":
         return partial(_cast_random, seed)
     trained = name.removesuffix(UNDER_PIBT)
+    if trained not in _bundled_names() and not Path(trained).exists():
+        raise ValueError(
+            f"policy {name!r}: expected random, a planner ({', '.join(PLANNERS)}), a trained policy "
+            f"({', '.join(_bundled_names())}), or the folder of a training run"
+        )
     return partial(_cast_trained, trained, trained != name, seed, deterministic)
+
+
+def is_trained(name: str) -> bool:
+    """Tell whether `named_policy` takes this name for that of a trained policy."""
+    return name != "random" and name.partition(":")[0] not in PLANNERS
+
+
+def _bundled_names() -> list[str]:
+    """Return the names of the trained policies that come with the package, without loading torch."""
+    folder = Path(str(resources.files("mapf_pz"))) / "rl" / "policies"
+    return sorted(file.name for file in folder.iterdir() if file.is_dir())
 
 
 def own_policy(policy: Policy) -> Casting:
@@ -41,7 +61,15 @@ def own_policy(policy: Policy) -> Casting:
     return partial(_cast_own, policy)
 
 
+def _check_actions(who: str, policy: Policy, keywords: dict[str, Any]) -> None:
+    """Raise `ValueError` where a policy would have to take actions that are not its own."""
+    its_own = getattr(policy, "env_kwargs", {}).get("action_model")
+    if its_own is not None and keywords.get("action_model", its_own) != its_own:
+        raise ValueError(f"{who} acts with action_model={its_own!r}, not {keywords['action_model']!r}")
+
+
 def _cast_own(policy: Policy, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:
+    _check_actions(type(policy).__name__, policy, keywords)
     return make_env(policy, **keywords), policy
 
 
@@ -63,11 +91,9 @@ def _cast_trained(
     from mapf_pz.rl.policy import load_policy  # torch is loaded only where it is needed
 
     policy = load_policy(name, seed, deterministic)
-    trained_for = policy.config.task.action_model
-    if keywords.get("action_model", trained_for) != trained_for:
-        raise ValueError(f"policy {name!r} acts with action_model={trained_for!r}, not {keywords['action_model']!r}")
+    _check_actions(f"policy {name!r}", policy, keywords)
     env = make_env(policy, **keywords)
-    return env, policy
+    return env, Shield(policy, cast("MapfEnv", env)) if under_pibt else policy
 
 
 def _options(planner: type[Planner], text: str) -> dict[str, Any]:
@@ -75,11 +101,13 @@ def _options(planner: type[Planner], text: str) -> dict[str, Any]:
     allowed = [name for name in inspect.signature(planner).parameters if name not in ("env", "seed")]
     options: dict[str, Any] = {}
     for option in filter(None, text.split(",")):
-        name, _, value = option.partition("=")
+        name, _, value = map(str.strip, option.partition("="))
         if name not in allowed:
             raise ValueError(f"option {option!r}: {planner.__name__} has {', '.join(allowed) or 'none'}")
         try:
             options[name] = ast.literal_eval(value)
-        except (SyntaxError, ValueError):
-            raise ValueError(f"option {option!r}: expected a number, True or False") from None
+        except (SyntaxError, ValueError, RecursionError, MemoryError):
+            options[name] = None
+        if not isinstance(options[name], (int, float)):
+            raise ValueError(f"option {option!r}: expected a number, True or False")
     return options

@@ -6,6 +6,7 @@ from mapf_pz.planners.lacam import LaCAM
 from mapf_pz.planners.pibt import PIBT
 from mapf_pz.planners.plan import Plan, Violation, validate
 from mapf_pz.planners.prioritized import PrioritizedSIPP
+from mapf_pz.planners.shield import Shield
 
 PLANNERS: dict[str, type[Planner]] = {
     "pibt": PIBT,
@@ -23,6 +24,7 @@ __all__ = [
     "Plan",
     "Planner",
     "PrioritizedSIPP",
+    "Shield",
     "Violation",
     "validate",
 ]

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from mapf_pz.action_modes import ACTION_MODES
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.config import AlgorithmName, TrainConfig
-from mapf_pz.types import FormatError
+from mapf_pz.types import Floats, FormatError
 
 WEIGHTS, CONFIG = "policy.safetensors", "config.json"
 _CONFIG_ADAPTER = TypeAdapter(TrainConfig)
@@ -51,18 +51,28 @@ class LearnedPolicy:
 
     def act(self, observations: dict[str, Any]) -> dict[str, int]:
         """Return an action for each agent that observes."""
-        if not observations:
-            return {}
+        return dict(zip(observations, self._choose(self._rate(observations)), strict=True)) if observations else {}
+
+    def preferences(self, observations: dict[str, Any]) -> dict[str, Floats]:
+        """Return (A,) for each agent that observes: `act` takes, or draws by, the highest."""
+        return dict(zip(observations, self._rate(observations).numpy(), strict=True)) if observations else {}
+
+    def _rate(self, observations: dict[str, Any]) -> Tensor:
+        """Return the preferences (N, A) of the N agents that observe."""
         seen = list(observations.values())
         if isinstance(seen[0], dict):
             inputs = [_stack([part[name] for part in seen]) for name in ("image", "features")]
         else:
             inputs = [_stack(seen)]
         with torch.no_grad():
-            return dict(zip(observations, self._decide(list(observations), *inputs), strict=True))
+            return self._prefer(list(observations), *inputs)
 
-    def _decide(self, names: list[str], image: Tensor, features: Tensor | None = None) -> list[int]:
-        """Return the actions of the N agents of these names that observe image (N, K, h, w) and features (N, F)."""
+    def _prefer(self, names: list[str], image: Tensor, features: Tensor | None = None) -> Tensor:
+        """Return the preferences (N, A) of the agents of these names, with image (N, K, h, w) and features (N, F)."""
+        raise NotImplementedError
+
+    def _choose(self, preferences: Tensor) -> list[int]:
+        """Return the actions by the preferences (N, A)."""
         raise NotImplementedError
 
     def _run(self, names: list[str], image: Tensor, features: Tensor | None) -> tuple[Tensor, ...]:
@@ -86,11 +96,16 @@ class LearnedPolicy:
 class SharedPolicy(LearnedPolicy):
     """Each agent acts by itself, all with one network: any number of agents."""
 
-    def _decide(self, names: list[str], image: Tensor, features: Tensor | None = None) -> list[int]:
+    def _prefer(self, names: list[str], image: Tensor, features: Tensor | None = None) -> Tensor:
         (logits,) = self._run(names, image, features)
         if self.deterministic:
-            return logits.argmax(-1).tolist()
-        return torch.multinomial(logits.softmax(-1), 1, generator=self._generator).squeeze(-1).tolist()
+            return logits
+        # The highest of logits with Gumbel noise is a draw from their distribution; all in order, one without putting
+        # back.
+        return logits - torch.empty_like(logits).exponential_(generator=self._generator).log()
+
+    def _choose(self, preferences: Tensor) -> list[int]:
+        return preferences.argmax(-1).tolist()
 
 
 class TeamPolicy(LearnedPolicy):
@@ -106,14 +121,16 @@ class TeamPolicy(LearnedPolicy):
         super().reset_states()
         self._rng = np.random.default_rng(self._seed)
 
-    def _decide(self, names: list[str], image: Tensor, features: Tensor | None = None) -> list[int]:
+    def _prefer(self, names: list[str], image: Tensor, features: Tensor | None = None) -> Tensor:
         expected = self.config.task.num_agents
         if len(image) != expected:
             raise ValueError(f"this policy acts for exactly {expected} agents, {len(image)} observe")
         mean, spread = self._run(["team"], image.flatten(0, 1), None if features is None else features.flatten())
         noise = torch.zeros_like(mean) if self.deterministic else torch.randn(mean.shape, generator=self._generator)
-        rows = (mean + spread * noise).clamp(-1, 1).reshape(expected, -1)
-        return self._decode(rows.numpy().astype(np.float64), self._rng).tolist()
+        return (mean + spread * noise).clamp(-1, 1).reshape(expected, -1)
+
+    def _choose(self, preferences: Tensor) -> list[int]:
+        return self._decode(preferences.numpy().astype(np.float64), self._rng).tolist()
 
 
 POLICIES: dict[AlgorithmName, type[LearnedPolicy]] = {

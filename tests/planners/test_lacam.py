@@ -11,7 +11,7 @@ import mapf_pz
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances import RandomObstacles, load_map, load_scenario
 from mapf_pz.instances.place import largest_component, place
-from mapf_pz.planners import PIBT, lacam, validate
+from mapf_pz.planners import lacam, validate
 from mapf_pz.planners.lacam import LaCAM
 from mapf_pz.types import HEADING_STEPS, Grid, Instance, Scenario
 from tests.planners.drawing import drawn
@@ -28,7 +28,6 @@ def facing_east(instance, model):
 @pytest.mark.parametrize("text", ["aB.......bA #.#########", "abc..CBA ####.###"])
 def test_changing_places_where_there_is_little_room(text, model):
     instance = facing_east(drawn(text), model)
-    assert PIBT().solve(instance, max_steps=200) is None
     plan = LaCAM(anytime=False).solve(instance)
     assert plan is not None
     assert validate(instance, plan) is None

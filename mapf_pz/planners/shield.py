@@ -1,0 +1,65 @@
+"""A safety layer: any policy, carried out by PIBT so that no two agents get into each other's way."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol, cast
+
+import numpy as np
+
+from mapf_pz.core.pibt import Desk, allocate_desk
+from mapf_pz.core.shield import carry_out
+from mapf_pz.environment import MapfEnv
+from mapf_pz.types import Floats
+
+
+class Preferring(Protocol):
+    """A policy that tells how much it likes each action, not just which it takes."""
+
+    def preferences(self, observations: dict[str, Any]) -> dict[str, Floats]:
+        """Return (A,) for each agent that observes, higher for better actions."""
+        ...
+
+    def reset_states(self) -> None:
+        """Forget the episode; called before each."""
+        ...
+
+
+class Shield:
+    """Acts by a policy's preferences, such that no move is prevented: see `mapf_pz.core.shield`.
+
+    Priorities are those of PIBT, so it looks at the environment's state besides.
+    """
+
+    def __init__(self, policy: Preferring, env: MapfEnv) -> None:
+        """Put the layer around a policy.
+
+        Args:
+            policy: whose preferences are carried out.
+            env: the environment that it acts in, or a wrapper of it.
+        """
+        self._policy = policy
+        self._env = cast("MapfEnv", env.unwrapped)
+        self._desk: Desk | None = None
+
+    def reset_states(self) -> None:
+        """Forget the episode: called before each."""
+        self._policy.reset_states()
+        self._desk = None
+
+    def act(self, observations: dict[str, Any]) -> dict[str, int]:
+        """Return an action for each agent that observes."""
+        simulator, names = self._env.simulator, self._env.possible_agents
+        simulator.require_distances()
+        state, world, tables = simulator.state, simulator.world, simulator.tables.arrays
+        crew, occupant, m = state.agents[0], state.occupant[0], int(state.map[0])
+        if self._desk is None:
+            self._desk = allocate_desk(len(crew), world.obstacle.shape[1] - 1)
+        told = self._policy.preferences(observations)
+        preferences = np.zeros((len(crew), simulator.num_actions))
+        for i, name in enumerate(names):
+            if name in told:
+                preferences[i] = told[name]
+        actions = np.empty(len(crew), np.int64)
+        carry_out(world.leads_to[m], tables.slot[m], tables.to_go, crew, occupant, preferences, self._desk, actions)
+        chosen = dict(zip(names, actions.tolist(), strict=True))
+        return {name: chosen[name] for name in observations}
