@@ -15,3 +15,12 @@ def benchmark() -> Path:
     if not folder.is_dir():
         pytest.skip(f"{folder} is absent: the benchmark's data is not part of the repository")
     return folder
+
+
+@pytest.fixture(scope="session")
+def pogema_benchmark() -> Path:
+    """The folder of POGEMA's benchmark, which stands beside the repository."""
+    folder = Path(__file__).parents[2] / "shared" / "pogema-benchmark"
+    if not folder.is_dir():
+        pytest.skip(f"{folder} is absent: the benchmark's data is not part of the repository")
+    return folder

@@ -20,6 +20,15 @@ def test_random_agents():
     assert 0 <= metrics["ISR"] <= 1
 
 
+def test_evaluate_your_policy():
+    header, _, *rows = (line.strip("| \n").split(" | ") for line in run("evaluate_your_policy.py").splitlines() if line)
+    assert [row[:4] for row in rows] == [
+        ["random 12 x 12", agents, policy, "8"] for agents in ("2", "8") for policy in ("greedy", "pibt", "random")
+    ]
+    solved = [float(row[header.index("CSR")].split()[0]) for row in rows]
+    assert solved[1] >= solved[0] > solved[2]
+
+
 @pytest.mark.parametrize(
     ("name", "told"),
     [

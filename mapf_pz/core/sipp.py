@@ -123,7 +123,8 @@ def find_path(task: Task, agent: int, limit: int, rotation: int, reservations: R
                 if begin > until + 1 or max(opens, begin + left) > limit:
                     break
                 # Whoever leaves the target as this agent leaves its cell, to be on that cell next, changes places.
-                swaps = begin == until + 1 and visits[following].agent == visits[visits[visit].after].agent
+                leaves_too = begin == until + 1 and visits[following].end == until
+                swaps = leaves_too and visits[following].agent == visits[visits[visit].after].agent
                 if begin <= safe_until(visits, following) and not swaps:
                     highest = max(highest, max(opens, begin + left))
                     _stack(states, top, number, following * headings + facing, state, begin, left, opens)

@@ -15,6 +15,7 @@ from mapf_pz.instances.movingai import (
     write_scenario,
 )
 from mapf_pz.instances.place import components, largest_component, place, place_on
+from mapf_pz.instances.pogema import load_pogema
 from mapf_pz.instances.sources import FixedMap, FixedScenario, InstanceList, RandomMaps, RandomObstacles
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "largest_component",
     "load_instance",
     "load_map",
+    "load_pogema",
     "load_problem",
     "load_scenario",
     "map_names",

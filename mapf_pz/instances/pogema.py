@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from reprlib import repr as shortened
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 
@@ -18,53 +18,64 @@ from mapf_pz.types import FormatError, Grid, Instance, Scenario
 
 PASSABLE, BLOCKED = ".@$!", "#"
 """Characters of free cells (three of them say who may start or end there, all may pass), and of obstacles."""
+MAX_GOALS = 16_000_000
+"""Files of more goals are refused, counting those of shorter sequences as often as they are gone round."""
 
 
 def load_pogema(path: str | Path, num_agents: int) -> list[Instance]:
     """Read the instances of a file `SET.mapf.json` or `SET.lmapf.json`, whose maps are in `SET.maps.json` beside it.
 
     Of each the first `num_agents` agents are taken. Lifelong instances, whose agents have goals one after the other, go
-    round each agent's own sequence where another agent's is longer.
+    round each agent's own sequence where another agent's is longer. (The benchmark's are so long that no agent gets to
+    the end of its own in the 256 steps of an episode.)
 
     Raises:
         FileNotFoundError: There is no such file.
         FormatError: A file is malformed, or an instance has fewer agents or does not fit its map.
+        ValueError: `num_agents` is less than 1.
     """
+    if num_agents < 1:
+        raise ValueError(f"num_agents={num_agents}: expected a whole number, 1 or more")
     file = Path(path)
     maps_file = file.with_name(f"{file.name.split('.')[0]}.maps.json")
-    grids = {
-        name: Grid(parse_cells(rows, len(rows[0]), f"{maps_file}: {name}", 1, PASSABLE, BLOCKED), name)
-        for name, rows in parse_object(read_text(maps_file), maps_file).items()
-        if _are_rows(rows, name, maps_file)
-    }
+    maps = parse_object(read_text(maps_file), maps_file)
+    grids = {name: _grid(name, rows, maps_file) for name, rows in maps.items()}
     entries = parse_json(read_text(file), file)
     if not isinstance(entries, list) or not entries:
         raise FormatError(file, f"expected a list of instances, got {shortened(entries)}", 1)
-    return [_instance(entry, number, num_agents, grids, file) for number, entry in enumerate(entries)]
+    most_goals = MAX_GOALS // len(entries)
+    return [
+        _instance(entry, num_agents, grids, most_goals, f"{file}: instance {number}")
+        for number, entry in enumerate(entries)
+    ]
 
 
-def _are_rows(rows: Any, name: str, origin: Path) -> TypeGuard[list[str]]:
-    if not isinstance(rows, list) or not rows or not all(isinstance(row, str) for row in rows):
-        raise FormatError(origin, f"expected map {name!r} to be rows of text, got {shortened(rows)}")
-    return True
+def _grid(name: str, rows: Any, origin: Path) -> Grid:
+    """Return a map; its rows count from 1 in messages."""
+    where = f"{origin}: map {shortened(name)}"
+    if not isinstance(rows, list) or not all(isinstance(row, str) for row in rows) or not any(rows):
+        raise FormatError(where, f"expected rows of text, got {shortened(rows)}")
+    return Grid(parse_cells(rows, max(map(len, rows)), where, 1, PASSABLE, BLOCKED), name)
 
 
-def _instance(entry: Any, number: int, num_agents: int, grids: dict[str, Grid], origin: Path) -> Instance:
-    where = f"{origin}: instance {number}"
+def _instance(entry: Any, num_agents: int, grids: dict[str, Grid], most_goals: int, where: str) -> Instance:
+    """Return the instance of an entry; with more than `most_goals` goals it is refused."""
     if not isinstance(entry, dict):
         raise FormatError(where, f"expected an object, got {shortened(entry)}")
     name = text_member(entry, "map_name", where)
     if name not in grids:
-        raise FormatError(where, f"expected the name of a map, got {name!r}")
+        raise FormatError(where, f"expected the name of a map, got {shortened(name)}")
     starts = list_member(entry, "agents_xy", where, num_agents)[:num_agents]
     goals = list_member(entry, "targets_xy", where, num_agents)[:num_agents]
+    if not all(map(_is_cell, starts)):
+        raise FormatError(where, "expected 'agents_xy' to be [row, col] of each agent")
     if all(map(_is_sequence, goals)):
         longest = max(map(len, goals))
+        if num_agents * longest > most_goals:
+            raise FormatError(where, f"expected at most {most_goals} goals, got {num_agents} x {longest}")
         goals = [[own[k % len(own)] for k in range(longest)] for own in goals]
     elif not all(map(_is_cell, goals)):
         raise FormatError(where, "expected 'targets_xy' to be [row, col] of each agent, or lists of them")
-    if not all(map(_is_cell, starts)):
-        raise FormatError(where, "expected 'agents_xy' to be [row, col] of each agent")
     try:
         return Instance(grids[name], Scenario(np.array(starts), np.array(goals)))
     except ValueError as error:

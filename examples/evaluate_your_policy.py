@@ -1,0 +1,30 @@
+"""A policy of your own beside PIBT and random agents, on the same episodes."""
+
+from typing import Any
+
+from mapf_pz.evaluate import Trial, evaluate, markdown_table
+from mapf_pz.instances import RandomObstacles
+
+
+class Greedy:
+    """Takes the action that brings most, as if the agent were alone."""
+
+    env_kwargs = {  # noqa: RUF012 (what the environment must show: for each action, how much worse than the best)
+        "view_size": (1, 1),
+        "features": ("action_advantage",),
+    }
+
+    def act(self, observations: dict[str, Any]) -> dict[str, int]:
+        """Return an action for each agent."""
+        return {agent: int(seen["features"].argmax()) for agent, seen in observations.items()}
+
+    def reset_states(self) -> None:
+        """Forget the episode: nothing is remembered."""
+
+
+suite = [
+    Trial("random 12 x 12", num_agents, {"source": RandomObstacles(12, 12, 0.15, num_agents), "max_steps": 96}, 8)
+    for num_agents in (2, 8)
+]
+episodes = evaluate({"greedy": Greedy(), "pibt": "pibt", "random": "random"}, suite)
+print(markdown_table(episodes))
