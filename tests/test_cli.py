@@ -1,12 +1,15 @@
+import json
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from mapf_pz import cli
 from mapf_pz.cli import COMMANDS, Command, main
 from mapf_pz.commands.benchmark import COPY, Measurement, as_table, measure
-from mapf_pz.instances import load_map, map_names
+from mapf_pz.instances import load_map, map_names, place, write_map, write_scenario
+from mapf_pz.types import Grid
 
 
 def run(capsys, *words):
@@ -188,12 +191,24 @@ def test_render_a_trained_policy(capsys, tmp_path, monkeypatch):
     pytest.importorskip("PIL")
     policies = pytest.importorskip("mapf_pz.rl.policy")
     policy = Waits()
-    monkeypatch.setattr(policies, "load_policy", lambda name, seed: {("runs/a", 7): policy}[name, seed])
-    options = ["--policy", "runs/a", "--seed", 7, "--max-steps", 4, "--num-agents", 2]
+    (tmp_path / "run").mkdir()
+    known = {(str(tmp_path / "run"), 7, False): policy}
+    monkeypatch.setattr(policies, "load_policy", lambda *arguments: known[arguments])
+    options = ["--policy", tmp_path / "run", "--seed", 7, "--max-steps", 4, "--num-agents", 2]
     status, out, err = run(capsys, "render", tmp_path / "a.gif", *options)
     assert (status, err) == (0, [])
     assert ": 4 steps, " in out[0]
     assert policy.seen == [(1, 3, 3)] * 8
+
+
+@pytest.mark.parametrize("policy", ["pibt", "epibt:depth=2"])
+def test_render_a_planner(capsys, tmp_path, policy):
+    image = pytest.importorskip("PIL.Image")
+    status, out, err = run(capsys, "render", tmp_path / "out.gif", "--policy", policy, "--num-agents", 3)
+    assert (status, err) == (0, [])
+    assert ", CSR 1, ISR 1, " in out[0]
+    with image.open(tmp_path / "out.gif") as gif:
+        assert f": {gif.n_frames - 1} steps, " in out[0]
 
 
 @pytest.mark.parametrize("on_target", ["nothing", "finish", "restart"])
@@ -278,21 +293,46 @@ def test_train_then_evaluate(tmp_path, capsys):
     assert (run / "policy.safetensors").exists()
     words = ["--map", "empty-8-8", "--num-agents", "2", "--max-steps", "5", "--episodes", "2"]
     assert main(["evaluate", "--policy", str(run), *words, "--output", str(tmp_path / "evaluation")]) == 0
-    assert "2 agents on empty-8-8" in capsys.readouterr().out
+    assert "│ empty-8-8 │ 2 " in capsys.readouterr().out
     assert len((tmp_path / "evaluation" / "episodes.csv").read_text().splitlines()) == 3
 
 
-def test_evaluate_tells_what_is_missing(capsys):
+def test_a_run_that_goes_on_is_evaluated_anew(tmp_path, capsys):
     pytest.importorskip("torchrl")
+    image = pytest.importorskip("PIL.Image")
+    grid = Grid(np.ones((7, 9), bool))
+    write_map(grid, tmp_path / "a.map")
+    for seed in range(2):
+        write_scenario(place(grid, 3, np.random.default_rng(seed)), grid, tmp_path / f"{seed}.scen")
+    trials = [
+        {"random": [7, 7, 0.1], "num_agents": 2, "max_steps": 4, "episodes": 2},
+        {"map": "a.map", "scenarios": ["0.scen", "1.scen"], "num_agents": 2, "max_steps": 5},
+    ]
+    (tmp_path / "mine.json").write_text(json.dumps({"trials": trials}))
+    small = "--num-envs 4 --steps-per-batch 8 --num-agents 3 --height 7 --width 7 --num-threads 1"
+    words = ["--evaluate", tmp_path / "mine.json", "--agent-steps"]
+    folder = tmp_path / "run"
+    written = []
+    for command in (["quickstart", "--output", folder, *words, 100, *small.split()], ["resume", folder, *words, 200]):
+        status, out, err = run(capsys, "train", *command)
+        assert (status, err) == (0, [])
+        assert f"policy, configuration and progress written to {folder}" in out
+        assert out[-1].startswith(f"{folder / 'episode.gif'}: 5 steps, ")
+        with image.open(folder / "episode.gif") as gif:
+            assert gif.width * 7 == gif.height * 9
+        written.append((folder / "episodes.csv").read_text().splitlines())
+    first, second = written
+    assert [line.split(",")[:4] for line in first] == [line.split(",")[:4] for line in second]
+    assert len(first) == 1 + 2 + 2
+    assert not {*first[1:]} & {*second[1:]}  # the times differ at least
+    status, _, err = run(capsys, "train", "resume", folder, "--evaluate", "nothing")
+    assert (status, len(err)) == (1, 1)
+    assert "suite 'nothing': expected a .json file, or one of " in err[0]
+
+
+def test_evaluate_tells_what_is_missing(capsys):
     assert main(["evaluate", "--policy", "no-such-run"]) == 1
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert "expected the folder of a training run" in error
-
-
-def test_every_preset_has_a_suite():
-    pytest.importorskip("torchrl")
-    from mapf_pz.evaluate.suites import SUITES
-    from mapf_pz.rl.presets import PRESETS
-
-    assert PRESETS.keys() <= SUITES.keys()
+    assert "expected random, a planner (pibt, epibt, " in error
+    assert "or the folder of a training run" in error

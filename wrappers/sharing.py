@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from gymnasium import spaces
 from pettingzoo import ParallelEnv
-from pettingzoo.utils import BaseParallelWrapper
 
-from mapf_pz.environment import AgentInfo, AgentObservation, MapfEnv, StepResult
+from mapf_pz.environment import AgentObservation, MapfEnv
 from mapf_pz.neighbors import check_sharing, nearest
-from mapf_pz.wrappers.stacking import stacked, stacked_space, zeros
+from mapf_pz.wrappers.stacking import StackingWrapper, stacked, zeros
 
 
-class Sharing(BaseParallelWrapper[str, AgentObservation, Any]):
+class Sharing(StackingWrapper):
     """Each agent observes, after its own observation, those of its `neighbors` nearest others, nearest first.
 
     An image (K, h, w) becomes ((1 + neighbors) * K, h, w), features (F,) become ((1 + neighbors) * F,). Zeros stand for
@@ -39,32 +37,14 @@ class Sharing(BaseParallelWrapper[str, AgentObservation, Any]):
         """
         mapf_env = _mapf_env(env)
         check_sharing(neighbors, radius)
-        super().__init__(env)
-        seen = env.observation_space(env.possible_agents[0])
+        super().__init__(env, 1 + neighbors)
         self.neighbors, self.radius = neighbors, radius
-        self.observation_spaces = dict.fromkeys(env.possible_agents, stacked_space(seen, 1 + neighbors))
         self._simulator = mapf_env.simulator
         self._names = env.possible_agents
-        self._nothing = zeros(seen)
+        self._nothing = zeros(env.observation_space(env.possible_agents[0]))
 
-    def observation_space(self, agent: str) -> spaces.Space[Any]:
-        """Return the space of the agent's observations: the same object for all agents and calls."""
-        return self.observation_spaces[agent]
-
-    def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, AgentObservation], dict[str, AgentInfo]]:
-        """Begin an episode, as `MapfEnv.reset`."""
-        observations, infos = self.env.reset(seed=seed, options=options)
-        return self._share(observations), infos
-
-    def step(self, actions: dict[str, Any]) -> StepResult:
-        """Take one step, as `MapfEnv.step`."""
-        observations, rewards, terminations, truncations, infos = self.env.step(actions)
-        return self._share(observations), rewards, terminations, truncations, infos
-
-    def _share(self, observations: dict[str, AgentObservation]) -> dict[str, AgentObservation]:
-        """Return each agent's observation with its neighbors', in new arrays."""
+    def _stack(self, observations: dict[str, AgentObservation]) -> dict[str, AgentObservation]:
+        """Return each agent's observation with its neighbors'."""
         positions, active = self._simulator.positions(0), self._simulator.state.agents["active"]
         numbers = nearest(positions[None], active, self.neighbors, self.radius)[0].tolist()
         near = dict(zip(self._names, numbers, strict=True))

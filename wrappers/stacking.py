@@ -2,11 +2,50 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, cast
 
 import numpy as np
 from gymnasium import spaces
+from pettingzoo import ParallelEnv
+from pettingzoo.utils import BaseParallelWrapper
+
+from mapf_pz.environment import AgentInfo, AgentObservation, StepResult
+
+
+class StackingWrapper(BaseParallelWrapper[str, AgentObservation, Any]):
+    """Gives each agent `number` observations as one."""
+
+    def __init__(self, env: ParallelEnv[str, AgentObservation, Any], number: int) -> None:
+        """Wrap `env`."""
+        super().__init__(env)
+        space = stacked_space(env.observation_space(env.possible_agents[0]), number)
+        self.observation_spaces = dict.fromkeys(env.possible_agents, space)
+
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
+        """Return the space of the agent's observations: the same object for all agents and calls."""
+        return self.observation_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, AgentObservation], dict[str, AgentInfo]]:
+        """Begin an episode, as `MapfEnv.reset`."""
+        observations, infos = self.env.reset(seed=seed, options=options)
+        self._begin(observations)
+        return self._stack(observations), infos
+
+    def step(self, actions: dict[str, Any]) -> StepResult:
+        """Take one step, as `MapfEnv.step`."""
+        observations, rewards, terminations, truncations, infos = self.env.step(actions)
+        return self._stack(observations), rewards, terminations, truncations, infos
+
+    def _begin(self, observations: dict[str, AgentObservation]) -> None:
+        """Prepare for an episode that begins with these observations."""
+
+    @abstractmethod
+    def _stack(self, observations: dict[str, AgentObservation]) -> dict[str, AgentObservation]:
+        """Return what each agent that observes gets, in new arrays."""
 
 
 def stacked(parts: Sequence[Any]) -> Any:

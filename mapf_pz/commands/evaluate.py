@@ -16,6 +16,7 @@ from tyro.conf import UseAppendAction
 
 from mapf_pz.config import ActionModel
 from mapf_pz.evaluate import Episode, Trial, evaluate, load_suite, markdown_table, named_policy, terminal_table
+from mapf_pz.evaluate.policies import is_trained
 from mapf_pz.evaluate.run import Casting, Policy
 
 TABLE_FILE = "evaluation.md"
@@ -55,15 +56,27 @@ class EvaluateOptions:
 
     def trials(self) -> tuple[Trial, ...]:
         """Return the trials that were asked for."""
-        trials = [trial for suite in self.suite or ("standard",) for trial in load_suite(suite)]
-        if self.map is not None:
-            if self.suite:
-                raise ValueError("expected either --suite or --map")
+        if self.map is not None and self.suite:
+            raise ValueError("expected either --suite or --map")
+        if self.map is None and self.scenario is not None:
+            raise ValueError("expected --map beside --scenario")
+        if self.episodes is not None and self.episodes < 1:
+            raise ValueError(f"episodes={self.episodes}: expected 1 or more")
+        if self.seed is not None and self.seed < 0:
+            raise ValueError(f"seed={self.seed}: expected 0 or more")
+        if self.map is None:
+            trials = [trial for suite in self.suite or ("standard",) for trial in load_suite(suite)]
+        else:
             trials = [self._on_map(self.map)]
         keywords = {} if self.action_model is None else {"action_model": self.action_model}
         return tuple(
             trial.but(keywords=trial.keywords | keywords, episodes=self.episodes, seed=self.seed) for trial in trials
         )
+
+    def label(self, policy: str) -> str:
+        """Return what a policy is called in the results: it must tell apart what acts differently."""
+        seed = f", seed {self.policy_seed}" if self.policy_seed else ""
+        return policy + seed + (", deterministic" if self.deterministic and is_trained(policy) else "")
 
     def _on_map(self, map: str) -> Trial:
         keywords: dict[str, Any] = {"map": map, "num_agents": self.num_agents, "max_steps": self.max_steps}
@@ -76,8 +89,10 @@ class EvaluateOptions:
 
 def evaluate_policies(options: EvaluateOptions) -> None:
     """Let policies and planners act in the same episodes, and print the table of results."""
+    if not options.policy:
+        raise ValueError("expected --policy, once or more")
     castings: dict[str, Casting | Policy | str] = {
-        name: named_policy(name, options.policy_seed, options.deterministic) for name in options.policy
+        options.label(name): named_policy(name, options.policy_seed, options.deterministic) for name in options.policy
     }
     report(castings, options.trials(), options.output, options.jobs)
 

@@ -18,6 +18,7 @@ from tyro.extras import subcommand_type_from_defaults
 from mapf_pz.commands.evaluate import report
 from mapf_pz.commands.render import save_episode
 from mapf_pz.evaluate import load_suite, make_env
+from mapf_pz.evaluate.results import discard
 from mapf_pz.rl import load_policy
 from mapf_pz.rl import train as train_policy
 from mapf_pz.rl.config import TrainConfig
@@ -76,8 +77,9 @@ def train(run: Run) -> None:
     if trials is None:
         return
     policy = load_policy(run.output)
+    discard(run.output)  # of the policy as it was before
     report({run.output.name: policy}, trials, run.output)
-    env = make_env(policy, **trials[-1].keywords, render_mode="rgb_array")
+    env = make_env(policy, **trials[-1].env_keywords(0), render_mode="rgb_array")
     save_episode(env, policy, trials[-1].seed, run.output / EPISODE_FILE, fps=8)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 from mapf_pz.evaluate.jobs import run_jobs
 from mapf_pz.evaluate.policies import named_policy, own_policy
@@ -36,19 +36,23 @@ def evaluate(
     """Let policies act in all episodes of a suite, and return the episodes: those of each policy have the same seeds.
 
     Args:
-        policies: names that `named_policy` knows, or by name a policy that is at hand or what makes one.
+        policies: a name or names that `named_policy` knows, or by name a policy that is at hand or what makes one.
         suite: the name of a suite, the path of a suite's file, or trials.
         output: a folder in which every episode is kept as it is done; what is there already is not done again.
         jobs: processes, or `ray`: see `run_jobs`. Results do not depend on it, apart from the times.
         show: is called with each episode that is done, and at first with None, and the number of those left.
 
     Raises:
-        ValueError: a policy or suite is unknown, they do not fit, or the folder has an evaluation of other trials.
+        ValueError: a policy or suite is unknown, they do not fit, two trials have the same name, or the folder has an
+            evaluation of other trials.
         FileNotFoundError, FormatError: a file of the suite is absent or malformed.
     """
+    if isinstance(policies, str):
+        policies = [policies]
     named = policies if isinstance(policies, Mapping) else {name: name for name in policies}
     castings = {name: _casting(policy) for name, policy in named.items()}
     trials = load_suite(suite) if isinstance(suite, (str, Path)) else tuple(suite)
+    _check_names(trials)
     results = Results(trials, output)
     done = results.done()
     tasks = [
@@ -71,7 +75,15 @@ def evaluate(
 def _casting(policy: Casting | Policy | str) -> Casting:
     if isinstance(policy, str):
         return named_policy(policy)
-    return policy if callable(policy) else own_policy(policy)
+    return policy if callable(policy) and not hasattr(policy, "act") else own_policy(cast("Policy", policy))
+
+
+def _check_names(trials: Sequence[Trial]) -> None:
+    names: set[str] = set()
+    for trial in trials:
+        if trial.name in names:
+            raise ValueError(f"two trials are called {trial.name!r}: expected different names")
+        names.add(trial.name)
 
 
 def _key(name: str, trial: Trial, episode: int) -> tuple[str, str, int, int]:

@@ -44,11 +44,16 @@ def _draw(by_trial: dict[str, dict[str, dict[str, Points]]], folder: Path) -> It
         for panel, metric in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
             _draw_panel(panel, metric, metrics[metric])
         figure.axes[0].legend(fontsize=8)
-        figure.suptitle(about)
+        figure.suptitle(_plain(about))
         name = "".join(char if char.isalnum() else "-" for char in about)
         file = folder / f"{name}.png"
         figure.savefig(file, dpi=110)
         yield file
+
+
+def _plain(name: str) -> str:
+    """Return text that matplotlib shows as it is: between two `$` there would be a formula."""
+    return name.replace("$", r"\$")
 
 
 def _draw_panel(panel: Axes, metric: str, lines: dict[str, Points]) -> None:
@@ -56,7 +61,9 @@ def _draw_panel(panel: Axes, metric: str, lines: dict[str, Points]) -> None:
     for policy, points in lines.items():
         agents = sorted(points)
         ends = np.array([interval(points[count]) for count in agents])
-        panel.plot(agents, [float(np.mean(points[count])) for count in agents], marker="o", markersize=3, label=policy)
+        panel.plot(
+            agents, [float(np.mean(points[count])) for count in agents], marker="o", markersize=3, label=_plain(policy)
+        )
         panel.fill_between(agents, ends[:, 0], ends[:, 1], alpha=0.2)
     panel.set(xlabel="agents", ylabel=LABELS[metric])
     if metric == "step_ms":

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context, parent_process
+from threading import Thread
 from typing import TypeVar
 
 Task = TypeVar("Task")
@@ -25,28 +27,43 @@ def run_jobs(function: Callable[[Task], Result], tasks: Sequence[Task], jobs: in
     Raises `ValueError` for other `jobs`, and `ImportError` where Ray is not installed.
     """
     if jobs == RAY:
-        return _on_ray(function, tasks)
+        return _on_ray(function, tasks) if tasks else iter(())
     if not isinstance(jobs, int) or jobs < 1:
         raise ValueError(f"jobs={jobs!r}: expected a number of processes, 1 or more, or 'ray'")
     return map(function, tasks) if jobs == 1 else _in_processes(function, tasks, jobs)
 
 
 def _in_processes(function: Callable[[Task], Result], tasks: Sequence[Task], jobs: int) -> Iterator[Result]:
-    with ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_one_thread) as pool:
+    others = set(active_children())
+    with ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_begin_process) as pool:
         try:
             for future in as_completed([pool.submit(function, task) for task in tasks]):
                 yield future.result()
-        finally:
+        except BaseException:  # what is going on would be waited for
+            for process in set(active_children()) - others:
+                process.terminate()
             pool.shutdown(cancel_futures=True)
+            raise
 
 
-def _one_thread() -> None:
-    """Let a process's networks use one thread: the processes share the cores already."""
+def _begin_process() -> None:
+    """Prepare a process: its networks use one thread, as the cores are shared; it ends when, and only when, told to."""
     os.environ["OMP_NUM_THREADS"] = "1"
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the one that asked ends the others
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """Wait until the process that asked for the work is gone, however it ended, and end."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _on_ray(function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
     import ray
+    from ray.exceptions import RayTaskError
 
     begun_here = not ray.is_initialized()
     if begun_here:
@@ -57,6 +74,10 @@ def _on_ray(function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterat
         while waiting:
             done, waiting = ray.wait(waiting)
             yield from ray.get(done)
+    except RayTaskError as error:  # its own text is a traceback
+        raise error.cause from None
     finally:
+        for task in waiting:
+            ray.cancel(task)
         if begun_here:
             ray.shutdown()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
+from rich.markup import escape
 from rich.table import Table
 
 from mapf_pz.evaluate.results import METRICS, Episode
@@ -50,7 +51,7 @@ def terminal_table(episodes: Iterable[Episode]) -> Table:
     header, *body = rows(episodes)
     table = Table(*header, title="mean [95 % interval]")
     for row in body:
-        table.add_row(*row)
+        table.add_row(*map(escape, row))
     return table
 
 
@@ -58,7 +59,7 @@ def markdown_table(episodes: Iterable[Episode]) -> str:
     """Return the table in Markdown."""
     header, *body = rows(episodes)
     lines = [header, ["---"] * len(header), *body]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    return "".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines)
 
 
 def _cell(values: Sequence[float] | None) -> str:

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from mapf_pz.config import EnvConfig
 from mapf_pz.evaluate.trial import Trial
+from mapf_pz.instances import load_map
+from mapf_pz.instances.textfile import read_text
 from mapf_pz.types import FormatError
 
 METRICS = (
@@ -67,12 +74,15 @@ class Results:
         folder.mkdir(parents=True, exist_ok=True)
         told = json.dumps([_description(trial) for trial in trials], indent=1)
         before = folder / TRIALS_FILE
-        if before.exists() and before.read_text("utf-8") != told:
+        if not before.exists():
+            beside = folder / f".{TRIALS_FILE}.new"
+            beside.write_text(told, "utf-8")
+            beside.replace(before)
+        elif before.read_bytes() != told.encode():
             raise ValueError(f"{folder}: holds an evaluation of other trials; expected another folder")
-        before.write_text(told, "utf-8")
         if self._file.exists():
             self.episodes = _read(self._file)
-        else:
+        if not self._file.exists() or not self._file.stat().st_size:
             _write_rows(self._file, "w", [COLUMNS])
 
     def add(self, episode: Episode) -> None:
@@ -87,10 +97,30 @@ class Results:
         return {episode.key for episode in self.episodes}
 
 
+def discard(folder: Path) -> None:
+    """Remove what a folder has of an evaluation."""
+    for name in (EPISODES_FILE, TRIALS_FILE):
+        (folder / name).unlink(missing_ok=True)
+
+
 def _description(trial: Trial) -> dict[str, Any]:
     """Return what must be the same for episodes to be comparable; the number of episodes need not be."""
     keywords = {name: repr(value) for name, value in sorted(trial.keywords.items()) if name not in ("map", "source")}
-    return {"trial": trial.name, "seed": trial.seed, "instances": len(trial.instances), "keywords": keywords}
+    return {"trial": trial.name, "seed": trial.seed, "keywords": keywords, "instances": _digest(trial)}
+
+
+def _digest(trial: Trial) -> str:
+    """Return a checksum of the instances or, where episodes are drawn, of the map or the first that is drawn."""
+    source = trial.keywords.get("source")
+    instances = trial.instances or (() if source is None else (source.sample(np.random.default_rng(trial.seed)),))
+    arrays = [load_map(trial.keywords.get("map", EnvConfig.map)).free] if not instances else []
+    for instance in instances:
+        arrays += [instance.grid.free, instance.scenario.starts, instance.scenario.goals]
+        arrays += [] if instance.headings is None else [instance.headings]
+    digest = sha256()
+    for array in arrays:
+        digest.update(str(array.shape).encode() + array.tobytes())
+    return digest.hexdigest()
 
 
 def _write_rows(file: Path, mode: str, rows: Iterable[Iterable[object]]) -> None:
@@ -100,17 +130,25 @@ def _write_rows(file: Path, mode: str, rows: Iterable[Iterable[object]]) -> None
 
 def _read(file: Path) -> list[Episode]:
     """Read the episodes; a last line that was cut off when the evaluation was killed is taken off the file."""
-    text = file.read_text("utf-8")
+    text = read_text(file)
+    header = ",".join(COLUMNS) + "\n"
+    if not (text.startswith(header) or header.startswith(text)):
+        raise FormatError(file, f"expected the columns {', '.join(COLUMNS)}", 1)
     whole = text[: text.rfind("\n") + 1]
     if whole != text:
-        file.write_text(whole, "utf-8")
-    rows = csv.reader(whole.splitlines())
-    if tuple(next(rows, ())) != COLUMNS:
-        raise FormatError(file, f"expected the columns {', '.join(COLUMNS)}", 1)
-    return [_episode(row, line, file) for line, row in enumerate(rows, 2)]
+        with file.open("r+b") as out:
+            out.truncate(len(whole.encode()))
+    rows = csv.reader(io.StringIO(whole, newline=""), strict=True)
+    next(rows, None)
+    try:
+        return [_episode(row, rows.line_num, file) for row in rows]
+    except csv.Error as error:
+        raise FormatError(file, f"expected CSV: {error}", rows.line_num) from None
 
 
 def _episode(row: list[str], line: int, file: Path) -> Episode:
+    if len(row) != len(COLUMNS):
+        raise FormatError(file, f"expected an episode of {len(COLUMNS)} values, got {len(row)}", line)
     try:
         policy, about, num_agents, number, *values = row
         told = zip(METRICS, values, strict=True)

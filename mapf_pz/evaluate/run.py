@@ -10,7 +10,6 @@ from pettingzoo.utils import BaseParallelWrapper
 
 from mapf_pz.environment import AgentObservation, MapfEnv, parallel_env
 from mapf_pz.evaluate.trial import Trial
-from mapf_pz.instances import InstanceList
 from mapf_pz.simulator import Simulator
 from mapf_pz.types import Instance
 from mapf_pz.wrappers import History, Sharing
@@ -76,16 +75,15 @@ def run_episodes(casting: Casting, trial: Trial, episodes: Iterable[int]) -> Ite
     Besides those of `mapf_pz.metrics`: `runtime`, the seconds that the policy took to decide in an episode; `step_ms`
     and `agent_us`, the milliseconds a step and the microseconds an agent step of that; `collisions`, the share of agent
     steps in which a move was asked for that an obstacle or another agent prevented; `best_ratio`, the throughput over
-    the best known.
+    the best known, where there is a throughput.
     """
     scene: tuple[AnyEnv, Policy] | None = None
     size = ""
     for episode in episodes:
-        instance = trial.instance(episode)
-        like_it = {} if instance is None else {"source": InstanceList([instance])}
-        needed = like_it["source"].size if like_it else ""
+        keywords = trial.env_keywords(episode)
+        needed = keywords["source"].size if trial.instances else ""
         if scene is None or size != needed:
-            scene, size = casting(trial.keywords | like_it), needed
+            scene, size = casting(keywords), needed
             _compile(*scene, trial.seed + episode)
         yield _metrics(*scene, trial, episode)
 
@@ -107,6 +105,6 @@ def _metrics(env: AnyEnv, policy: Policy, trial: Trial, episode: int) -> Metrics
             blocked, acting = blocked + int(crew["blocked"].sum()), acting + int(crew["was_active"].sum())
     metrics = env.metrics() | {"runtime": runtime, "collisions": blocked / max(acting, 1)}
     metrics |= {"step_ms": 1e3 * runtime / max(steps, 1), "agent_us": 1e6 * runtime / max(acting, 1)}
-    if trial.best is not None:
+    if trial.best is not None and "avg_throughput" in metrics:
         metrics["best_ratio"] = metrics["avg_throughput"] / trial.best
     return metrics

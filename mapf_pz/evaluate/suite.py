@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from reprlib import repr as shortened
-from typing import Any
+from typing import Any, cast
 
 from mapf_pz.config import EnvConfig
 from mapf_pz.evaluate.trial import Trial
 from mapf_pz.instances import RandomObstacles, load_map, load_problem, load_scenario
-from mapf_pz.instances.jsonfile import JsonObject, is_whole, list_member, parse_object
+from mapf_pz.instances.jsonfile import MAX_NUMBER, JsonObject, is_whole, list_member, parse_object
 from mapf_pz.instances.library import benchmark_file
 from mapf_pz.instances.pogema import load_pogema
 from mapf_pz.instances.textfile import read_text
 from mapf_pz.types import FormatError, Instance, Scenario
+
+MAX_CELLS = 2**24
+"""Larger random maps are refused."""
 
 
 @dataclass(frozen=True)
@@ -68,11 +73,13 @@ def load_suite(suite: str | Path) -> tuple[Trial, ...]:
     """
     if str(suite).endswith(".json"):
         file = Path(suite)
-    elif suite in suite_names():
+    elif str(suite) in suite_names():
         file = _bundled() / f"{suite}.json"
     else:
         raise ValueError(f"suite {str(suite)!r}: expected a .json file, or one of {', '.join(suite_names())}")
-    entries = list_member(parse_object(read_text(file), file), "trials", file, least=1)
+    data = parse_object(read_text(file), file)
+    _check_keys(data, ("about", "trials"), str(file))
+    entries = list_member(data, "trials", file, least=1)
     trials = [trial for number, entry in enumerate(entries) for trial in _trials(entry, number, file)]
     names = [trial.name for trial in trials]
     if len(set(names)) < len(names):
@@ -91,38 +98,91 @@ def _trials(data: Any, number: int, file: Path) -> list[Trial]:
         return [make(entry, count, file.parent) for count in counts]
     except FormatError:
         raise
+    except FileNotFoundError as error:
+        raise FileNotFoundError(f"{where}: {error}") from None
     except (ValueError, TypeError) as error:
         raise FormatError(where, str(error)) from None
+
+
+def _check_keys(data: JsonObject, known: Iterable[str], where: str) -> None:
+    for name in data:
+        if name not in known:
+            raise FormatError(where, f"expected one of {', '.join(known)}, got {name!r}")
 
 
 def _entry(data: Any, where: str) -> Entry:
     if not isinstance(data, dict):
         raise FormatError(where, f"expected an object, got {shortened(data)}")
-    known = [field.name for field in dataclasses.fields(Entry)]
-    for name in data:
-        if name not in known:
-            raise FormatError(where, f"expected one of {', '.join(known)}, got {name!r}")
-    if not isinstance(data.get("env", {}), dict):
-        raise FormatError(where, f"expected 'env' to be an object, got {shortened(data['env'])}")
-    entry = Entry(**data)
+    _check_keys(data, [field.name for field in dataclasses.fields(Entry)], where)
+    for name, (fits, expected) in _EXPECTED.items():
+        if data.get(name) is not None and not fits(data[name]):
+            raise FormatError(where, f"expected {name!r} to be {expected}, got {shortened(data[name])}")
+    entry = Entry(**{name: value for name, value in data.items() if value is not None})
+    _check_keys(entry.env, _ENV_KEYWORDS, f"{where}: env")
     kinds = [kind for kind in _KINDS if getattr(entry, kind) is not None]
     if len(kinds) != 1:
         raise FormatError(where, f"expected exactly one of {', '.join(_KINDS)}, got {' and '.join(kinds) or 'none'}")
-    counts = entry.num_agents if isinstance(entry.num_agents, list) else [entry.num_agents]
-    for name, values in {"num_agents": counts, "max_steps": [entry.max_steps], "seed": [entry.seed]}.items():
-        least = 1 if name != "seed" and entry.lorr is None else 0
-        if not values or not all(is_whole(value) and value >= least for value in values):
-            raise FormatError(where, f"expected {name!r} to be a whole number, {least} or more")
-    if entry.episodes is not None and not (is_whole(entry.episodes) and entry.episodes > 0):
-        raise FormatError(
-            where, f"expected 'episodes' to be a whole number, 1 or more, got {shortened(entry.episodes)}"
-        )
+    if entry.scenarios is not None and entry.map is None:
+        raise FormatError(where, "expected 'scenarios' beside 'map' only")
+    if (entry.num_agents == 0) != (entry.lorr is not None):
+        raise FormatError(where, "expected 'num_agents', except beside 'lorr': the problem tells how many there are")
     return entry
+
+
+def _is_count(value: Any) -> bool:
+    return is_whole(value) and 1 <= value <= MAX_NUMBER
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= MAX_NUMBER
+
+
+def _is_name(value: Any) -> bool:
+    return isinstance(value, str) and value != "" and value.isprintable()
+
+
+def _is_list_of(fits: Callable[[Any], bool], value: Any) -> bool:
+    return isinstance(value, list) and len(value) > 0 and all(map(fits, value))
+
+
+def _is_random(value: Any) -> bool:
+    if not _is_list_of(_is_number, value) or len(value) != 3 or not all(map(_is_count, value[:2])):
+        return False
+    return value[0] * value[1] <= MAX_CELLS and 0 <= value[2] < 1
+
+
+_NAME, _COUNT = (_is_name, "a line of text"), (_is_count, "a whole number, 1 or more")
+
+_EXPECTED: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "map": _NAME,
+    "scenarios": (partial(_is_list_of, _is_name), "a list of names or files"),
+    "random": (_is_random, f"[rows, columns, share of obstacles], with at most {MAX_CELLS} cells"),
+    "pogema": _NAME,
+    "lorr": _NAME,
+    "num_agents": (
+        lambda value: _is_count(value) or _is_list_of(_is_count, value),
+        "a whole number, 1 or more, or several",
+    ),
+    "max_steps": _COUNT,
+    "episodes": _COUNT,
+    "seed": (lambda value: is_whole(value) and 0 <= value <= MAX_NUMBER, "a whole number, 0 or more"),
+    "about": _NAME,
+    "best": (lambda value: _is_number(value) and value > 0, "a number above 0"),
+    "env": (lambda value: isinstance(value, dict), "an object"),
+}
+"""What the members of an entry must be, and the words for it."""
+
+_ENV_KEYWORDS = [
+    field.name
+    for field in dataclasses.fields(EnvConfig)
+    if field.name not in ("map", "scenario", "source", "num_agents", "max_steps", "render_mode")
+]
+"""The keywords of `parallel_env` that are not said by an entry itself."""
 
 
 def _of_map(entry: Entry, num_agents: int, folder: Path) -> Trial:
     """Return a trial on one map, with drawn episodes or scenarios."""
-    name = str(entry.map)
+    name = cast("str", entry.map)
     grid = load_map(_found(name, folder) if name.endswith(".map") else name)
     if entry.scenarios is None:
         return _trial(entry, grid.name, num_agents, {"map": grid, "num_agents": num_agents})
@@ -137,22 +197,20 @@ def _of_map(entry: Entry, num_agents: int, folder: Path) -> Trial:
 
 def _of_random(entry: Entry, num_agents: int, _: Path) -> Trial:
     """Return a trial on random maps."""
-    if not isinstance(entry.random, list) or len(entry.random) != 3:
-        raise ValueError(f"random: expected [rows, columns, share of obstacles], got {shortened(entry.random)}")
-    height, width, density = entry.random
+    height, width, density = cast("list[float]", entry.random)
     source = RandomObstacles(int(height), int(width), density, num_agents)
     return _trial(entry, f"random {height} x {width}, {100 * density:g} % obstacles", num_agents, {"source": source})
 
 
 def _of_pogema(entry: Entry, num_agents: int, folder: Path) -> Trial:
     """Return a trial of POGEMA's instances."""
-    file = _found(str(entry.pogema), folder)
+    file = _found(cast("str", entry.pogema), folder)
     return _trial(entry, file.name.removesuffix(".json"), num_agents, {}, load_pogema(file, num_agents))
 
 
 def _of_lorr(entry: Entry, _: int, folder: Path) -> Trial:
     """Return a trial of a League of Robot Runners problem, whose robots have goals one after the other."""
-    file = _found(str(entry.lorr), folder)
+    file = _found(cast("str", entry.lorr), folder)
     instance = load_problem(file).instance(entry.max_steps)  # no robot can reach more than one goal a step
     if entry.env.get("action_model") == "cardinal":
         instance = Instance(instance.grid, instance.scenario)
@@ -166,6 +224,7 @@ _KINDS = {"map": _of_map, "random": _of_random, "pogema": _of_pogema, "lorr": _o
 def _trial(
     entry: Entry, about: str, num_agents: int, keywords: dict[str, Any], instances: list[Instance] | None = None
 ) -> Trial:
+    EnvConfig(num_agents=num_agents, **entry.env)  # refuses values that are not allowed
     return Trial(
         family=entry.about or about,
         num_agents=num_agents,

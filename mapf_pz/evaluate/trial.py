@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from mapf_pz.instances import InstanceList
 from mapf_pz.types import Instance
 
 
@@ -35,6 +36,11 @@ class Trial:
     def instance(self, episode: int) -> Instance | None:
         """Return the instance of an episode, or None where the environment draws it."""
         return self.instances[episode % len(self.instances)] if self.instances else None
+
+    def env_keywords(self, episode: int) -> dict[str, Any]:
+        """Return the keywords of a `parallel_env` for this episode."""
+        instance = self.instance(episode)
+        return self.keywords if instance is None else self.keywords | {"source": InstanceList([instance])}
 
     def but(self, **changes: Any) -> Trial:
         """Return the same trial with other fields; `None` leaves a field as it is."""

@@ -1,14 +1,23 @@
-import mapf_pz
-from mapf_pz.evaluate.run import Trial, play, run_episodes
-from mapf_pz.types import Action
+import os
+from collections import Counter
 
-CORRIDOR = "....."
+import numpy as np
+import pytest
+
+from mapf_pz.evaluate import Trial, evaluate, make_env, named_policy, play
+from mapf_pz.evaluate.policies import own_policy
+from mapf_pz.evaluate.run import run_episodes
+from mapf_pz.instances import RandomObstacles
+from mapf_pz.types import Action, CardinalAction, Grid, Instance, Scenario
+from tests.planners.drawing import drawn
+
+TIMES = {"runtime", "step_ms", "agent_us"}
 
 
 class Forward:
     """Drives forward, and counts the episodes."""
 
-    env_kwargs = {"initial_heading": "east", "view_size": (1, 3)}  # noqa: RUF012
+    env_kwargs = {"initial_heading": "east", "view_size": (1, 1)}  # noqa: RUF012
 
     def __init__(self):
         self.episodes = 0
@@ -20,29 +29,170 @@ class Forward:
         self.episodes += 1
 
 
-def one_agent(max_steps):
-    scenario = mapf_pz.Scenario([[0, 0]], [[0, 4]])
-    keywords = {"map": CORRIDOR + "\n", "scenario": scenario, "num_agents": 1, "max_steps": max_steps}
-    return Trial("corridor", keywords, episodes=3)
+class Right(Forward):
+    env_kwargs = {"action_model": "cardinal", "view_size": (1, 1)}  # noqa: RUF012
+
+    def act(self, observations):
+        return dict.fromkeys(observations, int(CardinalAction.RIGHT))
+
+
+def measured(policy, trial, episodes=None):
+    return list(run_episodes(own_policy(policy), trial, range(trial.episodes) if episodes is None else episodes))
+
+
+def on(*drawings, max_steps=10, **fields):
+    return Trial("drawn", 1, {"max_steps": max_steps}, len(drawings), instances=tuple(map(drawn, drawings)), **fields)
+
+
+# Metrics.
 
 
 def test_metrics_of_each_episode():
-    policy = Forward()
-    episodes = list(run_episodes(policy, one_agent(max_steps=10)))
-    assert policy.episodes == 3
+    episodes = measured(Forward(), Trial("corridor", 1, instances=(drawn("a...A"),), episodes=3))
+    assert len(episodes) == 3
     for episode in episodes:
         assert (episode["CSR"], episode["SoC"], episode["makespan"], episode["SoC_ratio"]) == (1, 4, 4, 1)
-        assert episode["runtime"] >= 0
+        assert episode["collisions"] == 0
 
 
 def test_time_limit_counts_as_unsolved():
-    (episode, *_) = run_episodes(Forward(), one_agent(max_steps=3))
+    (episode,) = measured(Forward(), on("a...A", max_steps=3))
     assert (episode["CSR"], episode["ISR"], episode["ep_length"]) == (0, 0, 3)
 
 
 def test_play_yields_the_beginning_and_each_step():
-    trial = one_agent(max_steps=10)
     policy = Forward()
-    env = trial.make_env(policy)
-    columns = [env.positions[0, 1] for _ in play(env, policy, seed=0)]
-    assert columns == [0, 1, 2, 3, 4]
+    env = make_env(policy, **on("a...A").env_keywords(0))
+    assert [env.positions[0, 1] for _ in play(env, policy, seed=0)] == [0, 1, 2, 3, 4]
+    assert policy.episodes == 1
+
+
+def test_collisions_are_the_share_of_prevented_moves():
+    # The agent in front stands at the wall from the beginning, that behind it after one step.
+    (episode,) = measured(Right(), on("a.b\nBA.", max_steps=4))
+    assert episode["collisions"] == (4 + 3) / 8
+    (episode,) = measured(Right(), on("a...A"))
+    assert episode["collisions"] == 0
+
+
+def test_agents_that_have_left_do_not_count():
+    # `a` leaves after a step, `b` drives into the wall in each of four steps.
+    trial = Trial("drawn", 2, {"max_steps": 4, "on_target": "finish"}, 1, instances=(drawn("aA\nBb"),))
+    (episode,) = measured(Right(), trial)
+    assert episode["collisions"] == 4 / 5
+
+
+def test_times_belong_together(monkeypatch):
+    clock = iter(range(1000))
+    monkeypatch.setattr("mapf_pz.evaluate.run.time.perf_counter", lambda: 0.5 * next(clock))
+    trial = Trial("drawn", 2, {"max_steps": 5}, 1, instances=(drawn("a.B\nb.A"),))
+    (episode,) = measured(Right(), trial)
+    assert episode["runtime"] == 5 * 0.5
+    assert episode["step_ms"] == 500
+    assert episode["agent_us"] == pytest.approx(250_000)
+
+
+def test_the_first_decision_is_not_measured():
+    slow = []
+
+    class Compiles(Right):
+        def act(self, observations):
+            slow.append(self.episodes)
+            return super().act(observations)
+
+    measured(Compiles(), on("a...A", "a...A"))
+    assert Counter(slow) == {1: 1, 2: 4, 3: 4}  # once before both episodes
+
+
+def test_best_ratio_is_of_the_throughput():
+    instance = Instance(Grid(np.ones((1, 5), bool)), Scenario([[0, 0]], [[[0, 1], [0, 2], [0, 3], [0, 4]]]))
+    trial = Trial("lifelong", 1, {"max_steps": 4, "on_target": "restart"}, 1, instances=(instance,), best=2.0)
+    (episode,) = measured(Right(), trial)
+    assert (episode["avg_throughput"], episode["best_ratio"]) == (1, 0.5)
+    assert "CSR" not in episode
+    (episode,) = measured(Right(), on("a.A", best=2.0))
+    assert "best_ratio" not in episode
+
+
+def test_maps_of_different_sizes_in_one_trial():
+    trial = on("a...A", "a.A\n...", "a..A", "..a..A", "a...A")
+    assert [episode["SoC"] for episode in measured(Right(), trial)] == [4, 2, 3, 3, 4]
+    assert [episode["SoC"] for episode in measured(Right(), trial, [3, 1])] == [3, 2]
+
+
+def test_instances_are_gone_through_again():
+    trial = on("a...A", "a.A..").but(episodes=5)
+    assert [episode["SoC"] for episode in measured(Right(), trial)] == [4, 2, 4, 2, 4]
+
+
+def test_wrapped_environments():
+    class Looks(Right):
+        env_wrappers = (("History", {"num_frames": 3}),)
+        seen = None
+
+        def act(self, observations):
+            self.seen = next(iter(observations.values())).shape
+            return super().act(observations)
+
+    policy = Looks()
+    assert measured(policy, on("a...A"))[0]["SoC"] == 4
+    assert policy.seen[0] > make_env(Right()).observation_space("agent_0").shape[0]
+
+
+# Episodes are the same however they are done.
+
+DRAWN = Trial("random 7 x 8", 6, {"source": RandomObstacles(7, 8, 0.15, 6), "max_steps": 20}, 3)
+FREE = "\n.......\n.......\n.......\n......."
+DRAWINGS = [
+    "a....B.\nb....A.\n......." + FREE,
+    "aB.....\n..b....\nA......" + FREE,
+    "ab......\n..BA....\n........" + FREE.replace("\n", "\n."),
+]
+SOLVED = Trial("drawn", 2, {"max_steps": 12}, 3, instances=tuple(map(drawn, DRAWINGS)))
+NAMES = ["random", "pibt", "epibt", "mappo"]
+
+
+def untimed(episodes):
+    return [{name: value for name, value in episode.items() if name not in TIMES} for episode in episodes]
+
+
+def needed(name):
+    if name == "mappo":
+        pytest.importorskip("torch")
+    return named_policy(name)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("trial", [DRAWN, SOLVED], ids=["drawn", "instances"])
+def test_an_episode_does_not_depend_on_those_before_it(name, trial):
+    casting = needed(name)
+    whole = untimed(run_episodes(casting, trial, range(3)))
+    assert untimed(run_episodes(casting, trial, [2, 0, 1])) == [whole[2], whole[0], whole[1]]
+    assert untimed(run_episodes(casting, trial, [1])) == [whole[1]]
+    assert whole[0] != whole[1] != whole[2]
+
+
+def outcome(names, jobs):
+    done = evaluate(names, [DRAWN.but(episodes=9), SOLVED], jobs=jobs)
+    assert [episode.key for episode in done] == [
+        (name, trial, agents, number)
+        for trial, agents, count in [("random 7 x 8", 6, 9), ("drawn", 2, 3)]
+        for name in names
+        for number in range(count)
+    ]
+    return untimed([episode.metrics for episode in done])
+
+
+def test_processes_do_the_same():
+    pytest.importorskip("torch")
+    assert outcome(NAMES, 1) == outcome(NAMES, 2)
+
+
+def test_ray_does_the_same(monkeypatch):
+    ray = pytest.importorskip("ray")
+    monkeypatch.setenv("RAY_AUTH_MODE", "disabled")
+    monkeypatch.setenv("RAY_worker_niceness", "0")  # on a busy machine, its workers would never get their turn
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([os.getcwd(), os.environ.get("PYTHONPATH", "")]))
+    names = ["random", "pibt"]
+    assert outcome(names, "ray") == outcome(names, 1)
+    assert not ray.is_initialized()

@@ -1,4 +1,4 @@
-"""EPIBT in plain Python, by recursion and dictionaries: what the kernels must do, and how slow that is."""
+"""PIBT and EPIBT in plain Python, by recursion and dictionaries: what the kernels must do, and how slow that is."""
 
 from itertools import product
 
@@ -158,3 +158,77 @@ class SlowEPIBT:
             self.chosen[other] = had
             self.put(other)
         return False
+
+
+STAY = 4
+
+
+class SlowPIBT:
+    """Causal PIBT: agents plan their next cells, turn towards them, and drive when the way clears."""
+
+    def __init__(self, world, seed=0):
+        self.world = world
+        self.rng = np.random.default_rng(seed)
+        self.away = self.want = None
+
+    def decide(self, states, goals, arrived):
+        """Return a letter for each agent at `states` [(row, col, heading)] with `goals`; `arrived` in the last step."""
+        agents = range(len(states))
+        self.states, self.goals = states, goals
+        self.tables = [self.world.to_go(goal) for goal in goals]
+        self.ties = self.rng.random((len(states), 5), np.float32).tolist()
+        if self.want is None:
+            self.away, self.want = [-1] * len(states), [None] * len(states)
+            self.at_first = [table[state] for table, state in zip(self.tables, states, strict=True)]
+        cells = [state[:2] for state in states]
+        self.occupant = {cell: agent for agent, cell in enumerate(cells)}
+        self.want = [None if want == cell else want for want, cell in zip(self.want, cells, strict=True)]
+        self.taken = {want: agent for agent, want in enumerate(self.want) if want is not None}
+        for agent in agents:
+            self.away[agent] = 0 if arrived[agent] or cells[agent] == goals[agent] else self.away[agent] + 1
+        for agent in sorted(agents, key=lambda agent: (-self.away[agent], self.at_first[agent], agent)):
+            if self.want[agent] is None:
+                self.search(agent)
+        letters = [self.letter(agent) for agent in agents]
+        for agent in agents:
+            queue = []
+            while agent is not None and letters[agent] == "F" and agent not in queue:
+                queue.append(agent)
+                agent = self.occupant.get(self.want[agent])
+            if agent is not None and letters[agent] != "F":
+                for held in queue:
+                    letters[held] = "W"
+        return letters
+
+    def search(self, agent):
+        """Find a cell for an agent; tell whether there is one but its own."""
+        row, col, _ = self.states[agent]
+        for choice in sorted(range(5), key=lambda choice: (self.cost(agent, choice), self.ties[agent][choice])):
+            cell = (row, col) if choice == STAY else (row + STEPS[choice][0], col + STEPS[choice][1])
+            if cell not in self.world.free or cell in self.taken:
+                continue
+            other = self.occupant.get(cell)
+            if other is not None and other != agent and self.want[other] == (row, col):
+                continue
+            self.want[agent] = cell
+            self.taken[cell] = agent
+            if other is None or self.want[other] is not None or self.search(other):
+                return True
+        self.want[agent] = (row, col)
+        self.taken[row, col] = agent
+        return False
+
+    def cost(self, agent, choice):
+        """Return the cost of moving to a neighbour and on to the goal, or of staying."""
+        row, col, heading = self.states[agent]
+        if choice == STAY:
+            return 0 if (row, col) == self.goals[agent] else 1 + self.tables[agent][row, col, heading]
+        turns = (choice - heading) % 4
+        target = (row + STEPS[choice][0], col + STEPS[choice][1], choice)
+        return 1 + min(turns, 4 - turns) + self.tables[agent].get(target, float("inf"))
+
+    def letter(self, agent):
+        """Return the action that brings an agent nearer to the cell that it wants."""
+        row, col, heading = self.states[agent]
+        step = (self.want[agent][0] - row, self.want[agent][1] - col)
+        return "W" if step == (0, 0) else "FRRL"[(STEPS.index(step) - heading) % 4]

@@ -6,6 +6,7 @@ import mapf_pz
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import PIBT, validate
 from tests.planners.drawing import drawn
+from tests.planners.reference import ACTION, SlowPIBT, World
 
 
 def test_one_agent_takes_the_shortest_way():
@@ -43,6 +44,21 @@ def test_what_it_wants_it_gets(model, weights, seed, on_target):
     while env.agents:
         observations, _, _, _, infos = env.step(planner.act(observations))
         assert not any(info["blocked"] for info in infos.values())
+
+
+@settings(max_examples=15)
+@given(seed=st.integers(0, 2**31), num_agents=st.sampled_from([4, 12, 24]))
+def test_it_decides_as_in_plain_python(seed, num_agents):
+    env = mapf_pz.parallel_env(source=RandomObstacles(8, 8, 0.2, num_agents), on_target="restart", max_steps=30)
+    observations, infos = env.reset(seed=seed)
+    planner, slow = PIBT(env, seed), SlowPIBT(World(env.grid), seed)
+    while env.agents:
+        states = [(*cell, heading) for cell, heading in zip(env.positions.tolist(), env.headings.tolist(), strict=True)]
+        arrived = [info["arrived"] for info in infos.values()]
+        expected = [ACTION[letter] for letter in slow.decide(states, list(map(tuple, env.goals.tolist())), arrived)]
+        actions = planner.act(observations)
+        assert list(actions.values()) == expected
+        observations, _, _, _, infos = env.step(actions)
 
 
 def test_same_seed_same_episode():

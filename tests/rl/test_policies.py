@@ -1,12 +1,11 @@
-import dataclasses
-
 import numpy as np
 import pytest
 
 import mapf_pz
 from mapf_pz.cli import main
+from mapf_pz.commands.train import SUITES
+from mapf_pz.evaluate import load_suite, named_policy
 from mapf_pz.evaluate.run import run_episodes
-from mapf_pz.evaluate.suites import SUITES
 from mapf_pz.rl import load_policy, policy_names
 from mapf_pz.rl import policy as policies
 from mapf_pz.rl.presets import PRESETS
@@ -27,14 +26,14 @@ def test_a_policy_is_small_and_what_its_preset_makes(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_policy_routes_agents(name):
-    trial = dataclasses.replace(SUITES[name][0], episodes=12)
-    assert np.mean([episode["ISR"] for episode in run_episodes(load_policy(name), trial)]) > 0.95
+    trial = load_suite(SUITES.get(name, "standard"))[0]
+    assert np.mean([episode["ISR"] for episode in run_episodes(named_policy(name), trial, range(12))]) > 0.95
 
 
 def test_evaluate_by_name(capsys):
     words = "--map empty-8-8 --num-agents 4 --max-steps 64 --episodes 2"
     assert main(["evaluate", "--policy", "mappo", *words.split()]) == 0
-    assert "4 agents on empty-8-8" in capsys.readouterr().out
+    assert "│ empty-8-8 │ 4 " in capsys.readouterr().out
 
 
 def test_names_are_told():

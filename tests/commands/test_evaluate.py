@@ -1,0 +1,233 @@
+import csv
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from mapf_pz.cli import main
+from mapf_pz.evaluate.results import COLUMNS
+from mapf_pz.instances import load_map, place, write_scenario
+from tests.evaluate.test_jobs import children_of, is_alive, wait_for
+
+SMALL = ["--map", "empty-8-8", "--num-agents", 3, "--max-steps", 20, "--episodes", 4]
+
+
+@pytest.fixture(autouse=True)
+def no_benchmark(monkeypatch):
+    monkeypatch.delenv("MAPF_PZ_BENCHMARK", raising=False)
+
+
+@pytest.fixture
+def suite(tmp_path):
+    file = tmp_path / "mine.json"
+    trials = [
+        {"map": "empty-8-8", "num_agents": [2, 4], "max_steps": 30, "episodes": 3},
+        {"random": [6, 6, 0.1], "num_agents": 3, "max_steps": 30, "episodes": 3, "about": "random"},
+    ]
+    file.write_text(json.dumps({"trials": trials}))
+    return file
+
+
+def run(capsys, *words):
+    """Run `mapf-pz evaluate` in this process; return the status and the lines of both outputs."""
+    try:
+        status = main(["evaluate", *map(str, words)])
+    except SystemExit as end:
+        status = end.code
+    out, err = capsys.readouterr()
+    return status, out.splitlines(), err.splitlines()
+
+
+def rows(folder):
+    with (folder / "episodes.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def files(folder):
+    return {file.name for file in folder.iterdir()}
+
+
+def test_policies_on_a_suite_in_processes(capsys, suite, tmp_path):
+    output = tmp_path / "new" / "out"
+    words = ["--policy", "pibt", "--policy", "random", "--suite", suite, "--jobs", 2, "--output", output]
+    status, out, err = run(capsys, *words)
+    assert (status, err) == (0, [])
+    told = f"table and episodes written to {output}"
+    assert told in out
+    table = [line for line in out if line.startswith("│")]
+    assert [tuple(re.split(r"\s*│\s*", line)[1:5]) for line in table] == [
+        (about, agents, policy, "3")
+        for about, agents in [("empty-8-8", "2"), ("empty-8-8", "4"), ("random", "3")]
+        for policy in ("pibt", "random")
+    ]
+    markdown = (output / "evaluation.md").read_text()
+    assert [tuple(line.split(" | ")[:3]) for line in markdown.splitlines()[2:4]] == [
+        ("| empty-8-8", "2", "pibt"),
+        ("| empty-8-8", "2", "random"),
+    ]
+    assert len(rows(output)) == 2 * 3 * 3
+    assert {"episodes.csv", "trials.json", "evaluation.md"} <= files(output)
+
+    before = (output / "episodes.csv").read_bytes()
+    status, again, err = run(capsys, *words)
+    assert (status, again, err) == (0, out, [])
+    assert (output / "episodes.csv").read_bytes() == before
+
+
+def test_figures_where_there_are_several_numbers_of_agents(capsys, suite, tmp_path):
+    pytest.importorskip("matplotlib")
+    _, out, _ = run(capsys, "--policy", "pibt", "--suite", suite, "--output", tmp_path / "out")
+    assert out[-1] == f"figure written to {tmp_path / 'out' / 'empty-8-8.png'}"
+    assert files(tmp_path / "out") == {"episodes.csv", "trials.json", "evaluation.md", "empty-8-8.png"}
+
+
+def test_without_what_draws_figures(capsys, suite, tmp_path, monkeypatch):
+    monkeypatch.setattr("mapf_pz.commands.evaluate.find_spec", lambda name: None)
+    _, out, _ = run(capsys, "--policy", "pibt", "--suite", suite, "--output", tmp_path / "out")
+    assert out[-1].startswith("no figures: pip install")
+
+
+def test_nothing_is_written_without_a_folder(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run(capsys, "--policy", "pibt", *SMALL)[0] == 0
+    assert files(tmp_path) == set()
+
+
+def test_a_map(capsys):
+    status, out, err = run(capsys, "--policy", "random", *SMALL)
+    assert (status, err) == (0, [])
+    assert any("│ empty-8-8 │ 3" in line for line in out)
+
+
+def test_a_scenario(capsys, tmp_path):
+    grid = load_map("empty-8-8")
+    scenario = place(grid, 5, np.random.default_rng(0))
+    write_scenario(scenario, grid, tmp_path / "five.scen")
+    words = ["--policy", "pibt", *SMALL, "--scenario", tmp_path / "five.scen", "--output", tmp_path / "out"]
+    assert run(capsys, *words, "--action-model", "cardinal")[0] == 0
+    cost = np.abs(scenario.starts - scenario.goals)[:3].sum()
+    got = rows(tmp_path / "out")
+    assert {(row["about"], row["num_agents"]) for row in got} == {("empty-8-8, five.scen", "3")}
+    assert all(float(row["SoC"]) / float(row["SoC_ratio"]) == pytest.approx(cost) for row in got)
+
+
+def test_several_suites(capsys, suite, tmp_path):
+    other = tmp_path / "other.json"
+    other.write_text('{"trials": [{"map": "empty-8-8", "num_agents": 1, "episodes": 2, "max_steps": 30}]}')
+    words = ["--policy", "pibt", "--suite", suite, "--suite", other, "--output", tmp_path / "out", "--episodes", 1]
+    assert run(capsys, *words)[0] == 0
+    assert [(row["num_agents"], row["episode"]) for row in rows(tmp_path / "out")] == [
+        ("2", "0"),
+        ("4", "0"),
+        ("3", "0"),
+        ("1", "0"),
+    ]
+    status, _, err = run(capsys, "--policy", "pibt", "--suite", suite, "--suite", suite)
+    expected = "mapf-pz evaluate: two trials are called '2 agents on empty-8-8': expected different names"
+    assert (status, err) == (1, [expected])
+
+
+def test_what_acts_differently_has_another_name(capsys, tmp_path):
+    pytest.importorskip("torch")
+    words = ["--policy", "mappo", "--policy", "random", *SMALL, "--output", tmp_path]
+    for options in ([], ["--deterministic"], ["--policy-seed", 2], ["--policy-seed", 2, "--deterministic"]):
+        assert run(capsys, *words, *options)[0] == 0
+    names = dict.fromkeys(row["policy"] for row in rows(tmp_path))
+    assert list(names) == [
+        "mappo",
+        "random",
+        "mappo, deterministic",
+        "mappo, seed 2",
+        "random, seed 2",
+        "mappo, seed 2, deterministic",
+    ]
+    acted = {}
+    for row in rows(tmp_path):
+        acted.setdefault(row["policy"], []).append((row["SoC"], row["collisions"]))
+    assert acted["mappo"] != acted["mappo, deterministic"] == acted["mappo, seed 2, deterministic"]
+    assert acted["random"] != acted["random, seed 2"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([], "expected --policy, once or more"),
+        (["--policy", "nobody"], "policy 'nobody': expected random, a planner (pibt, epibt, "),
+        (["--policy", "pibt:depth=3"], "option 'depth=3': PIBT has none"),
+        (["--policy", "pibt", "--suite", "nothing"], "suite 'nothing': expected a .json file, or one of "),
+        (["--policy", "pibt", "--suite", "no.json"], "no.json: no such file"),
+        (["--policy", "pibt", "--suite", "quickstart", *SMALL], "expected either --suite or --map"),
+        (["--policy", "pibt", "--scenario", "a.scen"], "expected --map beside --scenario"),
+        (["--policy", "pibt", "--map", "nowhere"], "no .map file is named 'nowhere'"),
+        (["--policy", "pibt", *SMALL[:4], "--scenario", "a.scen"], "a.scen: no such file"),
+        (["--policy", "pibt", *SMALL[:2], "--num-agents", 0], "num_agents=0: "),
+        (["--policy", "pibt", *SMALL[:2], "--num-agents", 65], "65 agents do not fit"),
+        (["--policy", "pibt", *SMALL[:2], "--max-steps", 0], "max_steps=0: "),
+        (["--policy", "pibt", *SMALL[:2], "--episodes", 0], "episodes=0: expected 1 or more"),
+        (["--policy", "pibt", *SMALL[:2], "--seed", -1], "seed=-1: expected 0 or more"),
+        (["--policy", "pibt", *SMALL, "--jobs", 0], "jobs=0: expected a number of processes, 1 or more, or 'ray'"),
+        (["--policy", "pibt", *SMALL, "--output", __file__], "File exists"),
+    ],
+    ids=str,
+)
+def test_wrong_usage_takes_one_line(capsys, tmp_path, monkeypatch, words, message):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = run(capsys, *words)
+    assert (status, out, len(err)) == (1, [], 1)
+    assert message in err[0]
+    assert files(tmp_path) == set()
+
+
+@pytest.mark.parametrize("words", [["--jobs", "two"], ["--polcy", "pibt"], ["--action-model", "fly"]])
+def test_wrong_options(capsys, words):
+    status, out, err = run(capsys, "--policy", "pibt", *words)
+    assert (status, out) == (2, [])
+    assert err
+
+
+def test_a_trained_policy_is_refused_where_actions_are_others(capsys):
+    pytest.importorskip("torch")
+    status, _, err = run(capsys, "--policy", "mappo", *SMALL, "--action-model", "cardinal")
+    assert status == 1
+    assert err == ["mapf-pz evaluate: policy 'mappo' acts with action_model='rotate', not 'cardinal'"]
+
+
+def test_another_evaluation_in_the_folder(capsys, tmp_path):
+    assert run(capsys, "--policy", "pibt", *SMALL, "--output", tmp_path)[0] == 0
+    status, _, err = run(capsys, "--policy", "pibt", *SMALL, "--output", tmp_path, "--seed", 3)
+    message = "holds an evaluation of other trials; expected another folder"
+    assert (status, err) == (1, [f"mapf-pz evaluate: {tmp_path}: {message}"])
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks up processes in /proc")
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_interrupted_and_called_again(capsys, tmp_path, jobs):
+    words = ["--policy", "pibt", *SMALL[:-1], 1_000_000, "--jobs", jobs, "--output", tmp_path]
+    command = [sys.executable, "-m", "mapf_pz", "evaluate", *map(str, words)]
+    file = tmp_path / "episodes.csv"
+    # A session of its own, so that all of its processes get the signal, as they do in a terminal.
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True) as running:
+        wait_for(lambda: file.exists() and file.read_bytes().count(b"\n") > 20)
+        workers = children_of(running.pid)
+        os.killpg(running.pid, signal.SIGINT)
+        _, err = running.communicate(timeout=60)
+    assert (running.returncode, err) == (130, "mapf-pz evaluate: interrupted\n")
+    assert len(workers) >= (jobs if jobs > 1 else 0)
+    wait_for(lambda: not any(map(is_alive, workers)))
+
+    done = rows(tmp_path)
+    assert len(done) >= 20
+    assert file.read_bytes().endswith(b"\n")
+    assert all(len(row) == len(COLUMNS) and None not in row.values() and row["agent_us"] for row in done)
+    assert len({row["episode"] for row in done}) == len(done)
+    wanted = len(done) + 5
+    assert run(capsys, *words, "--episodes", wanted)[0] == 0
+    after = rows(tmp_path)
+    assert after[: len(done)] == done
+    assert {int(row["episode"]) for row in after} >= set(range(wanted))
+    assert len({row["episode"] for row in after}) == len(after)
