@@ -22,6 +22,7 @@ Frame = Literal["egocentric", "map"]
 RenderMode = Literal["rgb_array", "ansi"]
 WeightsName = Literal["uniform", "random", "crisscross"]
 HeadingName = Literal["random", "east"]
+_OTHERWISE = ("edge_weights", "reward", "initial_heading")  # fields that need not be a name
 
 
 @dataclass(frozen=True)
@@ -154,6 +155,8 @@ class EnvConfig:
         }
         for name, allowed in choices.items():
             value = getattr(self, name)
+            if name not in _OTHERWISE and not isinstance(value, (str, type(None))):
+                raise ValueError(f"{name}={value!r}: expected one of {', '.join(map(repr, allowed))}")
             if (value is None or isinstance(value, str)) and value not in allowed:
                 raise ValueError(f"{name}={value!r}: expected one of {', '.join(map(repr, allowed))}")
         for name, kind in (("edge_weights", GuidanceGraph), ("reward", RewardConfig)):

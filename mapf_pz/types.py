@@ -61,6 +61,11 @@ class FormatError(ValueError):
         """Join the place and the message."""
         place = ":".join([str(file), *(str(n) for n in (line, column) if n)])
         super().__init__(f"{place}: {message}")
+        self._arguments = str(file), message, line, column
+
+    def __reduce__(self) -> tuple[type[FormatError], tuple[str, str, int, int]]:
+        """Let it pass from one process to another, which calls it with the exception's text otherwise."""
+        return type(self), self._arguments
 
 
 def frozen(array: ArrayLike, dtype: type[Scalar]) -> NDArray[Scalar]:

@@ -1,5 +1,6 @@
 """Bad input is told in one clear line."""
 
+import pickle
 import re
 
 import numpy as np
@@ -347,3 +348,13 @@ def test_initial_headings_are_counted_against_the_source():
     assert env.headings.tolist() == [2, 1, 0]
     with pytest.raises(ValueError, match="'east' or 3 numbers 0 to 3"):
         mapf_pz.parallel_env(source=source, view_size=(3, 3), initial_heading=[0, 0, 0, 0])
+
+
+def test_format_errors_pass_between_processes():
+    error = pickle.loads(pickle.dumps(FormatError("a.map", "expected rows", 3, 1)))
+    assert (type(error), str(error)) == (FormatError, "a.map:3:1: expected rows")
+
+
+@pytest.mark.parametrize("name", ["action_model", "collision_system", "on_target", "view", "frame", "render_mode"])
+def test_names_that_are_no_text(name):
+    refuses(ValueError, rf"{name}=\[\]: expected one of .*", lambda: mapf_pz.parallel_env(**{name: []}))

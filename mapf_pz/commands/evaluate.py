@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
@@ -91,6 +92,8 @@ def evaluate_policies(options: EvaluateOptions) -> None:
     """Let policies and planners act in the same episodes, and print the table of results."""
     if not options.policy:
         raise ValueError("expected --policy, once or more")
+    # Networks this small take several times as long on two threads; torch, which is not loaded yet, reads this.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
     castings: dict[str, Casting | Policy | str] = {
         options.label(name): named_policy(name, options.policy_seed, options.deterministic) for name in options.policy
     }

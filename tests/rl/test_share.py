@@ -8,7 +8,7 @@ from torchrl.envs import Compose, EnvCreator, ParallelEnv, TransformedEnv, check
 
 import mapf_pz
 from mapf_pz.commands.render import EpisodeOptions, render
-from mapf_pz.evaluate.run import Trial, make_env, run_episodes
+from mapf_pz.evaluate import Trial, evaluate, make_env
 from mapf_pz.instances.sources import RandomObstacles
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
@@ -151,11 +151,11 @@ def test_train_then_play(tmp_path, algorithm):
         ("Sharing", {"neighbors": 2, "radius": 3}),
         ("History", {"num_frames": 2}),
     )
-    trial = Trial("maps", {"source": RandomObstacles(9, 9, 0.2, 4), "max_steps": 10}, episodes=2)
-    env = trial.make_env(policy)
+    trial = Trial("maps", 4, {"source": RandomObstacles(9, 9, 0.2, 4), "max_steps": 10}, episodes=2)
+    env = make_env(policy, **trial.keywords)
     assert isinstance(env, History)
     assert isinstance(env.env, Sharing)
-    assert [episode["ep_length"] for episode in run_episodes(policy, trial)] == [10, 10]
+    assert [episode.metrics["ep_length"] for episode in evaluate({"it": policy}, [trial])] == [10, 10]
     render(EpisodeOptions(tmp_path / "end.png", str(tmp_path), "empty-8-8", num_agents=4, max_steps=3))
     assert (tmp_path / "end.png").stat().st_size > 0
 

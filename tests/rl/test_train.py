@@ -7,7 +7,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from torchrl.envs import Compose, RewardScaling, TransformedEnv
 
 import mapf_pz
-from mapf_pz.evaluate.run import Trial, run_episodes
+from mapf_pz.evaluate import Trial, evaluate
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.algorithms import ALGORITHMS, MAPPO
 from mapf_pz.rl.config import CuriosityConfig
@@ -160,5 +160,5 @@ def test_all_ideas_at_once(tmp_path, algorithm):
         TINY, task=task, model=model, algorithm=algorithm, curiosity=CuriosityConfig(kind="rnd", size=8)
     )
     assert len(rows(train(config, tmp_path))) == 3
-    trial = Trial("three", {"map": "empty-8-8", "num_agents": 3, "max_steps": 8}, episodes=2)
-    assert len(list(run_episodes(load_policy(tmp_path), trial))) == 2
+    trial = Trial("empty", 3, {"map": "empty-8-8", "num_agents": 3, "max_steps": 8}, episodes=2)
+    assert len(evaluate({"it": load_policy(tmp_path)}, [trial])) == 2
