@@ -29,8 +29,8 @@ class Desk(NamedTuple):
     """What N agents on C cells remember, and scratch."""
 
     want: Array  # (N,) int32: the cell that each agent gets, or wants to reach; -1: it must choose
-    away: Array  # (N,) int32: so many steps an agent is away from its goal; -1: the episode begins
-    fraction: Array  # (N,) float32: decides between agents that are away equally long
+    away: Array  # (N,) int32: so many steps an agent is away from its goal, where it shall stay there; -1: not begun
+    to_go: Array  # (N,) float32: cost from where it is, or was at first where it shall stay at its goal
     order: Array  # (N,) int32: the agents, the highest priority first
     taken: Array  # (C + 1,) int32: the agent that gets each cell; -1: nobody yet
     choices: Array  # (N, 5) int8: directions, and 4 for staying, the best first
@@ -44,7 +44,7 @@ def allocate_desk(num_agents: int, num_cells: int) -> Desk:
     return Desk(
         want=np.full(num_agents, UNDECIDED, np.int32),
         away=np.full(num_agents, -1, np.int32),
-        fraction=np.zeros(num_agents, np.float32),
+        to_go=np.zeros(num_agents, np.float32),
         order=np.arange(num_agents, dtype=np.int32),
         taken=np.full(num_cells + 1, NOBODY, np.int32),
         choices=np.zeros((num_agents, 5), np.int8),
@@ -56,16 +56,17 @@ def allocate_desk(num_agents: int, num_cells: int) -> Desk:
 
 @jit
 def plan(
-    leads_to: Array, weight: Array, slot: Array, to_go: Array, crew: Array, occupant: Array, ties: Array, desk: Desk,
-    actions: Array
+    leads_to: Array, weight: Array, slot: Array, to_go: Array, crew: Array, occupant: Array, ties: Array,
+    passing: bool, desk: Desk, actions: Array
 ) -> None:  # fmt: skip
     """Write an action (N,) int64 for each agent.
 
     `leads_to` (4, C + 1), `weight` (5, C + 1), `slot` (C + 1,) and `occupant` (C + 1,) are those of one environment and
-    its map; of equal choices, the one with the lowest of `ties` (N, 5) comes first.
+    its map; of equal choices, the one with the lowest of `ties` (N, 5) comes first. With `passing`, to pass its goal is
+    all that an agent wants; otherwise it shall stay there.
     """
     rotates = to_go.shape[2] == 4
-    prioritize(slot, to_go, crew, desk)
+    prioritize(slot, to_go, crew, passing, desk)
     desk.taken[:] = NOBODY
     for i in range(crew.size):
         if not crew[i].active:
@@ -83,19 +84,13 @@ def plan(
 
 
 @jit
-def prioritize(slot: Array, to_go: Array, crew: Array, desk: Desk) -> None:
-    """Sort the order: those come first who have been away from their goals for longer, then those nearer to them."""
-    if crew.size and desk.away[0] < 0:
-        farthest = np.float32(0.0)
-        for i in range(crew.size):
-            table = to_go[slot[crew[i].goal]]
-            desk.fraction[i] = table[crew[i].cell, crew[i].heading % table.shape[1]]
-            if farthest < desk.fraction[i] < np.inf:
-                farthest = desk.fraction[i]
-        desk.fraction[:] /= farthest + 1
+def prioritize(slot: Array, to_go: Array, crew: Array, passing: bool, desk: Desk) -> None:
+    """Sort the order: who has been away from its goal for longer, if it shall stay there; then who is nearer to it."""
     for i in range(crew.size):
-        # With a goal after the other an agent is never seen on its goal: it has a new one by then.
-        desk.away[i] = 0 if crew[i].cell == crew[i].goal or crew[i].arrived else desk.away[i] + 1
+        if passing or desk.away[i] < 0:
+            table = to_go[slot[crew[i].goal]]
+            desk.to_go[i] = table[crew[i].cell, crew[i].heading % table.shape[1]]
+        desk.away[i] = 0 if passing or crew[i].cell == crew[i].goal else desk.away[i] + 1
     order = desk.order
     for place in range(order.size):  # from one step to the next it hardly changes
         i, free = order[place], place
@@ -109,7 +104,7 @@ def prioritize(slot: Array, to_go: Array, crew: Array, desk: Desk) -> None:
 def _comes_before(desk: Desk, i: int, j: int) -> bool:
     if desk.away[i] != desk.away[j]:
         return desk.away[i] > desk.away[j]
-    return desk.fraction[i] < desk.fraction[j] or (desk.fraction[i] == desk.fraction[j] and i < j)
+    return desk.to_go[i] < desk.to_go[j] or (desk.to_go[i] == desk.to_go[j] and i < j)
 
 
 @jit

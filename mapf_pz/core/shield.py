@@ -16,15 +16,15 @@ _FORWARD = int(Action.FORWARD)
 
 @jit
 def carry_out(
-    leads_to: Array, slot: Array, to_go: Array, crew: Array, occupant: Array, preferences: Array, desk: Desk,
-    actions: Array
+    leads_to: Array, slot: Array, to_go: Array, crew: Array, occupant: Array, preferences: Array,
+    passing: bool, desk: Desk, actions: Array
 ) -> None:  # fmt: skip
     """Write an action (N,) int64 for each agent, such that nobody's move is prevented.
 
     `preferences` (N, A) float64 are higher for better actions, A = 5 for cardinal agents; the other arrays are those of
     `mapf_pz.core.pibt.plan`.
     """
-    prioritize(slot, to_go, crew, desk)
+    prioritize(slot, to_go, crew, passing, desk)
     desk.taken[:] = NOBODY
     for i in range(crew.size):
         desk.want[i] = UNDECIDED if crew[i].active else crew[i].cell

@@ -60,6 +60,8 @@ class Shield:
             if name in told:
                 preferences[i] = told[name]
         actions = np.empty(len(crew), np.int64)
-        carry_out(world.leads_to[m], tables.slot[m], tables.to_go, crew, occupant, preferences, self._desk, actions)
+        passing = simulator.config.on_target != "nothing"
+        leads_to, slot = world.leads_to[m], tables.slot[m]
+        carry_out(leads_to, slot, tables.to_go, crew, occupant, preferences, passing, self._desk, actions)
         chosen = dict(zip(names, actions.tolist(), strict=True))
         return {name: chosen[name] for name in observations}

@@ -164,29 +164,26 @@ STAY = 4
 
 
 class SlowPIBT:
-    """Causal PIBT: agents plan their next cells, turn towards them, and drive when the way clears."""
+    """Causal PIBT, lifelong: agents plan their next cells, turn towards them, and drive when the way clears."""
 
     def __init__(self, world, seed=0):
         self.world = world
         self.rng = np.random.default_rng(seed)
-        self.away = self.want = None
+        self.want = None
 
-    def decide(self, states, goals, arrived):
-        """Return a letter for each agent at `states` [(row, col, heading)] with `goals`; `arrived` in the last step."""
+    def decide(self, states, goals):
+        """Return a letter for each agent at `states` [(row, col, heading)] with `goals` [(row, col)]."""
         agents = range(len(states))
         self.states, self.goals = states, goals
         self.tables = [self.world.to_go(goal) for goal in goals]
         self.ties = self.rng.random((len(states), 5), np.float32).tolist()
         if self.want is None:
-            self.away, self.want = [-1] * len(states), [None] * len(states)
-            self.at_first = [table[state] for table, state in zip(self.tables, states, strict=True)]
+            self.want = [None] * len(states)
         cells = [state[:2] for state in states]
         self.occupant = {cell: agent for agent, cell in enumerate(cells)}
         self.want = [None if want == cell else want for want, cell in zip(self.want, cells, strict=True)]
         self.taken = {want: agent for agent, want in enumerate(self.want) if want is not None}
-        for agent in agents:
-            self.away[agent] = 0 if arrived[agent] or cells[agent] == goals[agent] else self.away[agent] + 1
-        for agent in sorted(agents, key=lambda agent: (-self.away[agent], self.at_first[agent], agent)):
+        for agent in sorted(agents, key=lambda agent: self.tables[agent][states[agent]]):
             if self.want[agent] is None:
                 self.search(agent)
         letters = [self.letter(agent) for agent in agents]
