@@ -75,15 +75,15 @@ def tracker(
         below = [cost for cost, _ in costs.values() if cost < lower]
         if below:
             raise AssertionError(f"scenario {k}, {n} agents: {below} is below the published bound {lower}")
-        ratios[n].append([costs[limit][0] / best for limit in time_limits if limit in costs])
+        ratios[n].append([costs[limit][0] / best if limit in costs else math.nan for limit in time_limits])
     for n in num_agents:
         rows = [
             [
                 f"{limit:g} s" if limit else "first solution",
                 f"{sum(limit in costs for costs in found[n])} of {len(found[n])}",
                 f"{np.nanmean([row[at] for row in ratios[n]]):.3f}",
-                f"{np.mean([costs[limit][0] for costs in found[n]]):.0f}",
-                f"{np.mean([costs[limit][1] for costs in found[n]]):.2f} s",
+                f"{np.mean([costs[limit][0] for costs in found[n] if limit in costs]):.0f}",
+                f"{np.mean([costs[limit][1] for costs in found[n] if limit in costs]):.2f} s",
             ]
             for at, limit in enumerate(time_limits)
         ]
@@ -113,7 +113,7 @@ def _solve(
     costs: dict[float, tuple[int, float]] = {}
     for limit in time_limits:
         began = time.perf_counter()
-        plan = LaCAM(anytime=limit > 0).solve(instance, time_limit=limit or 30.0)
+        plan = LaCAM(anytime=limit > 0).solve(instance, time_limit=limit or 30.0, max_steps=10_000)
         if plan is not None:
             if (violation := validate(instance, plan)) is not None:
                 raise AssertionError(f"scenario {scenario}, {num_agents} agents: {violation}")
