@@ -17,9 +17,10 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz.core.jit import jit
+from mapf_pz.core.pibt import NOBODY, sort_by_priority
 from mapf_pz.core.state import WAIT_WEIGHT, Array
 
-NOBODY, SEVERAL, NONE = -1, -2, -1
+SEVERAL, NONE = -2, -1
 AHEAD = 4
 UNLIMITED, MARGIN = np.float32(np.inf), np.float32(1e-3)
 """A limit on costs; and what changes of the sum must exceed, as smaller ones may be rounding."""
@@ -107,7 +108,9 @@ def plan(
     """
     _go_on(crew, tree, board)
     _rate(leads_to, weight, slot, to_go, crew, passing, tree, board)
-    _sort(board)
+    sort_by_priority(board.away, board.to_go, board.order)
+    for place in range(crew.size):
+        board.rank[board.order[place]] = place
     board.visits[:] = 0
     for i in board.order:
         if crew[i].active:
@@ -185,28 +188,6 @@ def _walk(
         leaf = tree.nodes[p, -1]
         if not ends[leaf]:
             cost[leaf] += table[cells[leaf], headings[leaf] % num_headings]
-
-
-@jit
-def _sort(board: Board) -> None:
-    """Sort the order; from one step to the next it hardly changes."""
-    order = board.order
-    for place in range(order.size):
-        i, free = order[place], place
-        while free > 0 and _comes_before(board, i, order[free - 1]):
-            order[free] = order[free - 1]
-            free -= 1
-        order[free] = i
-    for place in range(order.size):
-        board.rank[order[place]] = place
-
-
-@jit
-def _comes_before(board: Board, i: int, j: int) -> bool:
-    """Tell whether agent `i` has priority: who is away for longer, then who is nearer to its goal."""
-    if board.away[i] != board.away[j]:
-        return board.away[i] > board.away[j]
-    return board.to_go[i] < board.to_go[j] or (board.to_go[i] == board.to_go[j] and i < j)
 
 
 @jit

@@ -20,6 +20,8 @@ from mapf_pz.core.state import WAIT_WEIGHT, Array
 from mapf_pz.types import Action, CardinalAction
 
 NOBODY, UNDECIDED, STAY = -1, -1, 4
+LONGEST_WAY = 2.0**24
+"""More than any cost to go."""
 _FORWARD, _LEFT, _RIGHT, _WAIT = map(int, Action)
 CARDINAL_ACTIONS = tuple(int(CardinalAction[name]) for name in ("RIGHT", "DOWN", "LEFT", "UP", "WAIT"))
 """The action that moves towards each heading, and the one that stays."""
@@ -91,20 +93,13 @@ def prioritize(slot: Array, to_go: Array, crew: Array, passing: bool, desk: Desk
             table = to_go[slot[crew[i].goal]]
             desk.to_go[i] = table[crew[i].cell, crew[i].heading % table.shape[1]]
         desk.away[i] = 0 if passing or crew[i].cell == crew[i].goal else desk.away[i] + 1
-    order = desk.order
-    for place in range(order.size):  # from one step to the next it hardly changes
-        i, free = order[place], place
-        while free > 0 and _comes_before(desk, i, order[free - 1]):
-            order[free] = order[free - 1]
-            free -= 1
-        order[free] = i
+    sort_by_priority(desk.away, desk.to_go, desk.order)
 
 
 @jit
-def _comes_before(desk: Desk, i: int, j: int) -> bool:
-    if desk.away[i] != desk.away[j]:
-        return desk.away[i] > desk.away[j]
-    return desk.to_go[i] < desk.to_go[j] or (desk.to_go[i] == desk.to_go[j] and i < j)
+def sort_by_priority(away: Array, to_go: Array, order: Array) -> None:
+    """Sort the agents into `order` (N,): who is away for longer comes first, then who is nearer, then by index."""
+    order[:] = np.argsort(to_go - away * LONGEST_WAY, kind="mergesort")
 
 
 @jit
