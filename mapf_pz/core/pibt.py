@@ -82,7 +82,7 @@ def plan(
     if rotates:
         _write_rotating(leads_to, crew, occupant, desk, actions)
     else:
-        _write_cardinal(leads_to, crew, desk.want, actions)
+        write_cardinal(leads_to, crew, desk.want, actions)
 
 
 @jit
@@ -170,7 +170,7 @@ def _before(cost: Array, ties: Array, one: int, other: int) -> bool:
 
 
 @jit
-def _write_cardinal(leads_to: Array, crew: Array, want: Array, actions: Array) -> None:
+def write_cardinal(leads_to: Array, crew: Array, want: Array, actions: Array) -> None:
     """Write the action that takes each agent to the cell that it wants."""
     for i in range(crew.size):
         actions[i] = CARDINAL_ACTIONS[_direction(leads_to, crew[i].cell, want[i])]

@@ -7,7 +7,7 @@ its actions in the order of its preferences, and whoever is in the way must move
 from __future__ import annotations
 
 from mapf_pz.core.jit import jit
-from mapf_pz.core.pibt import CARDINAL_ACTIONS, NOBODY, STAY, UNDECIDED, Desk, decide, prioritize
+from mapf_pz.core.pibt import CARDINAL_ACTIONS, NOBODY, STAY, UNDECIDED, Desk, decide, prioritize, write_cardinal
 from mapf_pz.core.state import Array
 from mapf_pz.types import Action
 
@@ -36,13 +36,11 @@ def carry_out(
             desk.choices[i] = STAY
             desk.choices[i, 0 if ahead else 1] = crew[i].heading
     decide(leads_to, crew, occupant, desk)
+    if preferences.shape[1] == len(CARDINAL_ACTIONS):
+        write_cardinal(leads_to, crew, desk.want, actions)
+        return
     for i in range(crew.size):
-        if preferences.shape[1] == len(CARDINAL_ACTIONS):
-            actions[i] = CARDINAL_ACTIONS[STAY]
-            for towards in range(4):
-                if desk.want[i] != crew[i].cell and leads_to[towards, crew[i].cell] == desk.want[i]:
-                    actions[i] = CARDINAL_ACTIONS[towards]
-        elif desk.want[i] != crew[i].cell:
+        if desk.want[i] != crew[i].cell:
             actions[i] = _FORWARD
         else:
             actions[i] = _FORWARD + 1 + preferences[i, _FORWARD + 1 :].argmax()
