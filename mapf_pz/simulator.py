@@ -14,7 +14,7 @@ from mapf_pz.core.distance import shortest_steps
 from mapf_pz.core.jit import numba_config
 from mapf_pz.core.mask import write_masks
 from mapf_pz.core.scene import Scene, allocate_views
-from mapf_pz.core.state import Rules, allocate_state
+from mapf_pz.core.state import Arena, Rules, allocate_state
 from mapf_pz.core.step import ON_TARGET, step
 from mapf_pz.core.tables import DistanceTables
 from mapf_pz.guidance import GuidanceGraph
@@ -128,15 +128,22 @@ class Simulator:
 
     def require_distances(self) -> None:
         """Make sure that the cost to go to every agent's goal is known."""
-        maps = np.repeat(self.state.map, self.num_agents)
-        self.tables.require(maps, self.state.agents["goal"].reshape(-1))
+        self.tables.require(self.state.map, self.state.agents["goal"])
+
+    def arena(self, b: int = 0) -> Arena:
+        """Return environment `b` as planners look at it, with the cost to go to every agent's goal."""
+        self.require_distances()
+        m = self.state.map[b]
+        world, tables, state = self.world, self.tables.arrays, self.state
+        return Arena(
+            world.leads_to[m], world.weight[m], tables.slot[m], tables.to_go, state.agents[b], state.occupant[b]
+        )
 
     def distance_to_go(self, b: int) -> Floats:
         """Return the cost to go (N,) float32 of each agent in environment `b`; `inf` where there is no path."""
-        self.require_distances()
-        tables, crew = self.tables.arrays, self.state.agents[b]
-        slots = tables.slot[self.state.map[b], crew["goal"]]
-        return tables.to_go[slots, crew["cell"], crew["heading"] % self._num_headings]
+        arena = self.arena(b)
+        crew = arena.crew
+        return arena.to_go[arena.slot[crew["goal"]], crew["cell"], crew["heading"] % self._num_headings]
 
     def grid(self, b: int) -> Grid:
         """Return the map of environment `b`; raises `RuntimeError` before the first reset."""

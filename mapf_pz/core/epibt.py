@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz.core.jit import jit
-from mapf_pz.core.pibt import NOBODY, sort_by_priority
-from mapf_pz.core.state import WAIT_WEIGHT, Array
+from mapf_pz.core.pibt import NOBODY, sort_by_priority, to_go
+from mapf_pz.core.state import WAIT_WEIGHT, Arena, Array
 
 SEVERAL, NONE = -2, -1
 AHEAD = 4
@@ -52,6 +52,7 @@ class Board(NamedTuple):
     to_go: Array  # (N,) float32: from where the agent is
     away: Array  # (N,) int32: so many steps it is away from its goal, where it shall stay there; else 0
     order: Array  # (N,) int32: the agents, the highest priority first
+    key: Array  # (N,) float64: what that order is by
     rank: Array  # (N,) int32: the place of each in that order
     used: Array  # (D + 1, C + 1) int32: the agent on each cell, now and after each action; -1: nobody
     visits: Array  # (N,) int32: how often an agent was asked
@@ -64,8 +65,9 @@ class Board(NamedTuple):
     node_ends: Array  # (M,) bool: it has passed its goal, and the rest costs nothing
 
 
-def allocate_board(num_agents: int, num_cells: int, tree: Operations) -> Board:
-    """Make room for N agents on C cells."""
+def allocate_board(arena: Arena, tree: Operations) -> Board:
+    """Make room for an environment's agents and cells."""
+    num_agents, cells = arena.crew.size, arena.occupant.size
     num_nodes, (size, depth) = len(tree.parent), tree.nodes.shape
     return Board(
         choice=np.full(num_agents, tree.waits, np.int32),
@@ -77,8 +79,9 @@ def allocate_board(num_agents: int, num_cells: int, tree: Operations) -> Board:
         to_go=np.zeros(num_agents, np.float32),
         away=np.zeros(num_agents, np.int32),
         order=np.arange(num_agents, dtype=np.int32),
+        key=np.zeros(num_agents, np.float64),
         rank=np.zeros(num_agents, np.int32),
-        used=np.full((depth + 1, num_cells + 1), NOBODY, np.int32),
+        used=np.full((depth + 1, cells), NOBODY, np.int32),
         visits=np.zeros(num_agents, np.int32),
         asking=np.zeros(num_agents, np.bool_),
         chain=np.zeros(num_agents, np.int32),
@@ -91,24 +94,15 @@ def allocate_board(num_agents: int, num_cells: int, tree: Operations) -> Board:
 
 
 @jit
-def plan(
-    leads_to: Array,
-    weight: Array,
-    slot: Array,
-    to_go: Array,
-    crew: Array,
-    passing: bool,
-    tree: Operations,
-    board: Board,
-) -> None:
+def plan(arena: Arena, passing: bool, tree: Operations, board: Board) -> None:
     """Choose an operation for each agent.
 
-    Arrays are those of one map, as in `mapf_pz.core.pibt`. With `passing`, to pass its goal is all that an agent wants;
-    otherwise it shall stay there.
+    With `passing`, to pass its goal is all that an agent wants; otherwise it shall stay there.
     """
+    crew = arena.crew
     _go_on(crew, tree, board)
-    _rate(leads_to, weight, slot, to_go, crew, passing, tree, board)
-    sort_by_priority(board.away, board.to_go, board.order)
+    _rate(arena, passing, tree, board)
+    sort_by_priority(board.away, board.to_go, board.order, board.key)
     for place in range(crew.size):
         board.rank[board.order[place]] = place
     board.visits[:] = 0
@@ -132,26 +126,16 @@ def _go_on(crew: Array, tree: Operations, board: Board) -> None:
 
 
 @jit
-def _rate(
-    leads_to: Array,
-    weight: Array,
-    slot: Array,
-    to_go: Array,
-    crew: Array,
-    passing: bool,
-    tree: Operations,
-    board: Board,
-) -> None:
+def _rate(arena: Arena, passing: bool, tree: Operations, board: Board) -> None:
     """Find cells and costs of all operations, and mark the cells that agents use."""
-    size, depth = tree.nodes.shape
+    crew, (size, depth) = arena.crew, tree.nodes.shape
     board.used[:] = NOBODY
     for i in range(crew.size):
         if not crew[i].active:
             continue
-        table = to_go[slot[crew[i].goal]]
-        board.to_go[i] = table[crew[i].cell, crew[i].heading % table.shape[1]]
+        board.to_go[i] = to_go(arena, crew[i], crew[i].cell, crew[i].heading)
         board.away[i] = 0 if passing or crew[i].cell == crew[i].goal else board.away[i] + 1
-        _walk(leads_to, weight, table, crew[i], passing, tree, board)
+        _walk(arena, crew[i], passing, tree, board)
         board.least[i] = np.inf
         for p in range(size):
             board.path[i, p, 0] = crew[i].cell
@@ -164,16 +148,14 @@ def _rate(
 
 
 @jit
-def _walk(
-    leads_to: Array, weight: Array, table: Array, agent: Array, passing: bool, tree: Operations, board: Board
-) -> None:
-    """Follow the tree from an agent's state; leaves' costs include the way from there, by its `table` (C + 1, D)."""
+def _walk(arena: Arena, agent: Array, passing: bool, tree: Operations, board: Board) -> None:
+    """Follow the tree from an agent's state; leaves' costs include the way from there."""
+    leads_to, weight = arena.leads_to, arena.weight
     cells, headings, cost, ends = board.node_cell, board.node_heading, board.node_cost, board.node_ends
-    num_headings = table.shape[1]
     cells[0], headings[0], cost[0], ends[0] = agent.cell, agent.heading, 0.0, False
     for node in range(1, cells.size):
         before = tree.parent[node]
-        cell, heading = cells[before], (headings[before] + tree.turn[node]) % 4
+        cell, heading = cells[before], (headings[before] + tree.turn[node]) & 3
         price = weight[WAIT_WEIGHT, cell]
         cells[node], headings[node] = cell, heading
         if tree.towards[node] >= 0:
@@ -187,7 +169,7 @@ def _walk(
     for p in range(tree.nodes.shape[0]):
         leaf = tree.nodes[p, -1]
         if not ends[leaf]:
-            cost[leaf] += table[cells[leaf], headings[leaf] % num_headings]
+            cost[leaf] += to_go(arena, agent, cells[leaf], headings[leaf])
 
 
 @jit

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz.core.jit import jit
+from mapf_pz.core.random import draw, seeded
 from mapf_pz.core.state import WAIT_WEIGHT, Array
 
 NOBODY, UNDECIDED, STAY = -1, -1, 4
@@ -44,19 +45,8 @@ def allocate_desk(num_agents: int, num_cells: int, seed: int) -> Desk:
         asking=np.zeros(num_agents, np.int32),
         cost=np.zeros(5, np.float32),
         tie=np.zeros(5, np.uint64),
-        random=np.array([seed], np.uint64),
+        random=seeded(seed),
     )
-
-
-@jit
-def draw(random: Array) -> int:
-    """Return 64 random bits, unsigned (Marsaglia's xorshift, 2003)."""
-    x = random[0]
-    x ^= x << np.uint64(13)
-    x ^= x >> np.uint64(7)
-    x ^= x << np.uint64(17)
-    random[0] = x
-    return x
 
 
 @jit

@@ -16,10 +16,13 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz.core.jit import jit
-from mapf_pz.core.state import WAIT_WEIGHT, Array
+from mapf_pz.core.random import draw, seeded
+from mapf_pz.core.state import WAIT_WEIGHT, Arena, Array
 from mapf_pz.types import Action, CardinalAction
 
 NOBODY, UNDECIDED, STAY = -1, -1, 4
+NOT_AT_ALL = 2**63 - 1
+"""In place of the rank of a choice that an agent does not have."""
 LONGEST_WAY = 2.0**24
 """More than any cost to go."""
 _FORWARD, _LEFT, _RIGHT, _WAIT = map(int, Action)
@@ -34,105 +37,118 @@ class Desk(NamedTuple):
     away: Array  # (N,) int32: so many steps an agent is away from its goal, where it shall stay there; -1: not begun
     to_go: Array  # (N,) float32: cost from where it is, or was at first where it shall stay at its goal
     order: Array  # (N,) int32: the agents, the highest priority first
+    key: Array  # (N,) float64: what that order is by, the lowest first
     taken: Array  # (C + 1,) int32: the agent that gets each cell; -1: nobody yet
-    choices: Array  # (N, 5) int8: directions, and 4 for staying, the best first
-    tried: Array  # (N,) int32: how many of them were tried
+    rank: Array  # (N, 5) int64: of moving in each direction and of staying, the best the lowest; its last 3 bits: which
+    tried: Array  # (N,) int64: the rank of the choice that was tried last
+    choice: Array  # (N,) int8: the direction of `want`
     asking: Array  # (N,) int32: who waits for the one that it asked to give way
-    cost: Array  # (5,) float32
+    settled: Array  # (N,) bool: it is known whether it can drive
+    random: Array  # (1,) uint64: the state of the draws between equal choices
 
 
-def allocate_desk(num_agents: int, num_cells: int) -> Desk:
-    """Make room for N agents on C cells."""
+def allocate_desk(arena: Arena, seed: int) -> Desk:
+    """Make room for an environment's agents and cells; `seed`, not 0, decides between equally good choices."""
+    num_agents, cells = arena.crew.size, arena.occupant.size
     return Desk(
         want=np.full(num_agents, UNDECIDED, np.int32),
         away=np.full(num_agents, -1, np.int32),
         to_go=np.zeros(num_agents, np.float32),
         order=np.arange(num_agents, dtype=np.int32),
-        taken=np.full(num_cells + 1, NOBODY, np.int32),
-        choices=np.zeros((num_agents, 5), np.int8),
-        tried=np.zeros(num_agents, np.int32),
+        key=np.zeros(num_agents, np.float64),
+        taken=np.full(cells, NOBODY, np.int32),
+        rank=np.zeros((num_agents, 5), np.int64),
+        tried=np.zeros(num_agents, np.int64),
+        choice=np.full(num_agents, STAY, np.int8),
         asking=np.zeros(num_agents, np.int32),
-        cost=np.zeros(5, np.float32),
+        settled=np.zeros(num_agents, np.bool_),
+        random=seeded(seed),
     )
 
 
 @jit
-def plan(
-    leads_to: Array, weight: Array, slot: Array, to_go: Array, crew: Array, occupant: Array, ties: Array,
-    passing: bool, desk: Desk, actions: Array
-) -> None:  # fmt: skip
+def plan(arena: Arena, passing: bool, desk: Desk, actions: Array) -> None:
     """Write an action (N,) int64 for each agent.
 
-    `leads_to` (4, C + 1), `weight` (5, C + 1), `slot` (C + 1,) and `occupant` (C + 1,) are those of one environment and
-    its map; of equal choices, the one with the lowest of `ties` (N, 5) comes first. With `passing`, to pass its goal is
-    all that an agent wants; otherwise it shall stay there.
+    With `passing`, to pass its goal is all that an agent wants; otherwise it shall stay there.
     """
-    rotates = to_go.shape[2] == 4
-    prioritize(slot, to_go, crew, passing, desk)
+    crew, rotates = arena.crew, arena.to_go.shape[2] == 4
+    prioritize(arena, passing, desk)
     desk.taken[:] = NOBODY
     for i in range(crew.size):
         if not crew[i].active:
-            desk.want[i] = crew[i].cell
+            desk.want[i], desk.choice[i] = crew[i].cell, STAY
         elif rotates and desk.want[i] != UNDECIDED and desk.want[i] != crew[i].cell:
             desk.taken[desk.want[i]] = i
         else:
             desk.want[i] = UNDECIDED
-            _rank(leads_to, weight, to_go[slot[crew[i].goal]], crew[i], ties[i], desk.choices[i], desk.cost)
-    decide(leads_to, crew, occupant, desk)
+            _rank(arena, crew[i], draw(desk.random), desk.rank[i])
+    decide(arena, desk)
     if rotates:
-        _write_rotating(leads_to, crew, occupant, desk, actions)
+        _write_rotating(arena, desk, actions)
     else:
-        write_cardinal(leads_to, crew, desk.want, actions)
+        write_cardinal(desk, actions)
 
 
 @jit
-def prioritize(slot: Array, to_go: Array, crew: Array, passing: bool, desk: Desk) -> None:
+def prioritize(arena: Arena, passing: bool, desk: Desk) -> None:
     """Sort the order: who has been away from its goal for longer, if it shall stay there; then who is nearer to it."""
+    crew = arena.crew
     for i in range(crew.size):
         if passing or desk.away[i] < 0:
-            table = to_go[slot[crew[i].goal]]
-            desk.to_go[i] = table[crew[i].cell, crew[i].heading % table.shape[1]]
+            desk.to_go[i] = to_go(arena, crew[i], crew[i].cell, crew[i].heading)
         desk.away[i] = 0 if passing or crew[i].cell == crew[i].goal else desk.away[i] + 1
-    sort_by_priority(desk.away, desk.to_go, desk.order)
+    sort_by_priority(desk.away, desk.to_go, desk.order, desk.key)
 
 
 @jit
-def sort_by_priority(away: Array, to_go: Array, order: Array) -> None:
-    """Sort the agents into `order` (N,): who is away for longer comes first, then who is nearer, then by index."""
-    order[:] = np.argsort(to_go - away * LONGEST_WAY, kind="mergesort")
+def sort_by_priority(away: Array, to_go: Array, order: Array, key: Array) -> None:
+    """Sort the agents into `order` (N,): who is away for longer comes first, then who is nearer, then by index.
+
+    It begins with the order of the step before, which is nearly right: few must be inserted elsewhere.
+    """
+    for k in range(order.size):
+        i, place = order[k], k
+        own = to_go[i] - away[i] * LONGEST_WAY
+        while place > 0 and (key[place - 1] > own or (key[place - 1] == own and order[place - 1] > i)):
+            key[place], order[place] = key[place - 1], order[place - 1]
+            place -= 1
+        key[place], order[place] = own, i
 
 
 @jit
-def decide(leads_to: Array, crew: Array, occupant: Array, desk: Desk) -> None:
-    """Set `desk.want` of all agents that are undecided, by their `desk.choices`, in `desk.order`."""
+def decide(arena: Arena, desk: Desk) -> None:
+    """Set `desk.want` of all agents that are undecided, by the rank of their choices, in `desk.order`."""
     for i in desk.order:
         if desk.want[i] == UNDECIDED:
-            _find_cell(leads_to, crew, occupant, i, desk)
+            _find_cell(arena, i, desk)
 
 
 @jit
-def _find_cell(leads_to: Array, crew: Array, occupant: Array, first: int, desk: Desk) -> None:
+def _find_cell(arena: Arena, first: int, desk: Desk) -> None:
     """Find a cell for agent `first`, and for all whom it must ask to give way."""
+    leads_to, crew, occupant = arena.leads_to, arena.crew, arena.occupant
     want, taken, asking = desk.want, desk.taken, desk.asking
     asking[0] = first
-    desk.tried[first] = 0
+    desk.tried[first] = -1
     depth = 1
     while depth > 0:
         i = asking[depth - 1]
         here, target = crew[i].cell, -1
-        while desk.tried[i] < 5:
-            choice = desk.choices[i, desk.tried[i]]
-            desk.tried[i] += 1
+        while target < 0:
+            desk.tried[i] = _next_rank(desk.rank[i], desk.tried[i])
+            if desk.tried[i] == NOT_AT_ALL:
+                break
+            choice = desk.tried[i] & 7
             cell = here if choice == STAY else leads_to[choice, here]
             if (choice != STAY and cell == here) or taken[cell] != NOBODY:
                 continue
             other = occupant[cell]
             if other != NOBODY and other != i and want[other] == here:
                 continue  # they would change places
-            target = cell
-            break
+            target, desk.choice[i] = cell, choice
         if target < 0:
-            want[i] = here  # nowhere to go: whoever asked must try something else
+            want[i], desk.choice[i] = here, STAY  # nowhere to go: whoever asked must try something else
             taken[here] = i
             depth -= 1
             continue
@@ -141,74 +157,79 @@ def _find_cell(leads_to: Array, crew: Array, occupant: Array, first: int, desk: 
         other = occupant[target]
         if other == NOBODY or want[other] != UNDECIDED:
             return
-        desk.tried[other] = 0
+        desk.tried[other] = -1
         asking[depth] = other
         depth += 1
 
 
 @jit
-def _rank(leads_to: Array, weight: Array, to_go: Array, agent: Array, ties: Array, choices: Array, cost: Array) -> None:
-    """Sort an agent's choices by the cost to its goal; `to_go` (C + 1, D) is its table."""
-    cell, rotates = agent.cell, to_go.shape[1] == 4
-    wait = weight[WAIT_WEIGHT, cell]
+def _next_rank(rank: Array, tried: int) -> int:
+    """Return the lowest of the ranks (5,) above `tried`, or NOT_AT_ALL."""
+    lowest = NOT_AT_ALL
+    for one in rank:
+        lowest = min(lowest, one if one > tried else NOT_AT_ALL)
+    return lowest
+
+
+@jit
+def _rank(arena: Arena, agent: Array, ties: int, rank: Array) -> None:
+    """Rank an agent's choices by the cost to its goal, then by `ties`: 12 random bits for each."""
+    cell, rotates = agent.cell, arena.to_go.shape[2] == 4
+    wait = arena.weight[WAIT_WEIGHT, cell]
     for towards in range(4):
-        target = leads_to[towards, cell]
-        turns = (towards - agent.heading) % 4 if rotates else 0
-        cost[towards] = weight[towards, cell] + to_go[target, towards % to_go.shape[1]] + min(turns, 4 - turns) * wait
-    cost[STAY] = 0.0 if cell == agent.goal else wait + to_go[cell, agent.heading % to_go.shape[1]]
-    for k in range(5):
-        place = k
-        while place > 0 and _before(cost, ties, k, choices[place - 1]):
-            choices[place] = choices[place - 1]
-            place -= 1
-        choices[place] = k
+        target = arena.leads_to[towards, cell]
+        turns = (towards - agent.heading) & 3 if rotates else 0
+        price = arena.weight[towards, cell] + min(turns, 4 - turns) * wait
+        rank[towards] = _one_number(price + to_go(arena, agent, target, towards), ties, towards)
+    staying = np.float32(0.0) if cell == agent.goal else wait + to_go(arena, agent, cell, agent.heading)
+    rank[STAY] = _one_number(staying, ties, STAY)
 
 
 @jit
-def _before(cost: Array, ties: Array, one: int, other: int) -> bool:
-    return cost[one] < cost[other] or (cost[one] == cost[other] and ties[one] < ties[other])
+def _one_number(cost: np.float32, ties: int, choice: int) -> int:
+    """Pack a choice so that the numbers are in the order of the costs: not negative, their bits are in that order."""
+    tie = np.int64(ties >> np.uint64(12 * choice)) & 0xFFF
+    return (np.int64(np.float32(cost).view(np.int32)) << 32) | (tie << 3) | choice
 
 
 @jit
-def write_cardinal(leads_to: Array, crew: Array, want: Array, actions: Array) -> None:
+def to_go(arena: Arena, agent: Array, cell: int, heading: int) -> float:
+    """Return the cost from cell and heading to the agent's goal."""
+    return arena.to_go[arena.slot[agent.goal], cell, heading & (arena.to_go.shape[2] - 1)]
+
+
+@jit
+def write_cardinal(desk: Desk, actions: Array) -> None:
     """Write the action that takes each agent to the cell that it wants."""
-    for i in range(crew.size):
-        actions[i] = CARDINAL_ACTIONS[_direction(leads_to, crew[i].cell, want[i])]
+    for i in range(actions.size):
+        actions[i] = CARDINAL_ACTIONS[desk.choice[i]]
 
 
 @jit
-def _write_rotating(leads_to: Array, crew: Array, occupant: Array, desk: Desk, actions: Array) -> None:
+def _write_rotating(arena: Arena, desk: Desk, actions: Array) -> None:
     """Write the action that brings each agent nearer to the cell that it wants.
 
     Turns come first; then it drives if the cell is empty, or is left in this step, also around a cycle.
     """
+    crew = arena.crew
     for i in range(crew.size):
-        towards = _direction(leads_to, crew[i].cell, desk.want[i])
-        turn = (towards - crew[i].heading) % 4
+        towards = desk.choice[i]
+        turn = (towards - crew[i].heading) & 3
         actions[i] = _WAIT if towards == STAY else (_FORWARD if turn == 0 else (_LEFT if turn == 3 else _RIGHT))
-    desk.tried[:] = 0  # 1: it drives
+    desk.settled[:] = False
     for i in range(crew.size):
-        if actions[i] == _FORWARD and desk.tried[i] == 0:
-            _settle_queue(crew, occupant, desk, actions, i)
+        if actions[i] == _FORWARD and not desk.settled[i]:
+            _settle_queue(arena.occupant, desk, actions, i)
 
 
 @jit
-def _direction(leads_to: Array, cell: int, target: int) -> int:
-    """Return the heading that leads from a cell to a neighbour, or STAY."""
-    for towards in range(4):
-        if target != cell and leads_to[towards, cell] == target:
-            return towards
-    return STAY
-
-
-@jit
-def _settle_queue(crew: Array, occupant: Array, desk: Desk, actions: Array, first: int) -> None:
+def _settle_queue(occupant: Array, desk: Desk, actions: Array, first: int) -> None:
     """Let the queue from `first` on drive, or wait if the one at its head does not drive away."""
     length, i = 0, first
-    while i != NOBODY and actions[i] == _FORWARD and desk.tried[i] == 0:
+    while i != NOBODY and actions[i] == _FORWARD and not desk.settled[i]:
         desk.asking[length] = i
         length += 1
-        desk.tried[i] = 1
+        desk.settled[i] = True
         i = occupant[desk.want[i]]
     if i != NOBODY and actions[i] != _FORWARD:
         for k in range(length):

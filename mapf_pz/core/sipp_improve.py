@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz.core.jit import jit
+from mapf_pz.core.random import draw_below
 from mapf_pz.core.reservations import NONE, Reservations, discard, reserve, withdraw
 from mapf_pz.core.sipp import Search, Task, find_path
 from mapf_pz.core.sipp_neighborhood import (
@@ -22,7 +23,6 @@ from mapf_pz.core.sipp_neighborhood import (
     choose_neighborhood,
     clear,
     delay,
-    draw,
     shortest,
     shuffle,
 )
@@ -74,8 +74,8 @@ def plan_and_improve(
             return
         before = search.count[1]
         search.count[1] += EFFORT
-        wanted = SMALLEST + draw(random, LARGEST - SMALLEST + 1)
-        if missing > 0 and draw(random, 2) == 0:
+        wanted = SMALLEST + draw_below(random, LARGEST - SMALLEST + 1)
+        if missing > 0 and draw_below(random, 2) == 0:
             choose_around_missing(2 * wanted, task, reservations, neighborhood)
             shuffle(neighborhood)
             _replan(MISSING - 1, task, reservations, search, neighborhood, progress)
@@ -102,7 +102,7 @@ def _is_shortest(task: Task, reservations: Reservations) -> bool:
 @jit
 def _pick(success: Array, random: Array) -> int:
     """Return a number from 0 to KINDS - 1, each as likely as its `success` is large."""
-    mark = success.sum() * draw(random, 2**30) / 2**30
+    mark = success.sum() * draw_below(random, 2**30) / 2**30
     for kind in range(KINDS - 1):
         if mark < success[kind]:
             return kind
@@ -130,7 +130,7 @@ def _replan(
         agent = agents[planned]
         to_come -= shortest(task, agent)
         limit = former_cost + allowance - cost - to_come
-        first = find_path(task, agent, limit, draw(neighborhood.random, 4), reservations, search)
+        first = find_path(task, agent, limit, draw_below(neighborhood.random, 4), reservations, search)
         if first == NONE:
             cost += MISSING
         else:

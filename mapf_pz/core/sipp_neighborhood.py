@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz.core.jit import jit
+from mapf_pz.core.random import draw_below, seeded
 from mapf_pz.core.reservations import FOREVER, NONE, Reservations, last_visit, towards
 from mapf_pz.core.sipp import Task
 from mapf_pz.core.state import Array
@@ -41,19 +42,8 @@ def allocate_neighborhood(num_agents: int, num_cells: int, seed: int) -> Neighbo
         queue=np.zeros(num_cells + 1, np.int32),
         seen=np.zeros(num_cells + 1, np.int64),
         count=np.zeros(1, np.int64),
-        random=np.array([seed], np.uint64),
+        random=seeded(seed),
     )
-
-
-@jit
-def draw(random: Array, bound: int) -> int:
-    """Return a number from 0 to `bound` - 1 (Marsaglia, *Xorshift RNGs*, 2003)."""
-    x = random[0]
-    x ^= x << np.uint64(13)
-    x ^= x >> np.uint64(7)
-    x ^= x << np.uint64(17)
-    random[0] = x
-    return int(np.int64((x >> np.uint64(33)) % np.uint64(bound)))
 
 
 @jit
@@ -68,14 +58,14 @@ def choose_neighborhood(
         _passing_a_place(wanted, task, reservations, neighborhood)
     else:
         while neighborhood.size[0] < min(wanted, task.goals.size):
-            add(neighborhood, draw(neighborhood.random, task.goals.size))
+            add(neighborhood, draw_below(neighborhood.random, task.goals.size))
 
 
 @jit
 def choose_around_missing(wanted: int, task: Task, reservations: Reservations, neighborhood: Neighborhood) -> None:
     """Choose one of the agents that have no path, and at most `wanted` - 1 others in its way."""
     clear(neighborhood)
-    agent = draw(neighborhood.random, task.goals.size)
+    agent = draw_below(neighborhood.random, task.goals.size)
     while reservations.first[agent] != NONE:
         agent = (agent + 1) % task.goals.size
     add(neighborhood, agent)
@@ -105,7 +95,7 @@ def shuffle(neighborhood: Neighborhood) -> None:
     """Put the agents of the neighbourhood into random order."""
     agents = neighborhood.agents
     for k in range(neighborhood.size[0] - 1, 0, -1):
-        other = draw(neighborhood.random, k + 1)
+        other = draw_below(neighborhood.random, k + 1)
         agents[k], agents[other] = agents[other], agents[k]
 
 
@@ -132,7 +122,7 @@ def _in_the_way_of_one_delayed(wanted: int, task: Task, reservations: Reservatio
         total += delay(task, reservations, i)
     if total == 0:
         return
-    mark = draw(neighborhood.random, total)
+    mark = draw_below(neighborhood.random, total)
     agent = 0
     while mark >= delay(task, reservations, agent):
         mark -= delay(task, reservations, agent)
@@ -145,7 +135,7 @@ def _in_the_way_of_one_delayed(wanted: int, task: Task, reservations: Reservatio
         visit = visits[visit].then
     for _ in range(10):
         visit, heading = reservations.first[agent], task.headings[agent]
-        for _ in range(draw(neighborhood.random, length)):
+        for _ in range(draw_below(neighborhood.random, length)):
             heading = towards(visits, task.leads_to, visit, heading)
             visit = visits[visit].then
         cell, step, arrival = visits[visit].cell, visits[visit].begin, reservations.arrival[agent]
@@ -178,7 +168,7 @@ def _walk(
                 turned = (heading + choice) % 4
             if steps[following, turned] < left:
                 found += 1
-                if draw(neighborhood.random, found) == 0:
+                if draw_below(neighborhood.random, found) == 0:
                     target, facing = following, turned
         if found == 0:
             return
@@ -212,10 +202,10 @@ def _add_whoever_collides(
 def _passing_a_place(wanted: int, task: Task, reservations: Reservations, neighborhood: Neighborhood) -> None:
     """Choose agents that pass the cells around a random cell on somebody's path, at about a random step."""
     visits, queue, seen = reservations.visits, neighborhood.queue, neighborhood.seen
-    somebody = draw(neighborhood.random, task.goals.size)
+    somebody = draw_below(neighborhood.random, task.goals.size)
     if reservations.first[somebody] == NONE:
         return
-    step = draw(neighborhood.random, reservations.arrival[somebody] + 1)
+    step = draw_below(neighborhood.random, reservations.arrival[somebody] + 1)
     visit = reservations.first[somebody]
     while visits[visit].end < step:
         visit = visits[visit].then

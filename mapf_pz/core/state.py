@@ -70,6 +70,17 @@ class Distances(NamedTuple):
     nearest: Array  # (S, C + 1) float32: the least of `to_go` over headings
 
 
+class Arena(NamedTuple):
+    """One environment, its map and the cost to go to its agents' goals: what planners look at."""
+
+    leads_to: Array  # (4, C + 1) int32
+    weight: Array  # (5, C + 1) float32
+    slot: Array  # (C + 1,) int32
+    to_go: Array  # (S, C + 1, D) float32
+    crew: Array  # (N,) AGENT
+    occupant: Array  # (C + 1,) int32
+
+
 class State(NamedTuple):
     """What changes from step to step."""
 

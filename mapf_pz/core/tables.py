@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mapf_pz.core.distance import fill_tables
-from mapf_pz.core.state import Distances, World
+from mapf_pz.core.jit import jit
+from mapf_pz.core.state import Array, Distances, World
 from mapf_pz.types import Ints
 
 
@@ -37,14 +38,15 @@ class DistanceTables:
         slots[:] = -1
 
     def require(self, maps: Ints, goals: Ints) -> None:
-        """Compute the missing tables to `goals` (K,) on `maps` (K,), which must be all that are needed at present.
+        """Compute the missing tables to `goals` (B, N) on `maps` (B,), which must be all that are needed at present.
 
         Raises `MemoryError` where these alone are more than the bound allows.
         """
         slot = self.arrays.slot
-        missing = slot[maps, goals] < 0
-        if not missing.any():
+        if _all_known(slot, maps, goals):
             return
+        maps, goals = np.repeat(maps, goals.shape[1]), goals.reshape(-1)
+        missing = slot[maps, goals] < 0
         pairs = np.unique(np.stack([maps[missing], goals[missing]]), axis=1)
         count = pairs.shape[1]
         if count > len(self._unused):
@@ -67,3 +69,12 @@ class DistanceTables:
         self._unused.extend(dropped[dropped >= 0].tolist())
         slot[:] = -1
         slot[maps, goals] = kept
+
+
+@jit
+def _all_known(slot: Array, maps: Array, goals: Array) -> bool:
+    for b in range(maps.size):
+        for goal in goals[b]:
+            if slot[maps[b], goal] < 0:
+                return False
+    return True

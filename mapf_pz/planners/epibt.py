@@ -51,15 +51,14 @@ class EPIBT(StepPlanner):
     def decide(self, simulator: Simulator) -> Ints:
         """Return the actions (N,) int64 of all agents in the present state of the simulator's first environment."""
         began = time.perf_counter()
-        simulator.require_distances()
-        crew, m = simulator.state.agents[0], int(simulator.state.map[0])
-        world, tables = simulator.world, simulator.tables.arrays
+        arena = simulator.arena()
+        crew = arena.crew
         tree = operations(self._depth, simulator.config.action_model == "cardinal")
         if self._board is None:
-            self._board = epibt.allocate_board(len(crew), world.obstacle.shape[1] - 1, tree)
+            self._board = epibt.allocate_board(arena, tree)
         board = self._board
         passing = simulator.config.on_target != "nothing"
-        epibt.plan(world.leads_to[m], world.weight[m], tables.slot[m], tables.to_go, crew, passing, tree, board)
+        epibt.plan(arena, passing, tree, board)
         # Where agents shall stay, the least sum of costs would be that nobody leaves a goal to let others pass.
         while passing and time.perf_counter() - began < self._time_limit:
             epibt.improve_sum(self._rng.integers(len(crew), size=DRAWS), crew, board)

@@ -136,7 +136,7 @@ def _without_turns(problem: Problem) -> Problem:
     prices = problem.weight[:4][problem.leads_to != np.arange(num_cells)]
     world.equal_weight[0] = prices[0] if len(np.unique(prices)) == 1 else 0
     tables = DistanceTables(world, num_headings=1, max_bytes=8 * num_cells * len(problem.goals))
-    tables.require(np.zeros_like(problem.goals), problem.goals)
+    tables.require(np.zeros(1, np.int32), problem.goals[None])
     table = tables.arrays.slot[0][problem.goals]
     return problem._replace(to_go=tables.arrays.to_go, table=table, headings=np.zeros_like(problem.headings))
 

@@ -25,14 +25,9 @@ class PIBT(StepPlanner):
 
     def decide(self, simulator: Simulator) -> Ints:
         """Return the actions (N,) int64 of all agents in the present state of the simulator's first environment."""
-        simulator.require_distances()
-        state, world, tables = simulator.state, simulator.world, simulator.tables.arrays
-        crew, occupant, m = state.agents[0], state.occupant[0], int(state.map[0])
+        arena = simulator.arena()
         if self._desk is None:
-            self._desk = allocate_desk(len(crew), world.obstacle.shape[1] - 1)
-        ties = self._rng.random((len(crew), 5), np.float32)
-        actions = np.empty(len(crew), np.int64)
-        passing = simulator.config.on_target != "nothing"
-        leads_to, weight, slot = world.leads_to[m], world.weight[m], tables.slot[m]
-        plan(leads_to, weight, slot, tables.to_go, crew, occupant, ties, passing, self._desk, actions)
+            self._desk = allocate_desk(arena, int(self._rng.integers(1, 2**63)))
+        actions = np.empty(arena.crew.size, np.int64)
+        plan(arena, simulator.config.on_target != "nothing", self._desk, actions)
         return actions

@@ -49,16 +49,14 @@ CARDINAL_ACTIONS = (CardinalAction.RIGHT, CardinalAction.DOWN, CardinalAction.LE
 
 def problem_of(simulator: Simulator) -> Problem:
     """Return what is left to solve for the active agents of the simulator's first environment."""
-    simulator.require_distances()
-    world, tables, m = simulator.world, simulator.tables.arrays, int(simulator.state.map[0])
-    crew = simulator.state.agents[0]
-    crew = crew[crew["active"]]
+    arena = simulator.arena()
+    crew = arena.crew[arena.crew["active"]]
     cardinal = simulator.config.action_model == "cardinal"
     return Problem(
-        leads_to=world.leads_to[m],
-        weight=world.weight[m],
-        to_go=tables.to_go,
-        table=tables.slot[m][crew["goal"]],
+        leads_to=arena.leads_to,
+        weight=arena.weight,
+        to_go=arena.to_go,
+        table=arena.slot[crew["goal"]],
         starts=crew["cell"].copy(),
         headings=np.zeros(len(crew), np.int32) if cardinal else crew["heading"].copy(),
         goals=crew["goal"].copy(),

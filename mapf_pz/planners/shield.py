@@ -49,19 +49,15 @@ class Shield:
     def act(self, observations: dict[str, Any]) -> dict[str, int]:
         """Return an action for each agent that observes."""
         simulator, names = self._env.simulator, self._env.possible_agents
-        simulator.require_distances()
-        state, world, tables = simulator.state, simulator.world, simulator.tables.arrays
-        crew, occupant, m = state.agents[0], state.occupant[0], int(state.map[0])
+        arena = simulator.arena()
         if self._desk is None:
-            self._desk = allocate_desk(len(crew), world.obstacle.shape[1] - 1)
+            self._desk = allocate_desk(arena, seed=1)
         told = self._policy.preferences(observations)
-        preferences = np.zeros((len(crew), simulator.num_actions))
+        preferences = np.zeros((len(names), simulator.num_actions))
         for i, name in enumerate(names):
             if name in told:
                 preferences[i] = told[name]
-        actions = np.empty(len(crew), np.int64)
-        passing = simulator.config.on_target != "nothing"
-        leads_to, slot = world.leads_to[m], tables.slot[m]
-        carry_out(leads_to, slot, tables.to_go, crew, occupant, preferences, passing, self._desk, actions)
+        actions = np.empty(len(names), np.int64)
+        carry_out(arena, preferences, simulator.config.on_target != "nothing", self._desk, actions)
         chosen = dict(zip(names, actions.tolist(), strict=True))
         return {name: chosen[name] for name in observations}

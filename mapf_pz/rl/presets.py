@@ -38,7 +38,7 @@ PRESETS: dict[str, TrainConfig] = {
     "quickstart": _QUICKSTART,
     "mappo": _CROWD,
     "ippo": replace(_CROWD, algorithm="ippo"),
-    "mappo-cardinal": replace(_CROWD, task=replace(_CROWD.task, action_model="cardinal"), agent_steps=1_500_000),
+    "mappo-cardinal": replace(_CROWD, task=replace(_CROWD.task, action_model="cardinal")),
     "central-ppo": _CENTRAL,
     "central-ppo-8": replace(
         _CENTRAL,

@@ -168,7 +168,7 @@ class SlowPIBT:
 
     def __init__(self, world, seed=0):
         self.world = world
-        self.rng = np.random.default_rng(seed)
+        self.random = int(np.random.default_rng(seed).integers(1, 2**63))
         self.want = None
 
     def decide(self, states, goals):
@@ -176,13 +176,13 @@ class SlowPIBT:
         agents = range(len(states))
         self.states, self.goals = states, goals
         self.tables = [self.world.to_go(goal) for goal in goals]
-        self.ties = self.rng.random((len(states), 5), np.float32).tolist()
         if self.want is None:
             self.want = [None] * len(states)
         cells = [state[:2] for state in states]
         self.occupant = {cell: agent for agent, cell in enumerate(cells)}
         self.want = [None if want == cell else want for want, cell in zip(self.want, cells, strict=True)]
         self.taken = {want: agent for agent, want in enumerate(self.want) if want is not None}
+        self.ties = [self.draw() if want is None else None for want in self.want]
         for agent in sorted(agents, key=lambda agent: self.tables[agent][states[agent]]):
             if self.want[agent] is None:
                 self.search(agent)
@@ -196,6 +196,15 @@ class SlowPIBT:
                 for held in queue:
                     letters[held] = "W"
         return letters
+
+    def draw(self):
+        """Return five numbers of 12 random bits (Marsaglia's xorshift)."""
+        x = self.random
+        x ^= x << 13 & 2**64 - 1
+        x ^= x >> 7
+        x ^= x << 17 & 2**64 - 1
+        self.random = x
+        return [x >> 12 * choice & 0xFFF for choice in range(5)]
 
     def search(self, agent):
         """Find a cell for an agent; tell whether there is one but its own."""

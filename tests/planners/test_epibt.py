@@ -59,14 +59,14 @@ def test_two_pass_each_other(headings):
 
 def test_time_makes_it_better():
     arrivals = []
-    for time_limit in (0.0, 0.02):
-        env = mapf_pz.parallel_env(map="random-16-16-20", num_agents=60, on_target="restart", max_steps=100)
+    for time_limit in (0.0, 0.1):
+        env = mapf_pz.parallel_env(map="random-16-16-20", num_agents=60, on_target="restart", max_steps=60)
         observations, _ = env.reset(seed=0)
         planner = EPIBT(env, depth=5, time_limit=time_limit)
         while env.agents:
             observations = env.step(planner.act(observations))[0]
         arrivals.append(env.metrics()["avg_throughput"])
-    assert arrivals[1] > 1.1 * arrivals[0]
+    assert arrivals[1] > 1.05 * arrivals[0]
 
 
 def test_another_episode_begins_without_reset_states():

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapf_pz.instances import RandomObstacles, read_map, read_scenario
-from mapf_pz.planners import PIBT, Plan, validate
+from mapf_pz.planners import LaCAM, Plan, validate
 from mapf_pz.planners.base import simulator_of
 from mapf_pz.planners.prioritized import PrioritizedSIPP
 from mapf_pz.planners.problem import Path, problem_of
@@ -89,7 +89,7 @@ def test_a_benchmark_instance(benchmark):
     grid = read_map(benchmark / "maps" / "random-32-32-20.map")
     scenario = read_scenario(benchmark / "scens" / "random-32-32-20-random-1.scen", grid)
     instance = Instance(grid, Scenario(scenario.starts[:100], scenario.goals[:100]))
-    plan = PIBT().solve(instance, time_limit=60)
+    plan = LaCAM(anytime=False).solve(instance, time_limit=60)
     assert plan is not None
     path = Path((plan.cells @ np.array([grid.shape[1], 1])).astype(np.int32), None)
     better = refine(NeighborhoodSearch(problem(instance), np.random.default_rng(0)), path, time.perf_counter() + 1)
