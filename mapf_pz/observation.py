@@ -8,10 +8,12 @@ import numpy as np
 from gymnasium import spaces
 
 from mapf_pz.config import EnvConfig
-from mapf_pz.core.channels import CHANNELS
+from mapf_pz.core.channels import CHANNELS, arrange
 from mapf_pz.core.features import FEATURES
-from mapf_pz.core.scene import Scene, Sight, lay_views
-from mapf_pz.types import HEADING_STEPS, Action, CardinalAction, Floats, Ints
+from mapf_pz.core.observe import observe
+from mapf_pz.core.scene import Scene
+from mapf_pz.core.stage import Sight, make_sight
+from mapf_pz.types import Action, CardinalAction, Floats
 
 
 class ObservationLayout:
@@ -29,6 +31,7 @@ class ObservationLayout:
         self.num_actions = len(CardinalAction if config.action_model == "cardinal" else Action)
         self._lengths = [FEATURES[name].length(self.num_actions, config.num_last_actions) for name in config.features]
         self.num_planes = sum(CHANNELS[name].planes for name in config.channels)
+        self._planes = arrange(config.channels)
         self.num_features = sum(self._lengths)
 
     @property
@@ -60,29 +63,18 @@ class ObservationLayout:
     def sight(self) -> Sight:
         """Return the geometry of the view, as the kernels take it."""
         config = self._config
-        height, width = config.view_size
-        row = height - 1 if config.view == "front" else height // 2
-        return Sight(
-            height=height,
-            width=width,
-            here=row * width + width // 2,
-            egocentric=config.frame == "egocentric",
-            see_through_walls=config.see_through_walls,
-            offsets=_offsets(height, width, row),
-        )
+        row = config.view_size[0] - 1 if config.view == "front" else config.view_size[0] // 2
+        return make_sight(config.view_size, row, config.frame == "egocentric", config.see_through_walls)
 
-    def write(self, scene: Scene, image: Floats, features: Floats) -> None:
+    def write(self, num_threads: int, scene: Scene, image: Floats, features: Floats) -> None:
         """Fill `image` (B, N, K, h * w) and `features` (B, N, F), both float32, with what all agents observe."""
-        lay_views(scene)
-        plane = at = 0
-        for name in self._config.channels:
-            CHANNELS[name].draw(scene, image, plane)
-            plane += CHANNELS[name].planes
+        observe(num_threads, scene, self._planes, image)
+        at = 0
         for name, length in zip(self._config.features, self._lengths, strict=True):
-            FEATURES[name].write(scene, features, at)
+            FEATURES[name].write(num_threads, scene, features, at)
             at += length
-        gone = ~scene.state.agents["was_active"]
-        if gone.any():
+        if self._config.on_target == "finish":
+            gone = ~scene.state.agents["was_active"]
             image[gone] = 0
             features[gone] = 0
 
@@ -91,13 +83,3 @@ def _check_names(field: str, names: tuple[str, ...], known: dict[str, Any]) -> N
     for name in names:
         if name not in known:
             raise ValueError(f"{field}: unknown {name!r}, expected names out of {', '.join(known)}")
-
-
-def _offsets(height: int, width: int, own_row: int) -> Ints:
-    """Return (4, h * w, 2) int32: the map offset of each cell of the view, for each direction that is up."""
-    rows, cols = np.indices((height, width)).reshape(2, -1)
-    forward, right = own_row - rows, cols - width // 2
-    steps = HEADING_STEPS
-    return np.stack([np.outer(forward, steps[up]) + np.outer(right, steps[(up + 1) % 4]) for up in range(4)]).astype(
-        np.int32
-    )

@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz.config import EnvConfig, RewardConfig
-from mapf_pz.core import world
+from mapf_pz.core import stage, world
 from mapf_pz.core.conflict import COLLISION_SYSTEMS
 from mapf_pz.core.distance import shortest_steps
 from mapf_pz.core.jit import numba_config
 from mapf_pz.core.mask import write_masks
-from mapf_pz.core.scene import Scene, allocate_views
+from mapf_pz.core.scene import Scene, allocate_notes
 from mapf_pz.core.state import Arena, Rules, allocate_state
 from mapf_pz.core.step import ON_TARGET, step
 from mapf_pz.core.tables import DistanceTables
@@ -67,10 +67,12 @@ class Simulator:
         self._starts = np.zeros((num_envs, self.num_agents), np.int32)
         self._start_headings = np.zeros((num_envs, self.num_agents), np.int8)
         self._rules = _rules(config, config.rewards)
+        sight, with_edges = self.layout.sight(), "edge_weights" in config.channels
         self._scene = Scene(
-            num_threads=self._num_threads,
-            sight=self.layout.sight(),
-            views=allocate_views(num_envs, self.num_agents, config.view_size[0] * config.view_size[1]),
+            sight=sight,
+            stage=stage.allocate_stage(sight, self.shape, len(self._grids), self._num_threads, with_edges),
+            windows=stage.allocate_windows(num_envs, self.num_agents),
+            notes=allocate_notes(self._num_threads, self.num_agents, sight.height * sight.width),
             world=self.world,
             distances=self.tables.arrays,
             state=self.state,
@@ -120,7 +122,7 @@ class Simulator:
         image = np.empty((*each, channels, height * width), np.float32)
         features = np.empty((*each, self.layout.num_features), np.float32)
         mask = np.empty((*each, self.num_actions), np.int8)
-        self.layout.write(self._scene, image, features)
+        self.layout.write(self._num_threads, self._scene, image, features)
         write_masks(
             self._num_threads, self._scene.cardinal, self.world.leads_to, self.state.map, self.state.agents, mask
         )
@@ -229,7 +231,14 @@ class Simulator:
             return
         self._grids[m] = grid
         world.lay_out(self.world, m, grid.free, self._guidance(grid, rng))
+        self._set_stage(m)
         self.tables.forget(m)
+
+    def _set_stage(self, m: int) -> None:
+        """Draw map `m`, in every copy of its planes."""
+        setting = self._scene.stage
+        for planes in setting.planes if setting.shared else setting.planes[m : m + 1]:
+            stage.lay_out(planes, setting, self.world.weight[m], self.world.obstacle[m])
 
     def _guidance(self, grid: Grid, rng: np.random.Generator) -> GuidanceGraph:
         weights = self.config.edge_weights

@@ -164,7 +164,14 @@ def test_arrays_are_never_reused(maps):
         seen.append(simulator.observe())
         simulator.step(np.zeros((2, 6), np.int64))
     kept = [[array.copy() for array in observation] for observation in seen]
-    own = [array for group in (simulator.world, simulator.state, simulator._scene.views) for array in group]
+    groups = (
+        simulator.world,
+        simulator.state,
+        simulator._scene.stage,
+        simulator._scene.windows,
+        simulator._scene.notes,
+    )
+    own = [array for group in groups for array in group]
     for k, observation in enumerate(seen):
         for array in observation:
             others = [other for later in seen[k + 1 :] for other in later] + own

@@ -16,14 +16,17 @@ from mapf_pz.core.path import advantage
 from mapf_pz.core.scene import Scene
 from mapf_pz.core.state import Array
 from mapf_pz.core.world import STEPS
+from mapf_pz.types import Heading
+
+_NORTH = int(Heading.NORTH)
 
 
 @BatchKernel
-def _write_goal_vector(height: int, width: int, agents: Array, up: Array, values: Array, at: int) -> None:
+def _write_goal_vector(height: int, width: int, agents: Array, egocentric: bool, values: Array, at: int) -> None:
     for b in prange(agents.shape[0]):
         for i in range(agents.shape[1]):
             agent = agents[b, i]
-            down, right = STEPS[up[b, i]]
+            down, right = STEPS[agent.heading if egocentric else _NORTH]
             rows, cols = agent.goal // width - agent.cell // width, agent.goal % width - agent.cell % width
             distance = np.sqrt(rows * rows + cols * cols)
             length = max(distance, 1.0)
@@ -33,10 +36,10 @@ def _write_goal_vector(height: int, width: int, agents: Array, up: Array, values
             values[b, i, at + 3] = 1.0 if distance == 0 else 0.0
 
 
-def write_goal_vector(scene: Scene, values: Array, at: int) -> None:
+def write_goal_vector(num_threads: int, scene: Scene, values: Array, at: int) -> None:
     """Unit vector to the goal (up, right in the view), `log(1 + distance) / log(1 + H + W)`, and 1 on the goal."""
-    world = scene.world
-    _write_goal_vector(scene.num_threads, world.height, world.width, scene.state.agents, scene.views.up, values, at)
+    world, egocentric = scene.world, scene.sight.num_turns > 1
+    _write_goal_vector(num_threads, world.height, world.width, scene.state.agents, egocentric, values, at)
 
 
 @BatchKernel
@@ -50,9 +53,9 @@ def _write_location(height: int, width: int, agents: Array, values: Array, at: i
                 values[b, i, at + 2 + heading] = 1.0 if agent.heading == heading else 0.0
 
 
-def write_location(scene: Scene, values: Array, at: int) -> None:
+def write_location(num_threads: int, scene: Scene, values: Array, at: int) -> None:
     """`row / H`, `col / W`, and the heading as one of four."""
-    _write_location(scene.num_threads, scene.world.height, scene.world.width, scene.state.agents, values, at)
+    _write_location(num_threads, scene.world.height, scene.world.width, scene.state.agents, values, at)
 
 
 @BatchKernel
@@ -77,12 +80,12 @@ def _write_action_advantage(
                 values[b, i, at + action] = advantage(ways, costs, mean, table, cardinal, agent, action)
 
 
-def write_action_advantage(scene: Scene, values: Array, at: int) -> None:
+def write_action_advantage(num_threads: int, scene: Scene, values: Array, at: int) -> None:
     """For each action how much it costs more than the best one, from 0 (nothing) to -1: see `path.advantage`."""
     slot, to_go, _ = scene.distances
     world, maps, agents = scene.world, scene.state.map, scene.state.agents
     graph = (world.leads_to, world.weight, world.mean_weight)
-    _write_action_advantage(scene.num_threads, scene.cardinal, *graph, slot, to_go, maps, agents, values, at)
+    _write_action_advantage(num_threads, scene.cardinal, *graph, slot, to_go, maps, agents, values, at)
 
 
 @BatchKernel
@@ -96,12 +99,12 @@ def _write_last_actions(num_actions: int, history: Array, values: Array, at: int
                 values[b, i, begin + num_actions] = history[b, i, k, 1]
 
 
-def write_last_actions(scene: Scene, values: Array, at: int) -> None:
+def write_last_actions(num_threads: int, scene: Scene, values: Array, at: int) -> None:
     """The last L actions, newest first: each one of A, and 1 if the agent changed its cell."""
-    _write_last_actions(scene.num_threads, 5 if scene.cardinal else 4, scene.state.history, values, at)
+    _write_last_actions(num_threads, 5 if scene.cardinal else 4, scene.state.history, values, at)
 
 
-def write_time(scene: Scene, values: Array, at: int) -> None:
+def write_time(_num_threads: int, scene: Scene, values: Array, at: int) -> None:
     """Steps taken over `max_steps`."""
     values[:, :, at] = (scene.state.time / scene.max_steps)[:, None]
 
@@ -110,7 +113,7 @@ def write_time(scene: Scene, values: Array, at: int) -> None:
 class Feature:
     """What one feature adds to the vector."""
 
-    write: Callable[[Scene, Array, int], None]
+    write: Callable[[int, Scene, Array, int], None]
     length: Callable[[int, int], int]
     """From the number of actions A and of remembered actions L to how many numbers it is."""
     needs_distances: bool = False

@@ -54,7 +54,6 @@ class World(NamedTuple):
     leads_to: Array  # (M, 4, C + 1) int32: the cell that a move in each direction ends in; the own cell if blocked
     weight: Array  # (M, 5, C + 1) float32: of leaving in each direction (inf: blocked), and of waiting or turning
     obstacle: Array  # (M, C + 1) float32: 1 on obstacles and outside, 0 on free cells
-    edge: Array  # (M, 4, C + 1) float32: weight of leaving over the largest finite one; blocked -1, outside 0
     mean_weight: Array  # (M,) float32: mean of the finite weights of moving and waiting on free cells
     equal_weight: Array  # (M,) float32: the one weight of all edges and waits; 0 where they differ
 

@@ -21,7 +21,6 @@ def allocate(num_maps: int, shape: tuple[int, int]) -> World:
         leads_to=np.zeros((num_maps, 4, cells), np.int32),
         weight=np.full((num_maps, 5, cells), np.inf, np.float32),
         obstacle=np.ones((num_maps, cells), np.float32),
-        edge=np.zeros((num_maps, 4, cells), np.float32),
         mean_weight=np.ones(num_maps, np.float32),
         equal_weight=np.ones(num_maps, np.float32),
     )
@@ -36,7 +35,6 @@ def lay_out(world: World, m: int, free: Bools, guidance: GuidanceGraph) -> None:
         world.leads_to[m],
         world.weight[m],
         world.obstacle[m],
-        world.edge[m],
         world.mean_weight[m : m + 1],
         world.equal_weight[m : m + 1],
     )
@@ -50,7 +48,6 @@ def _lay_out(
     leads_to: Array,
     weight: Array,
     obstacle: Array,
-    edge: Array,
     mean_weight: Array,
     equal_weight: Array,
 ) -> None:
@@ -83,17 +80,3 @@ def _lay_out(
                     )
     mean_weight[0] = total / count if count else 1.0
     equal_weight[0] = largest if largest == smallest and not one_way else 0.0
-    _scale_edges(weight, edge)
-
-
-@jit
-def _scale_edges(weight: Array, edge: Array) -> None:
-    """Divide by the largest finite weight of a move; blocked edges become -1, those outside stay 0."""
-    largest = 0.0
-    for d in range(4):
-        for cell in range(edge.shape[1] - 1):
-            if largest < weight[d, cell] < np.inf:
-                largest = weight[d, cell]
-    for d in range(4):
-        for cell in range(edge.shape[1] - 1):
-            edge[d, cell] = weight[d, cell] / largest if weight[d, cell] < np.inf else -1.0

@@ -1,0 +1,124 @@
+"""The channels for which every cell in view, or every agent in it, is looked up; and what walls hide.
+
+A kernel draws one channel for all agents of one environment: `image` (N, K, V) float32, `V = h * w` cells of the view,
+from plane number `plane` on. What the other arrays hold is said in `core/stage.py`, `core/scene.py` and
+`core/state.py`; they are those of the environment, and of its map.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mapf_pz.core.jit import jit
+from mapf_pz.core.path import next_cell
+from mapf_pz.core.stage import Sight, Stage, Windows, clear, mark
+from mapf_pz.core.state import Array
+
+
+@jit
+def draw_goal(sight: Sight, stage: Stage, windows: Windows, crew: Array, image: Array, plane: int) -> None:
+    """1 on the agent's own goal."""
+    for i in range(image.shape[0]):
+        clear(image, i, plane)
+        mark(sight, stage, windows, crew[i].goal, image, i, plane)
+
+
+@jit
+def draw_cost_to_go(
+    slot: Array, to_go: Array, nearest: Array, scale: float, crew: Array, cells: Array, image: Array, plane: int
+) -> None:
+    """How much nearer to the goal each cell is: `clip((D_own - D) / scale, -1, 1)`, `scale = (h + w) * mean weight`.
+
+    `D` is the least cost to go over headings, `D_own` the observer's own; -1 where there is no path.
+    """
+    for i in range(image.shape[0]):
+        table = slot[crew[i].goal]
+        own = to_go[table, crew[i].cell, crew[i].heading % to_go.shape[2]]
+        for j in range(cells.shape[1]):
+            nearer = (own - nearest[table, cells[i, j]]) / scale
+            image[i, plane, j] = min(max(nearer, -1.0), 1.0) if own < np.inf else -1.0
+
+
+@jit
+def draw_heuristic(
+    sight: Sight,
+    slot: Array,
+    nearest: Array,
+    leads_to: Array,
+    turn: Array,
+    crew: Array,
+    cells: Array,
+    image: Array,
+    plane: int,
+) -> None:
+    """1 where leaving the cell in that direction leads nearer to the goal (the channels of DHC, Ma et al., 2021)."""
+    for i in range(image.shape[0]):
+        table = slot[crew[i].goal]
+        for k in range(4):
+            towards = (turn[i] + k) % 4
+            for j in range(cells.shape[1]):
+                here = cells[i, j]
+                image[i, plane + k, j] = 1.0 if nearest[table, leads_to[towards, here]] < nearest[table, here] else 0.0
+
+
+@jit
+def draw_other_goals(
+    sight: Sight,
+    stage: Stage,
+    windows: Windows,
+    count: Array,
+    others: Array,
+    crew: Array,
+    image: Array,
+    plane: int,
+) -> None:
+    """1 on goals of the other agents in view."""
+    for i in range(image.shape[0]):
+        clear(image, i, plane)
+        for k in range(count[i]):
+            mark(sight, stage, windows, crew[others[i, k]].goal, image, i, plane)
+
+
+@jit
+def draw_others_next(
+    sight: Sight,
+    stage: Stage,
+    windows: Windows,
+    count: Array,
+    others: Array,
+    crew: Array,
+    image: Array,
+    plane: int,
+) -> None:
+    """1 on cells that the other agents in view would enter next along their own cheapest paths."""
+    for i in range(image.shape[0]):
+        clear(image, i, plane)
+        for k in range(count[i]):
+            if crew[others[i, k]].next_cell >= 0:
+                mark(sight, stage, windows, crew[others[i, k]].next_cell, image, i, plane)
+
+
+@jit
+def find_next_cells(leads_to: Array, weight: Array, slot: Array, to_go: Array, crew: Array) -> None:
+    """Set every agent's next cell on its own cheapest path."""
+    for i in range(crew.size):
+        crew[i].next_cell = next_cell(leads_to, weight, to_go[slot[crew[i].goal]], crew[i].cell, crew[i].heading)
+
+
+@jit
+def draw_others_at_goal(count: Array, spots: Array, others: Array, crew: Array, image: Array, plane: int) -> None:
+    """On each other agent in view 1 if it is on its goal, else -1."""
+    for i in range(image.shape[0]):
+        clear(image, i, plane)
+        for k in range(count[i]):
+            other = crew[others[i, k]]
+            image[i, plane, spots[i, k]] = 1.0 if other.cell == other.goal else -1.0
+
+
+@jit
+def hide(seen: Array, image: Array, plane: int, unseen: float) -> None:
+    """Write `unseen` where an obstacle hides the cell."""
+    for i in range(image.shape[0]):
+        for j in range(image.shape[2]):
+            if not seen[i, j]:
+                image[i, plane, j] = unseen
