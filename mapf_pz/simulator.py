@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.config import EnvConfig, RewardConfig
+from mapf_pz.config import EnvConfig, RewardConfig, WeightsName
 from mapf_pz.core import stage, world
+from mapf_pz.core.begin import begin
 from mapf_pz.core.conflict import COLLISION_SYSTEMS
 from mapf_pz.core.distance import shortest_steps
 from mapf_pz.core.jit import numba_config
@@ -22,7 +23,7 @@ from mapf_pz.instances.configured import goals_per_agent, make_source
 from mapf_pz.instances.place import check_reachable, place
 from mapf_pz.metrics import EpisodeRecord, episode_metrics
 from mapf_pz.observation import ObservationLayout
-from mapf_pz.types import Floats, Grid, Heading, Instance, Ints
+from mapf_pz.types import Bools, Floats, Grid, Heading, Instance, Ints
 
 
 class Observation(NamedTuple):
@@ -49,9 +50,7 @@ class Simulator:
         self.num_envs = num_envs
         self.num_agents = self.source.num_agents
         self.shape = self.source.shape
-        weights = config.edge_weights
-        if isinstance(weights, GuidanceGraph) and weights.shape != self.shape:
-            raise ValueError(f"edge_weights of shape {weights.shape}: the map's shape is {self.shape}")
+        self._graph = _guidance(config.edge_weights, self.shape)
         self.layout = ObservationLayout(config, self.shape)
         self.num_actions = self.layout.num_actions
         self.needs_distances = self.layout.needs_distances or config.rewards.progress != 0
@@ -114,6 +113,11 @@ class Simulator:
         step(self._num_threads, self._rules, self.world, self.tables.arrays, self.state, actions)
         if self.needs_distances and self.config.on_target == "restart":
             self.require_distances()
+
+    @property
+    def over(self) -> Bools:
+        """(B,) bool: which episodes are over."""
+        return np.logical_or(self.state.terminated, self.state.truncated)
 
     def observe(self) -> Observation:
         """Return what all agents observe now, in new arrays; agents that have disappeared observe zeros."""
@@ -201,20 +205,12 @@ class Simulator:
         headings = self._headings(instance, rng)
         numbering = np.array([self.shape[1], 1])
         starts = instance.scenario.starts @ numbering
-        state.map[b] = m
-        state.time[b] = 0
+        state.map[b], state.time[b], state.terminated[b], state.truncated[b] = m, 0, False, False
         state.goals[b] = self._goals(instance, rng) @ numbering
-        state.history[b] = (-1, 0)
-        state.occupant[b] = -1
-        state.occupant[b, starts] = np.arange(self.num_agents)
-        crew = state.agents[b]
-        crew.fill(0)
-        crew["cell"] = crew["was_cell"] = self._starts[b] = starts
-        crew["heading"] = crew["was_heading"] = self._start_headings[b] = headings
-        crew["goal"] = crew["was_goal"] = state.goals[b, :, 0]
-        crew["at_goal"] = crew["cell"] == crew["goal"]
-        crew["active"] = crew["was_active"] = True
-        crew["settled"] = -1
+        self._starts[b], self._start_headings[b] = starts, headings
+        state.agents[b].fill(0)
+        memory = (state.occupant[b], state.history[b])
+        begin(self._starts[b], self._start_headings[b], state.goals[b], state.agents[b], *memory)
 
     def _check(self, instance: Instance) -> None:
         expected = (self.num_agents, self.shape)
@@ -241,12 +237,7 @@ class Simulator:
             stage.lay_out(planes, setting, self.world.weight[m], self.world.obstacle[m])
 
     def _guidance(self, grid: Grid, rng: np.random.Generator) -> GuidanceGraph:
-        weights = self.config.edge_weights
-        if isinstance(weights, GuidanceGraph):
-            return weights
-        if weights == "random":
-            return GuidanceGraph.random(grid.free, rng)
-        return GuidanceGraph.uniform(grid.free) if weights == "uniform" else GuidanceGraph.crisscross(grid.free)
+        return GuidanceGraph.random(grid.free, rng) if self._graph is None else self._graph
 
     def _goals(self, instance: Instance, rng: np.random.Generator) -> Ints:
         """Return each agent's goals in order, (N, G, 2); where only one is given and more are needed, draw the rest."""
@@ -255,7 +246,7 @@ class Simulator:
         if goals.shape[1] == 1 and needed > 1:
             drawn = place(instance.grid, self.num_agents, rng, goals_per_agent=needed).goals
             goals = np.concatenate([goals, drawn[:, 1:]], axis=1)
-        return goals[:, np.arange(needed) % goals.shape[1]]
+        return goals if goals.shape[1] == needed else goals[:, np.arange(needed) % goals.shape[1]]
 
     def _headings(self, instance: Instance, rng: np.random.Generator) -> Ints:
         initial = self.config.initial_heading
@@ -268,6 +259,17 @@ class Simulator:
         if initial == "east":
             return np.full(self.num_agents, Heading.EAST)
         return rng.integers(4, size=self.num_agents)
+
+
+def _guidance(weights: WeightsName | GuidanceGraph, shape: tuple[int, int]) -> GuidanceGraph | None:
+    """Return the guidance graph of all maps of `shape` (H, W); None: each has its own."""
+    if isinstance(weights, GuidanceGraph):
+        if weights.shape != shape:
+            raise ValueError(f"edge_weights of shape {weights.shape}: the map's shape is {shape}")
+        return weights
+    # Weights do not depend on obstacles; edges into them are blocked when a map is laid out.
+    free = np.ones(shape, np.bool_)
+    return {"uniform": GuidanceGraph.uniform(free), "crisscross": GuidanceGraph.crisscross(free)}.get(weights)
 
 
 def _rules(config: EnvConfig, rewards: RewardConfig) -> Rules:

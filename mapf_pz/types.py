@@ -144,8 +144,9 @@ class Instance:
         goals = self.scenario.goals
         _check_cells(self.grid, "goal", goals.reshape(-1, 2), per_agent=goals.size // 2 // max(len(goals), 1))
         width = self.grid.shape[1]
-        cells, first = np.unique(self.scenario.starts @ np.array([width, 1]), return_index=True)
-        if len(cells) < len(self.scenario):
+        cells = self.scenario.starts @ np.array([width, 1])
+        if len(cells) and np.bincount(cells).max() > 1:
+            first = np.unique(cells, return_index=True)[1]
             agent = int(np.setdiff1d(np.arange(len(self.scenario)), first)[0])
             raise ValueError(f"agent {agent}: start {_place(self.scenario.starts[agent])} is another agent's start too")
         if self.headings is not None:
@@ -166,16 +167,20 @@ def _place(cell: Ints) -> str:
 
 def _check_cells(grid: Grid, what: str, cells: Ints, per_agent: int = 1) -> None:
     """Raise `ValueError` for the first of `cells` (M, 2) that is outside the map or on an obstacle."""
+    height, width = grid.shape
+    rows, cols = cells[:, 0], cells[:, 1]
+    if not len(cells) or (
+        cells.min() >= 0 and rows.max() < height and cols.max() < width and grid.free[rows, cols].all()
+    ):
+        return
     inside: Bools = np.all((cells >= 0) & (cells < np.array(grid.shape)), axis=1)
     usable = inside.copy()
     usable[inside] = grid.free[cells[inside, 0], cells[inside, 1]]
-    if not usable.all():
-        worst = int(np.argmin(usable))
-        problem = "is an obstacle" if inside[worst] else "is outside"
-        size = f"{grid.shape[0]} x {grid.shape[1]}"
-        raise ValueError(
-            f"agent {worst // per_agent}: {what} {_place(cells[worst])} {problem} of map {grid.name!r} ({size})"
-        )
+    worst = int(np.argmin(usable))
+    problem = "is an obstacle" if inside[worst] else "is outside"
+    raise ValueError(
+        f"agent {worst // per_agent}: {what} {_place(cells[worst])} {problem} of map {grid.name!r} ({height} x {width})"
+    )
 
 
 @runtime_checkable

@@ -14,7 +14,6 @@ from statistics import median
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
@@ -94,9 +93,7 @@ def simulator_bout(options: BenchmarkOptions) -> Bout:
     def play() -> int:
         for step in range(options.max_steps):
             simulator.step(actions[step])
-            crew: NDArray[np.void] = simulator.state.agents
-            over = np.all(crew["terminated"] | crew["truncated"] | ~crew["active"], axis=1)
-            simulator.reset(np.flatnonzero(over).tolist())
+            simulator.reset(np.flatnonzero(simulator.over).tolist())
             simulator.observe()
         return actions.size
 

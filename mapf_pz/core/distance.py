@@ -48,37 +48,47 @@ def cost_to_go(world: World, m: int, goal: int, equal_weight: float, to_go: Arra
 
 @jit
 def _breadth_first(leads_to: Array, goal: int, weight: float, to_go: Array, queue: Array) -> None:
-    headings = to_go.shape[1]
-    tail = 0
-    for heading in range(headings):
-        to_go[goal, heading] = 0
-        queue[tail] = goal * headings + heading
-        tail += 1
-    head = 0
+    if to_go.shape[1] == 1:
+        _flood(leads_to, goal, weight, to_go[:, 0], queue)
+    else:
+        _flood_turning(leads_to, goal, weight, to_go, queue)
+
+
+@jit
+def _flood(leads_to: Array, goal: int, weight: float, to_go: Array, queue: Array) -> None:
+    """Fill `to_go` (C + 1,), infinite before, for agents without headings."""
+    to_go[goal], queue[0] = 0, goal
+    head, tail = 0, 1
     while head < tail:
-        cell, heading = divmod(queue[head], headings)
-        cost = to_go[cell, heading] + weight
+        cell = queue[head]
         head += 1
-        if headings == 1:
-            for d in range(4):
-                # Free cells are joined both ways, so the way back leads to the cell that a move would come from.
-                before = leads_to[d, cell]
-                if to_go[before, 0] == np.inf:
-                    to_go[before, 0] = cost
-                    queue[tail] = before
-                    tail += 1
-        else:
-            before = leads_to[(heading + 2) % 4, cell]
-            if to_go[before, heading] == np.inf:
-                to_go[before, heading] = cost
-                queue[tail] = before * 4 + heading
+        cost = to_go[cell] + weight
+        for d in range(4):
+            # Free cells are joined both ways, so the way back leads to the cell that a move would come from.
+            before = leads_to[d, cell]
+            if to_go[before] == np.inf:
+                to_go[before], queue[tail] = cost, before
                 tail += 1
-            for turn in (1, 3):
-                turned = (heading + turn) % 4
-                if to_go[cell, turned] == np.inf:
-                    to_go[cell, turned] = cost
-                    queue[tail] = cell * 4 + turned
-                    tail += 1
+
+
+@jit
+def _flood_turning(leads_to: Array, goal: int, weight: float, to_go: Array, queue: Array) -> None:
+    """Fill `to_go` (C + 1, 4), infinite before; the queue holds `4 * cell + heading`."""
+    for heading in range(4):
+        to_go[goal, heading], queue[heading] = 0, 4 * goal + heading
+    head, tail = 0, 4
+    while head < tail:
+        cell, heading = queue[head] >> 2, queue[head] & 3
+        head += 1
+        cost = to_go[cell, heading] + weight
+        before = leads_to[heading ^ 2, cell]  # behind it
+        if to_go[before, heading] == np.inf:
+            to_go[before, heading], queue[tail] = cost, 4 * before + heading
+            tail += 1
+        for turned in ((heading + 1) & 3, (heading + 3) & 3):
+            if to_go[cell, turned] == np.inf:
+                to_go[cell, turned], queue[tail] = cost, 4 * cell + turned
+                tail += 1
 
 
 @jit

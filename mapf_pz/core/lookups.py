@@ -33,7 +33,7 @@ def draw_cost_to_go(
     """
     for i in range(image.shape[0]):
         table = slot[crew[i].goal]
-        own = to_go[table, crew[i].cell, crew[i].heading % to_go.shape[2]]
+        own = to_go[table, crew[i].cell, crew[i].heading & (to_go.shape[2] - 1)]
         for j in range(cells.shape[1]):
             nearer = (own - nearest[table, cells[i, j]]) / scale
             image[i, plane, j] = min(max(nearer, -1.0), 1.0) if own < np.inf else -1.0

@@ -43,16 +43,16 @@ def _action_reward(rules: Rules, agent: Array, action: int) -> float:
 @jit
 def note_progress(worth: float, mean_weight: float, slot: Array, to_go: Array, m: int, crew: Array) -> None:
     """Note the fall of the cost to go in units of the mean weight; 0 where there is no path, or it is worth nothing."""
-    headings = to_go.shape[2]
+    if worth == 0:
+        return  # it is 0 since the episode began
+    last = to_go.shape[2] - 1  # of D headings, 1 or 4
     for i in range(crew.size):
         agent = crew[i]
-        agent.progress = 0.0
-        if worth != 0:
-            table = slot[m, agent.was_goal]
-            before = to_go[table, agent.was_cell, agent.was_heading % headings]
-            after = to_go[table, agent.cell, agent.heading % headings]
-            if before < np.inf and after < np.inf:  # a blocked edge of the guidance graph can be driven over
-                agent.progress = (before - after) / mean_weight
+        table = slot[m, agent.was_goal]
+        before = to_go[table, agent.was_cell, agent.was_heading & last]
+        after = to_go[table, agent.cell, agent.heading & last]
+        # A blocked edge of the guidance graph can be driven over.
+        agent.progress = (before - after) / mean_weight if before < np.inf and after < np.inf else 0.0
 
 
 @jit

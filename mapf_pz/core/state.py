@@ -86,6 +86,8 @@ class State(NamedTuple):
     map: Array  # (B,) int32: which of the M maps each environment is on
     time: Array  # (B,) int32: steps taken in this episode
     agents: Array  # (B, N) AGENT
+    terminated: Array  # (B,) bool: the episode is over, as all agents are at their goals or have disappeared
+    truncated: Array  # (B,) bool: it is over, as its time is up
     goals: Array  # (B, N, G) int32: each agent's goals in order
     history: Array  # (B, N, L, 2) int8: the last L actions, newest first, and whether they moved; action -1: none
     occupant: Array  # (B, C + 1) int32: the agent on each cell; -1: nobody
@@ -100,6 +102,8 @@ def allocate_state(num_envs: int, num_agents: int, num_cells: int, num_goals: in
         time=np.zeros(num_envs, np.int32),
         # Compiled kernels read fields as attributes; plain Python needs a record array for that.
         agents=agents.view(np.recarray) if numba_config.DISABLE_JIT else agents,
+        terminated=np.zeros(num_envs, np.bool_),
+        truncated=np.zeros(num_envs, np.bool_),
         goals=np.zeros((num_envs, num_agents, num_goals), np.int32),
         history=np.zeros((num_envs, num_agents, remembered, 2), np.int8),
         occupant=np.full((num_envs, num_cells + 1), -1, np.int32),

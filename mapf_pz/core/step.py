@@ -1,4 +1,4 @@
-"""One step of the environment: propose, resolve, advance, settle, pay, retire."""
+"""One step of the environment: propose, resolve, advance, settle, pay, retire, conclude."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ def step(rules: Rules, world: World, distances: Distances, state: State, actions
         note_progress(rules.progress, world.mean_weight[m], distances.slot, distances.to_go, m, crew)
         pay(rules, world.height, world.width, crew, actions[b], occupant, solved)
         retire(rules.on_target, crew, occupant, solved, time >= rules.max_steps)
+        conclude(crew, state.terminated, state.truncated, b)
 
 
 @jit
@@ -100,3 +101,13 @@ def retire(on_target: int, crew: Array, occupant: Array, solved: bool, late: boo
         if agent.arrived and on_target == FINISH:
             occupant[agent.cell] = -1
             agent.active = False
+
+
+@jit
+def conclude(crew: Array, terminated: Array, truncated: Array, b: int) -> None:
+    """Note whether the episode of environment `b` is over."""
+    all_ended, any_late = True, False
+    for i in range(crew.size):
+        all_ended &= crew[i].terminated or not crew[i].active
+        any_late |= crew[i].truncated
+    terminated[b], truncated[b] = all_ended, any_late

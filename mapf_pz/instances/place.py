@@ -34,9 +34,10 @@ def check_reachable(instance: Instance) -> None:
 
 def largest_component(free: Bools) -> Ints:
     """Return the cells of the largest component of a map `free` (H, W): (C, 2) int32, [row, col], in reading order."""
-    labels = components(free)
-    sizes = np.bincount(labels[labels >= 0], minlength=1)
-    return np.argwhere(labels == sizes.argmax()).astype(np.int32)
+    labels = components(free).ravel()
+    sizes = np.bincount(labels + 1, minlength=2)[1:]
+    cells = np.flatnonzero(labels == sizes.argmax())
+    return np.stack(np.divmod(cells, free.shape[1]), axis=1).astype(np.int32)
 
 
 def place(grid: Grid, num_agents: int, rng: np.random.Generator, goals_per_agent: int = 1) -> Scenario:

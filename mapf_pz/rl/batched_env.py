@@ -84,9 +84,8 @@ class BatchedMapfEnv(EnvBase):
         agents = self.simulator.state.agents
         result = self._observe()
         result.set("reward", torch.from_numpy(agents["reward"].copy()).unsqueeze(-1))
-        terminated = np.logical_or(agents["terminated"], ~agents["active"]).all(axis=1)
-        truncated = agents["truncated"].any(axis=1)
-        return self._with_flags(result, *(torch.from_numpy(flag).unsqueeze(-1) for flag in (terminated, truncated)))
+        flags = (self.simulator.state.terminated, self.simulator.state.truncated)
+        return self._with_flags(result, *(torch.from_numpy(flag.copy()).unsqueeze(-1) for flag in flags))
 
     def _observe(self) -> TensorDict:
         seen, agents = self.simulator.observe(), self.simulator.state.agents
