@@ -13,7 +13,7 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import parallel_to_aec
 
 from mapf_pz.config import EnvConfig
-from mapf_pz.simulator import Observation, Simulator
+from mapf_pz.simulator import Simulator
 from mapf_pz.types import Bools, Instance, Ints, Scenario
 
 AgentObservation: TypeAlias = "NDArray[np.float32] | dict[str, NDArray[np.float32]]"
@@ -105,24 +105,37 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         if not self.agents:
             raise RuntimeError("the episode is over, call reset()" if self._began else "call reset() before step()")
         self.simulator.step(self._numbers(actions))
-        crew = self._crew
+        crew, rows = self._crew, self._rows
         observations, infos = self._observe()
-        rewards = self._by_agent(crew["reward"])
-        terminations, truncations = self._by_agent(crew["terminated"]), self._by_agent(crew["truncated"])
-        self.agents = [agent for agent in self.agents if not (terminations[agent] or truncations[agent])]
+        rewards, terminations, truncations = (
+            dict(zip(self.agents, crew[field][rows].tolist(), strict=True))
+            for field in ("reward", "terminated", "truncated")
+        )
+        if any(terminations.values()) or any(truncations.values()):
+            self.agents = [agent for agent in self.agents if not (terminations[agent] or truncations[agent])]
         return observations, rewards, terminations, truncations, infos
 
     def _numbers(self, actions: Mapping[str, SupportsIndex]) -> Ints:
         """Return the actions as (1, N) int64, 0 for agents that have left; raises `ValueError`."""
+        given = [actions[agent] for agent in self.agents if agent in actions]
+        if not len(given) == len(self.agents) == len(actions):
+            self._check_agents(actions)
+        numbers = np.zeros((1, self.simulator.num_agents), np.int64)
+        numbers[0, self._rows] = given if self._are_numbers(given) else list(map(self._number, self.agents, given))
+        return numbers
+
+    def _check_agents(self, actions: Mapping[str, SupportsIndex]) -> None:
+        """Raise `ValueError` for an unknown agent, and for one that has no action; those who have left may have one."""
         for agent in actions:
             if agent not in self._index:
                 raise ValueError(f"action for an unknown agent {agent!r}: expected names out of possible_agents")
-        numbers = np.zeros((1, self.simulator.num_agents), np.int64)
         for agent in self.agents:
             if agent not in actions:
                 raise ValueError(f"no action for {agent!r}: expected one for each of the agents left")
-            numbers[0, self._index[agent]] = self._number(agent, actions[agent])
-        return numbers
+
+    def _are_numbers(self, actions: list[Any]) -> bool:
+        """Tell at a glance whether all are whole numbers that are allowed."""
+        return set(map(type, actions)) <= {int, np.int64} and min(actions) >= 0 and max(actions) < self._action_space.n
 
     def _number(self, agent: str, action: SupportsIndex) -> int:
         allowed = range(self.simulator.num_actions)
@@ -135,35 +148,37 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         return number
 
     @property
+    def _rows(self) -> slice | list[int]:
+        """Which of the N agents act."""
+        return slice(None) if len(self.agents) == len(self.possible_agents) else [self._index[a] for a in self.agents]
+
+    @property
     def _crew(self) -> NDArray[np.void]:
         """(N,) AGENT: the agents' records."""
         return self.simulator.state.agents[0]
 
     def _observe(self) -> tuple[dict[str, AgentObservation], dict[str, AgentInfo]]:
-        seen, crew = self.simulator.observe(), self._crew
-        counts = {
-            key: self._by_agent(crew[key].astype(np.int64)) for key in ("at_goal", "arrived", "blocked", "arrivals")
-        }
-        counts["moved"] = self._by_agent((crew["cell"] != crew["was_cell"]).astype(np.int64))
-        observations: dict[str, AgentObservation] = {}
-        infos: dict[str, AgentInfo] = {}
-        for agent in self.agents:
-            i = self._index[agent]
-            observations[agent] = self._agent_observation(seen, i)
-            infos[agent] = {"action_mask": seen.action_mask[0, i]} | {
-                key: count[agent] for key, count in counts.items()
+        seen, crew, rows = self.simulator.observe(), self._crew, self._rows
+        moved = crew["cell"] != crew["was_cell"]
+        flags = (crew["at_goal"], crew["arrived"], crew["blocked"], moved)
+        numbers = (column[rows].tolist() for column in (*(flag.view(np.int8) for flag in flags), crew["arrivals"]))
+        told = zip(self.agents, seen.action_mask[0][rows], *numbers, strict=True)
+        infos: dict[str, AgentInfo] = {
+            agent: {
+                "action_mask": mask,
+                "at_goal": at_goal,
+                "arrived": arrived,
+                "blocked": blocked,
+                "arrivals": arrivals,
+                "moved": moves,
             }
-        return observations, infos
-
-    def _agent_observation(self, seen: Observation, i: int) -> AgentObservation:
-        if not self.simulator.layout.num_features:
-            return seen.image[0, i]
-        return {"image": seen.image[0, i], "features": seen.features[0, i]}
-
-    def _by_agent(self, values: NDArray[Any]) -> dict[str, Any]:
-        """Turn (N,) values into a dictionary of Python numbers of the agents that act."""
-        numbers = values.tolist()
-        return {agent: numbers[self._index[agent]] for agent in self.agents}
+            for agent, mask, at_goal, arrived, blocked, moves, arrivals in told
+        }
+        observations: Any = seen.image[0][rows]
+        if self.simulator.layout.num_features:
+            pairs = zip(observations, seen.features[0][rows], strict=True)
+            observations = ({"image": image, "features": features} for image, features in pairs)
+        return dict(zip(self.agents, observations, strict=True)), infos
 
     def state(self) -> NDArray[np.float32]:
         """Return the whole map as (7, H, W) float32, in [-1, 1]; `STATE_PLANES` names the planes.
