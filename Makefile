@@ -1,11 +1,12 @@
 # make train   sets everything up, trains a policy, evaluates it and shows it: see runs/quickstart
 # make test    sets everything up and runs the tests
+# make bench-peers   measures the speed beside POGEMA's, which it installs in .venv-peers
 # make lint    checks style and types
 
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: train test lint format figures reproduction clean
+.PHONY: train test lint format figures reproduction bench-peers clean
 
 train: .venv/installed
 	$(BIN)/mapf-pz train quickstart --output runs/quickstart
@@ -33,5 +34,13 @@ reproduction: .venv/installed
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[train,render,dev]'
 	touch $@
 
+bench-peers: .venv/installed .venv-peers/installed
+	$(BIN)/mapf-pz benchmark --pogema .venv-peers/bin/python
+
+.venv-peers/installed:
+	$(PYTHON) -m venv .venv-peers
+	.venv-peers/bin/pip install --quiet --disable-pip-version-check 'pogema==1.4.0' 'pydantic<2'
+	touch $@
+
 clean:
-	rm -rf .venv runs
+	rm -rf .venv .venv-peers runs

@@ -7,7 +7,7 @@ import pytest
 
 from mapf_pz import cli
 from mapf_pz.cli import COMMANDS, Command, main
-from mapf_pz.commands.benchmark import COPY, Measurement, as_table, measure
+from mapf_pz.commands.benchmark import COPY, Measurement, as_table, measure, timed
 from mapf_pz.instances import load_map, map_names, place, write_map, write_scenario
 from mapf_pz.types import Grid
 
@@ -278,11 +278,47 @@ def test_benchmark_errors(capsys):
 
 def test_medians_and_ratios():
     calls = []
-    results = measure({"slow": lambda: calls.append(0) or 10, COPY: lambda: 1000}, seconds=0)
-    assert len(calls) == 4  # the first does not count
-    assert [(one.name, one.num_bouts) for one in results] == [("slow", 3), (COPY, 3)]
-    table = as_table([Measurement("half", 5, 1, 1, 1, 1), Measurement(COPY, 10, 1, 1, 1, 1)])
-    assert list(table.columns[-1].cells) == ["50.0%", "100.0%"]
+    results = measure({"slow": timed(lambda: calls.append(0) or 10), COPY: timed(lambda: 1000)}, seconds=0)
+    assert len(calls) == 6  # the first does not count
+    assert [(one.name, one.num_bouts) for one in results] == [("slow", 5), (COPY, 5)]
+    table = as_table([Measurement("half", 5, 30, 1), Measurement(COPY, 10, 60, 1), Measurement("POGEMA", 1, 3, 1)])
+    assert [list(column.cells) for column in table.columns][-2:] == [
+        ["50.0%", "100.0%", "10.0%"],
+        ["10.0", "20.0", "1.0"],
+    ]
+
+
+POGEMA = """
+class GridConfig:
+    def __init__(self, map, num_agents, obs_radius, max_episode_steps, **rest):
+        assert (map.count("\\n"), obs_radius, max_episode_steps) == (6, 1, 4), map
+        self.num_agents = num_agents
+
+class pogema_v0:
+    def __init__(self, grid_config):
+        pass
+    def reset(self):
+        pass
+    def step(self, actions):
+        assert len(actions) == 2
+"""
+
+
+def test_beside_pogema(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr("mapf_pz.commands.benchmark.find_spec", lambda name: None)
+    words = ["--seconds", 0, "--num-envs", 2, "--num-agents", 2, "--max-steps", 4, "--height", 7, "--width", 7]
+    words += ["--view-size", 3, 3, "--pogema", sys.executable]
+    status, out, err = run(capsys, "benchmark", *words)
+    assert (status, len(err)) == (1, 1)
+    assert err[0].endswith("is POGEMA 1.4.0 installed there? ModuleNotFoundError: No module named 'pogema'")
+    (tmp_path / "pogema.py").write_text(POGEMA)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    status, out, err = run(capsys, "benchmark", *words)
+    assert (status, err) == (0, [])
+    assert "x POGEMA" in "\n".join(out)
+    assert run(capsys, "benchmark", *words, "--new-maps")[2][0].startswith(
+        "mapf-pz benchmark: pogema: expected one map"
+    )
 
 
 def test_train_then_evaluate(tmp_path, capsys):

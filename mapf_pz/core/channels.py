@@ -25,6 +25,8 @@ class Channel:
     low: float = 0
     high: float = 1
     needs_distances: bool = False
+    looks_up: bool = False
+    """Whether cells in view are looked up one by one."""
 
 
 CHANNELS: dict[str, Channel] = {
@@ -37,15 +39,15 @@ CHANNELS: dict[str, Channel] = {
     # weight of leaving each cell in four directions over the largest; blocked -1, outside 0
     "edge_weights": Channel(planes=4, shows=EDGES, low=-1),
     # how much nearer to the goal each cell is
-    "cost_to_go": Channel(low=-1, needs_distances=True),
+    "cost_to_go": Channel(low=-1, needs_distances=True, looks_up=True),
     # 1 where leaving the cell in each of four directions leads nearer to the goal
-    "heuristic": Channel(planes=4, needs_distances=True),
+    "heuristic": Channel(planes=4, needs_distances=True, looks_up=True),
     # 1 on goals of the other agents in view
-    "other_goals": Channel(),
+    "other_goals": Channel(looks_up=True),
     # 1 on cells that the other agents in view would enter next along their own cheapest paths
-    "others_next": Channel(needs_distances=True),
+    "others_next": Channel(needs_distances=True, looks_up=True),
     # on each other agent in view 1 if it is on its goal, else -1
-    "others_at_goal": Channel(low=-1),
+    "others_at_goal": Channel(low=-1, looks_up=True),
 }
 
 
@@ -54,6 +56,7 @@ class Planes(NamedTuple):
 
     shown: Array  # (W,) int64: the planes of the stage that channels show
     drawn: Array  # (W,) int64: the planes of the image that they are shown in
+    look_up: bool  # whether there is any channel for which cells in view are looked up
     view_at: int = -1
     goal_at: int = -1
     orientation_at: int = -1
@@ -63,16 +66,6 @@ class Planes(NamedTuple):
     other_goals_at: int = -1
     others_next_at: int = -1
     others_at_goal_at: int = -1
-
-    @property
-    def looks_up(self) -> bool:
-        """Whether any channel looks up the cells in view."""
-        return max(self[self.index_of("cost_to_go") :]) >= 0
-
-    @classmethod
-    def index_of(cls, channel: str) -> int:
-        """Return the number of a channel's field."""
-        return cls._fields.index(f"{channel}_at")
 
 
 def arrange(names: Sequence[str]) -> Planes:
@@ -85,4 +78,5 @@ def arrange(names: Sequence[str]) -> Planes:
         shown += channel.shows
         drawn += range(at, at + len(channel.shows))
         at += channel.planes
-    return Planes(np.array(shown, np.int64), np.array(drawn, np.int64), **first)
+    look_up = any(CHANNELS[name].looks_up for name in names)
+    return Planes(np.array(shown, np.int64), np.array(drawn, np.int64), look_up, **first)

@@ -1,0 +1,42 @@
+"""Plays an episode in POGEMA 1.4.0, in a Python of its own, for `mapf-pz benchmark`: `pogema_player.py OPTIONS`.
+
+OPTIONS is a JSON object: `map` (rows of `.` and `#`), `num_agents`, `view_size` (odd, square), `max_steps`, `seed`, and
+`integration` (null: its own interface, or `PettingZoo`). Actions are random; the reset counts. It writes the steps that
+agents took, the seconds and the CPU seconds, and needs nothing but POGEMA, whose dependencies clash with the project's.
+"""
+
+import json
+import random
+import sys
+import time
+
+from pogema import GridConfig, pogema_v0  # pyright: ignore[reportMissingImports]
+
+
+def main() -> None:
+    """Play, and write what it took."""
+    options = json.loads(sys.argv[1])
+    config = GridConfig(
+        map="\n".join(options["map"]),
+        num_agents=options["num_agents"],
+        obs_radius=options["view_size"] // 2,
+        max_episode_steps=options["max_steps"],
+        seed=options["seed"],
+        on_target="nothing",
+        collision_system="soft",
+        integration=options["integration"],
+    )
+    env = pogema_v0(grid_config=config)
+    rng = random.Random(options["seed"])
+    actions = [[rng.randrange(5) for _ in range(config.num_agents)] for _ in range(options["max_steps"])]
+    if options["integration"] == "PettingZoo":
+        actions = [{f"player_{i}": action for i, action in enumerate(row)} for row in actions]
+    wall, cpu = time.perf_counter(), time.process_time()
+    env.reset()
+    for row in actions:
+        env.step(row)
+    steps = options["max_steps"] * config.num_agents
+    print(json.dumps([steps, time.perf_counter() - wall, time.process_time() - cpu]))
+
+
+main()
