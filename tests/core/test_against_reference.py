@@ -105,7 +105,9 @@ class Lockstep:
             game.step(actions[b].tolist())
             self._compare(b)
             self._compare_outcome(b, playing[b])
-            if game.truncated or all(game.terminated) or self.rng.random() < 0.003:
+            is_over = bool(game.truncated or all(game.terminated))
+            assert self.simulator.over[b] == is_over
+            if is_over or self.rng.random() < 0.003:
                 over.append(b)
                 if self.rng.random() < 0.2:  # slow, in the reference
                     self._compare_metrics(b)
@@ -227,8 +229,9 @@ def test_ten_thousand_steps(action_model, collision_system, on_target):
 @pytest.mark.parametrize(COMBINATION_NAMES, COMBINATIONS)
 def test_observations(action_model, collision_system, on_target):
     rng = np.random.default_rng(100 + COMBINATIONS.index((action_model, collision_system, on_target)))
-    for _ in range(6):
-        shape = tuple(rng.integers(2, 6, 2).tolist())
+    for k in range(6):
+        # Views of more than 8 columns are copied in several blocks.
+        shape = (int(rng.integers(2, 6)), int(rng.integers(9, 19) if k == 0 else rng.integers(2, 6)))
         num_agents = min(int(rng.integers(2, 6)), shape[0] * shape[1] // 2)
         view = "centered" if action_model == "cardinal" else rng.choice(["front", "centered"])
         map_frame = action_model == "cardinal" or (view == "centered" and rng.random() < 0.5)
@@ -238,7 +241,7 @@ def test_observations(action_model, collision_system, on_target):
             collision_system=collision_system,
             on_target=on_target,
             max_steps=12,
-            view_size=(int(rng.integers(1, shape[0] + 1)), int(rng.integers(1, shape[1] + 1))),
+            view_size=(int(rng.integers(1, shape[0] + 1)), shape[1] if k == 0 else int(rng.integers(1, shape[1] + 1))),
             view=str(view),
             frame="map" if map_frame else "egocentric",
             see_through_walls=bool(rng.random() < 0.5),
