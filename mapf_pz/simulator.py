@@ -50,7 +50,7 @@ class Simulator:
         self.num_envs = num_envs
         self.num_agents = self.source.num_agents
         self.shape = self.source.shape
-        self._graph = _guidance(config.edge_weights, self.shape)
+        self._graph = _common_graph(config.edge_weights, self.shape)
         self.layout = ObservationLayout(config, self.shape)
         self.num_actions = self.layout.num_actions
         self.needs_distances = self.layout.needs_distances or config.rewards.progress != 0
@@ -261,15 +261,15 @@ class Simulator:
         return rng.integers(4, size=self.num_agents)
 
 
-def _guidance(weights: WeightsName | GuidanceGraph, shape: tuple[int, int]) -> GuidanceGraph | None:
+def _common_graph(weights: WeightsName | GuidanceGraph, shape: tuple[int, int]) -> GuidanceGraph | None:
     """Return the guidance graph of all maps of `shape` (H, W); None: each has its own."""
     if isinstance(weights, GuidanceGraph):
         if weights.shape != shape:
             raise ValueError(f"edge_weights of shape {weights.shape}: the map's shape is {shape}")
         return weights
     # Weights do not depend on obstacles; edges into them are blocked when a map is laid out.
-    free = np.ones(shape, np.bool_)
-    return {"uniform": GuidanceGraph.uniform(free), "crisscross": GuidanceGraph.crisscross(free)}.get(weights)
+    make = {"uniform": GuidanceGraph.uniform, "crisscross": GuidanceGraph.crisscross}.get(weights)
+    return None if make is None else make(np.ones(shape, np.bool_))
 
 
 def _rules(config: EnvConfig, rewards: RewardConfig) -> Rules:

@@ -62,40 +62,23 @@ def draw_heuristic(
 
 
 @jit
-def draw_other_goals(
+def draw_others_cells(
     sight: Sight,
     stage: Stage,
     windows: Windows,
     count: Array,
     others: Array,
-    crew: Array,
+    marked: Array,
     image: Array,
     plane: int,
 ) -> None:
-    """1 on goals of the other agents in view."""
+    """1 on the cells that belong to the other agents in view: `marked` (N,), the goals or next cells; -1: none."""
     for i in range(image.shape[0]):
         clear(image, i, plane)
         for k in range(count[i]):
-            mark(sight, stage, windows, crew[others[i, k]].goal, image, i, plane)
-
-
-@jit
-def draw_others_next(
-    sight: Sight,
-    stage: Stage,
-    windows: Windows,
-    count: Array,
-    others: Array,
-    crew: Array,
-    image: Array,
-    plane: int,
-) -> None:
-    """1 on cells that the other agents in view would enter next along their own cheapest paths."""
-    for i in range(image.shape[0]):
-        clear(image, i, plane)
-        for k in range(count[i]):
-            if crew[others[i, k]].next_cell >= 0:
-                mark(sight, stage, windows, crew[others[i, k]].next_cell, image, i, plane)
+            cell = marked[others[i, k]]
+            if cell >= 0:
+                mark(sight, stage, windows, cell, image, i, plane)
 
 
 @jit

@@ -94,10 +94,10 @@ def _draw_lookups_of(
         note_others(state.occupant[b], cells, seen, count, spots, others)
     if planes.other_goals_at >= 0:
         at = planes.other_goals_at
-        lookups.draw_other_goals(sight, stage, windows, count, others, crew, image, at)
+        lookups.draw_others_cells(sight, stage, windows, count, others, crew.goal, image, at)
     if planes.others_next_at >= 0:
         lookups.find_next_cells(world.leads_to[m], world.weight[m], slot, to_go, crew)
         at = planes.others_next_at
-        lookups.draw_others_next(sight, stage, windows, count, others, crew, image, at)
+        lookups.draw_others_cells(sight, stage, windows, count, others, crew.next_cell, image, at)
     if planes.others_at_goal_at >= 0:
         lookups.draw_others_at_goal(count, spots, others, crew, image, planes.others_at_goal_at)

@@ -238,3 +238,13 @@ class SlowPIBT:
         row, col, heading = self.states[agent]
         step = (self.want[agent][0] - row, self.want[agent][1] - col)
         return "W" if step == (0, 0) else "FRRL"[(STEPS.index(step) - heading) % 4]
+
+
+def assert_same_decisions(env, observations, planner, slow):
+    """Play the episode that has begun; in each step, a planner and the one in plain Python must decide the same."""
+    while env.agents:
+        states = [(*cell, heading) for cell, heading in zip(env.positions.tolist(), env.headings.tolist(), strict=True)]
+        expected = [ACTION[letter] for letter in slow.decide(states, list(map(tuple, env.goals.tolist())))]
+        actions = planner.act(observations)
+        assert list(actions.values()) == expected
+        observations = env.step(actions)[0]

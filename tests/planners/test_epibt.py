@@ -7,7 +7,7 @@ import mapf_pz
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import EPIBT, validate
 from tests.planners.drawing import drawn
-from tests.planners.reference import ACTION, SlowEPIBT, World
+from tests.planners.reference import SlowEPIBT, World, assert_same_decisions
 
 
 @pytest.mark.parametrize("depth", [1, 2, 3, 4])
@@ -17,12 +17,7 @@ def test_it_decides_as_in_plain_python(depth, seed, num_agents):
     env = mapf_pz.parallel_env(source=RandomObstacles(8, 8, 0.2, num_agents), on_target="restart", max_steps=30)
     observations, _ = env.reset(seed=seed)
     planner, slow = EPIBT(env, depth=depth), SlowEPIBT(World(env.grid), depth)
-    while env.agents:
-        states = [(*cell, heading) for cell, heading in zip(env.positions.tolist(), env.headings.tolist(), strict=True)]
-        expected = [ACTION[letter] for letter in slow.decide(states, list(map(tuple, env.goals.tolist())))]
-        actions = planner.act(observations)
-        assert list(actions.values()) == expected
-        observations = env.step(actions)[0]
+    assert_same_decisions(env, observations, planner, slow)
 
 
 @pytest.mark.parametrize("model", ["cardinal", "rotate"])

@@ -6,7 +6,7 @@ import mapf_pz
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import PIBT, validate
 from tests.planners.drawing import drawn
-from tests.planners.reference import ACTION, SlowPIBT, World
+from tests.planners.reference import SlowPIBT, World, assert_same_decisions
 
 
 def test_one_agent_takes_the_shortest_way():
@@ -52,12 +52,7 @@ def test_it_decides_as_in_plain_python(seed, num_agents):
     env = mapf_pz.parallel_env(source=RandomObstacles(8, 8, 0.2, num_agents), on_target="restart", max_steps=30)
     observations, _ = env.reset(seed=seed)
     planner, slow = PIBT(env, seed), SlowPIBT(World(env.grid), seed)
-    while env.agents:
-        states = [(*cell, heading) for cell, heading in zip(env.positions.tolist(), env.headings.tolist(), strict=True)]
-        expected = [ACTION[letter] for letter in slow.decide(states, list(map(tuple, env.goals.tolist())))]
-        actions = planner.act(observations)
-        assert list(actions.values()) == expected
-        observations = env.step(actions)[0]
+    assert_same_decisions(env, observations, planner, slow)
 
 
 def test_same_seed_same_episode():
