@@ -47,8 +47,8 @@ class DistanceTables:
             return
         maps, goals = np.repeat(maps, goals.shape[1]), goals.reshape(-1)
         missing = slot[maps, goals] < 0
-        pairs = np.unique(np.stack([maps[missing], goals[missing]]), axis=1)
-        count = pairs.shape[1]
+        wanted = np.unique(np.ravel_multi_index((maps[missing], goals[missing]), slot.shape))
+        count = wanted.size
         if count > len(self._unused):
             self._drop_all_but(maps, goals)
         if count > len(self._unused):
@@ -57,8 +57,8 @@ class DistanceTables:
                 f"distance_bytes: the cost to go to all goals in use takes {needed} bytes, more than allowed"
             )
         slots = np.array([self._unused.pop() for _ in range(count)], np.int32)
-        slot[pairs[0], pairs[1]] = slots
-        maps, goals = pairs.astype(np.int32)
+        slot.flat[wanted] = slots
+        maps, goals = np.array(np.unravel_index(wanted, slot.shape), np.int32)
         fill_tables(self._num_threads, self._world, maps, goals, slots, self.arrays, self._scratch)
 
     def _drop_all_but(self, maps: Ints, goals: Ints) -> None:
