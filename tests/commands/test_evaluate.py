@@ -5,7 +5,6 @@ import re
 import signal
 import subprocess
 import sys
-from functools import partial
 
 import numpy as np
 import pytest
@@ -211,10 +210,8 @@ def test_interrupted_and_called_again(capsys, tmp_path, jobs):
     words = ["--policy", "pibt", *SMALL[:-1], 1_000_000, "--jobs", jobs, "--output", tmp_path]
     command = [sys.executable, "-m", "mapf_pz", "evaluate", *map(str, words)]
     file = tmp_path / "episodes.csv"
-    # A session of its own, so that all of its processes get the signal, as they do in a terminal; and not deaf to it,
-    # as what a shell starts in the background is.
-    options = {"start_new_session": True, "preexec_fn": partial(signal.signal, signal.SIGINT, signal.SIG_DFL)}
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, **options) as running:
+    # A session of its own, so that all of its processes get the signal, as they do in a terminal.
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True) as running:
         wait_for(lambda: file.exists() and file.read_bytes().count(b"\n") > 20)
         workers = children_of(running.pid)
         os.killpg(running.pid, signal.SIGINT)
