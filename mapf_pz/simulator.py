@@ -99,12 +99,10 @@ class Simulator:
         for b in chosen:
             if seeds is not None and b in seeds:
                 self._rngs[b] = np.random.default_rng(seeds[b])
-            given = None if instances is None else instances.get(b)
-            if given is None:
-                given = self.source.sample(self._rngs[b])
-            else:
-                check_reachable(given)
-            self._begin(b, given)
+        drawn = [self._instance(b, instances or {}) for b in chosen]
+        for b, instance in zip(chosen, drawn, strict=True):
+            self._set(b, instance)
+        begin(np.array(chosen, np.int64), self._starts, self._start_headings, self.state)
         if self.needs_distances:
             self.require_distances()
 
@@ -196,21 +194,25 @@ class Simulator:
         shortest_steps(self.world, int(self.state.map[b]), starts, headings, goals, to_go, scratch, lengths)
         return lengths[np.argsort(order)]
 
-    def _begin(self, b: int, instance: Instance) -> None:
-        """Put `instance` into row `b`."""
+    def _instance(self, b: int, given: Mapping[int, Instance]) -> Instance:
+        """Return the instance for row `b`, as it is given or else drawn."""
+        if b not in given:
+            instance = self.source.sample(self._rngs[b])
+        else:
+            instance = given[b]
+            check_reachable(instance)
         self._check(instance)
-        rng, state = self._rngs[b], self.state
+        return instance
+
+    def _set(self, b: int, instance: Instance) -> None:
+        """Note `instance` for row `b`."""
+        rng = self._rngs[b]
         m = 0 if self._one_map else b
         self._lay_out(m, instance.grid, rng)
-        headings = self._headings(instance, rng)
-        numbering = np.array([self.shape[1], 1])
-        starts = instance.scenario.starts @ numbering
-        state.map[b], state.time[b], state.terminated[b], state.truncated[b] = m, 0, False, False
-        state.goals[b] = self._goals(instance, rng) @ numbering
-        self._starts[b], self._start_headings[b] = starts, headings
-        state.agents[b].fill(0)
-        memory = (state.occupant[b], state.history[b])
-        begin(self._starts[b], self._start_headings[b], state.goals[b], state.agents[b], *memory)
+        self.state.map[b] = m
+        self._start_headings[b] = self._headings(instance, rng)
+        self._starts[b] = instance.start_cells
+        self.state.goals[b] = self._goals(instance, rng)
 
     def _check(self, instance: Instance) -> None:
         expected = (self.num_agents, self.shape)
@@ -240,12 +242,12 @@ class Simulator:
         return GuidanceGraph.random(grid.free, rng) if self._graph is None else self._graph
 
     def _goals(self, instance: Instance, rng: np.random.Generator) -> Ints:
-        """Return each agent's goals in order, (N, G, 2); where only one is given and more are needed, draw the rest."""
-        goals = instance.scenario.goals.reshape(self.num_agents, -1, 2)
+        """Return each agent's goals in order, (N, G); where only one is given and more are needed, draw the rest."""
+        goals = instance.goal_cells
         needed = self.state.goals.shape[2]
         if goals.shape[1] == 1 and needed > 1:
-            drawn = place(instance.grid, self.num_agents, rng, goals_per_agent=needed).goals
-            goals = np.concatenate([goals, drawn[:, 1:]], axis=1)
+            drawn = place(instance.grid, self.num_agents, rng, goals_per_agent=needed)
+            goals = np.concatenate([goals, Instance(instance.grid, drawn).goal_cells[:, 1:]], axis=1)
         return goals if goals.shape[1] == needed else goals[:, np.arange(needed) % goals.shape[1]]
 
     def _headings(self, instance: Instance, rng: np.random.Generator) -> Ints:

@@ -7,7 +7,7 @@ one order: east, south, west, north.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Protocol, TypeVar, runtime_checkable
 
@@ -137,18 +137,23 @@ class Instance:
     """Starts and goals of the N agents."""
     headings: Ints | None = None
     """(N,) int8 initial headings; None leaves them to the environment's `initial_heading`."""
+    start_cells: Ints = field(init=False, repr=False)
+    """(N,) int64 numbers of the start cells, `row * W + col`."""
+    goal_cells: Ints = field(init=False, repr=False)
+    """(N, L) int64 numbers of the goal cells."""
 
     def __post_init__(self) -> None:
         """Check starts, goals and headings against the map."""
-        _check_cells(self.grid, "start", self.scenario.starts)
-        goals = self.scenario.goals
-        _check_cells(self.grid, "goal", goals.reshape(-1, 2), per_agent=goals.size // 2 // max(len(goals), 1))
-        width = self.grid.shape[1]
-        cells = self.scenario.starts @ np.array([width, 1])
-        if len(cells) and np.bincount(cells).max() > 1:
-            first = np.unique(cells, return_index=True)[1]
-            agent = int(np.setdiff1d(np.arange(len(self.scenario)), first)[0])
-            raise ValueError(f"agent {agent}: start {_place(self.scenario.starts[agent])} is another agent's start too")
+        starts, goals = self.scenario.starts, self.scenario.goals
+        per_agent = goals.shape[1] if goals.ndim == 3 else 1
+        start_cells = _cell_numbers(self.grid, "start", starts)
+        goal_cells = _cell_numbers(self.grid, "goal", goals.reshape(-1, 2), per_agent)
+        if len(set(start_cells.tolist())) < len(starts):
+            first = np.unique(start_cells, return_index=True)[1]
+            agent = int(np.setdiff1d(np.arange(len(starts)), first)[0])
+            raise ValueError(f"agent {agent}: start {_place(starts[agent])} is another agent's start too")
+        object.__setattr__(self, "start_cells", start_cells)
+        object.__setattr__(self, "goal_cells", goal_cells.reshape(-1, per_agent))
         if self.headings is not None:
             headings = frozen(self.headings, np.int8)
             if headings.shape != (len(self.scenario),) or not np.isin(headings, list(Heading)).all():
@@ -165,20 +170,26 @@ def _place(cell: Ints) -> str:
     return f"[row {cell[0]}, col {cell[1]}]"
 
 
-def _check_cells(grid: Grid, what: str, cells: Ints, per_agent: int = 1) -> None:
-    """Raise `ValueError` for the first of `cells` (M, 2) that is outside the map or on an obstacle."""
+def _cell_numbers(grid: Grid, what: str, cells: Ints, per_agent: int = 1) -> Ints:
+    """Number `cells` (M, 2); raise `ValueError` for the first that is outside the map or on an obstacle."""
+    try:
+        numbers = np.ravel_multi_index((cells[:, 0], cells[:, 1]), grid.shape)
+    except ValueError:
+        raise ValueError(_misplaced(grid, what, cells, per_agent)) from None
+    if not grid.free.ravel().take(numbers).all():
+        raise ValueError(_misplaced(grid, what, cells, per_agent))
+    return numbers
+
+
+def _misplaced(grid: Grid, what: str, cells: Ints, per_agent: int) -> str:
+    """Say which agent is the first whose cell is not free, and why."""
     height, width = grid.shape
-    rows, cols = cells[:, 0], cells[:, 1]
-    if not len(cells) or (
-        cells.min() >= 0 and rows.max() < height and cols.max() < width and grid.free[rows, cols].all()
-    ):
-        return
     inside: Bools = np.all((cells >= 0) & (cells < np.array(grid.shape)), axis=1)
     usable = inside.copy()
     usable[inside] = grid.free[cells[inside, 0], cells[inside, 1]]
     worst = int(np.argmin(usable))
     problem = "is an obstacle" if inside[worst] else "is outside"
-    raise ValueError(
+    return (
         f"agent {worst // per_agent}: {what} {_place(cells[worst])} {problem} of map {grid.name!r} ({height} x {width})"
     )
 

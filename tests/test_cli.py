@@ -1,13 +1,17 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from mapf_pz import cli
+from mapf_pz.benchmark import scaling
+from mapf_pz.benchmark.bouts import Measurement, measure, timed
+from mapf_pz.benchmark.contenders import COPY, as_table
+from mapf_pz.benchmark.load import Load
 from mapf_pz.cli import COMMANDS, Command, main
-from mapf_pz.commands.benchmark import COPY, Measurement, as_table, measure, timed
 from mapf_pz.instances import load_map, map_names, place, write_map, write_scenario
 from mapf_pz.types import Grid
 
@@ -251,23 +255,61 @@ def test_render_errors(capsys, tmp_path, monkeypatch, words, message):
 # Benchmark.
 
 
+SMALL = ["--seconds", 0, "--num-envs", 2, "--num-agents", 2, "--max-steps", 4]
+
+
+@pytest.mark.filterwarnings("ignore:PettingZoo in TorchRL:UserWarning")
 def test_benchmark(capsys):
-    words = ["--seconds", 0.1, "--num-envs", 4, "--num-agents", 3, "--max-steps", 8, "--map", "random-12-12-15"]
-    status, out, err = run(capsys, "benchmark", *words)
+    status, out, err = run(capsys, "benchmark", *SMALL, "--map", "random-12-12-15")
     assert (status, err) == (0, [])
     text = "\n".join(out)
-    for name in ("simulator", "PettingZoo", "TorchRL", "memory copy", "100.0%"):
+    for name in ("simulator", "stepping", "observing", "PettingZoo", "TorchRL", "PettingZooWrapper", "100.0%"):
         assert name in text
 
 
 def test_benchmark_on_random_maps_without_torchrl(capsys, monkeypatch):
-    monkeypatch.setattr("mapf_pz.commands.benchmark.find_spec", lambda name: None)
-    status, out, err = run(
-        capsys, "benchmark", "--seconds", 0, "--num-envs", 2, "--num-agents", 2, "--max-steps", 4, "--num-threads", 2
-    )
+    monkeypatch.setattr("mapf_pz.benchmark.contenders.find_spec", lambda name: None)
+    status, out, err = run(capsys, "benchmark", *SMALL, "--num-threads", 2)
     assert (status, err) == (0, [])
-    assert out[0].startswith("TorchRL is left out")
-    assert "100.0%" in "\n".join(out)
+    text = "\n".join(out)
+    assert "TorchRL is left out" in text
+    assert "PettingZooWrapper" not in text
+
+
+def test_benchmark_of_beginnings(capsys):
+    status, out, err = run(capsys, "benchmark", *SMALL, "--tables", "resets", "startup")
+    assert (status, err) == (0, [])
+    text = "\n".join(out)
+    assert "64 agents, new map and cost to go" in text
+    assert "import and first step afterwards" in text
+
+
+def test_benchmark_along_axes(capsys, monkeypatch):
+    def two(axis):
+        return lambda load: dict(list(axis(load).items())[:2])
+
+    monkeypatch.setattr(scaling, "AXES", tuple(two(axis) for axis in scaling.AXES))
+    status, out, err = run(capsys, "benchmark", *SMALL, "--tables", "scaling")
+    assert (status, err) == (0, [])
+    text = "\n".join(out)
+    for row in ("64 agents on 32 x 32", "8 environments", "views of 7 x 7", "maps of 64 x 64", "1 threads"):
+        assert row in text
+
+
+def test_axes_change_one_thing():
+    load = Load(num_envs=16, num_agents=64)
+    names = {"num_agents": "more_agents", "num_envs": "more_environments", "view_size": "larger_views"}
+    names |= {"height": "larger_maps", "num_threads": "more_threads"}
+    for field, axis in names.items():
+        loads = list(getattr(scaling, axis)(load).values())
+        values = [getattr(one, field) for one in loads]
+        assert values == sorted(set(values))
+        if axis != "more_agents":
+            assert {replace(one, **{field: 0, "width": 0}) for one in loads} == {
+                replace(load, **{field: 0, "width": 0})
+            }
+    density = {one.height * one.width / one.num_agents for one in scaling.more_agents(load).values()}
+    assert density == {16}
 
 
 def test_benchmark_errors(capsys):
@@ -278,10 +320,11 @@ def test_benchmark_errors(capsys):
 
 def test_medians_and_ratios():
     calls = []
-    results = measure({"slow": timed(lambda: calls.append(0) or 10), COPY: timed(lambda: 1000)}, seconds=0)
+    measured = measure({"slow": timed(lambda: calls.append(0) or 10), COPY: timed(lambda: 1000)}, seconds=0)
     assert len(calls) == 6  # the first does not count
-    assert [(one.name, one.num_bouts) for one in results] == [("slow", 5), (COPY, 5)]
-    table = as_table([Measurement("half", 5, 30, 1), Measurement(COPY, 10, 60, 1), Measurement("POGEMA", 1, 3, 1)])
+    assert [(one.name, one.num_bouts) for one in measured.values()] == [("slow", 5), (COPY, 5)]
+    rates = {"half": (5, 30), COPY: (10, 60), "POGEMA": (1, 3)}
+    table = as_table({name: Measurement(name, *rate, 1) for name, rate in rates.items()})
     assert [list(column.cells) for column in table.columns][-2:] == [
         ["50.0%", "100.0%", "10.0%"],
         ["10.0", "20.0", "1.0"],
@@ -305,9 +348,8 @@ class pogema_v0:
 
 
 def test_beside_pogema(capsys, monkeypatch, tmp_path):
-    monkeypatch.setattr("mapf_pz.commands.benchmark.find_spec", lambda name: None)
-    words = ["--seconds", 0, "--num-envs", 2, "--num-agents", 2, "--max-steps", 4, "--height", 7, "--width", 7]
-    words += ["--view-size", 3, 3, "--pogema", sys.executable]
+    monkeypatch.setattr("mapf_pz.benchmark.contenders.find_spec", lambda name: None)
+    words = [*SMALL, "--height", 7, "--width", 7, "--view-size", 3, 3, "--pogema", sys.executable]
     status, out, err = run(capsys, "benchmark", *words)
     assert (status, len(err)) == (1, 1)
     assert err[0].endswith("is POGEMA 1.4.0 installed there? ModuleNotFoundError: No module named 'pogema'")

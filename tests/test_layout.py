@@ -29,6 +29,7 @@ ORDER = [
     "wrappers",
     "rl",
     "evaluate",
+    "benchmark",
     "commands",
     "cli",
     "__main__",

@@ -1,27 +1,44 @@
-"""Beginning an episode: the agents on their starts, and nothing remembered of the one before."""
+"""Beginning episodes: the agents on their starts, and nothing remembered of the ones before."""
 
 from __future__ import annotations
 
+import numpy as np
+
 from mapf_pz.core.jit import jit
-from mapf_pz.core.state import Array
+from mapf_pz.core.state import AGENT, Array, State
+
+_NEW = np.zeros(1, AGENT)
+
+
+def begin(chosen: Array, starts: Array, headings: Array, state: State) -> None:
+    """Begin an episode in the environments `chosen` (K,) int64.
+
+    Agents stand on `starts` (B, N) with `headings` (B, N), and go to the first of their goals in `state`.
+    """
+    _begin(chosen, starts, headings, _NEW, state)
 
 
 @jit
-def begin(starts: Array, headings: Array, goals: Array, crew: Array, occupant: Array, history: Array) -> None:
-    """Put agents on `starts` (N,) with `headings` (N,), each with the first of its `goals` (N, G) to reach.
+def _begin(chosen: Array, starts: Array, headings: Array, new: Array, state: State) -> None:
+    for b in chosen:
+        state.time[b] = 0
+        state.terminated[b] = state.truncated[b] = False
+        state.occupant[b, :] = -1
+        state.history[b, :, :, 0] = -1
+        state.history[b, :, :, 1] = 0
+        crew, goals = state.agents[b], state.goals[b]
+        for i in range(crew.size):
+            crew[i] = new[0]
+            _place(crew[i], starts[b, i], headings[b, i], goals[i, 0])
+            state.occupant[b, starts[b, i]] = i
 
-    `crew` (N,) is all zeros; `occupant` (C + 1,) and `history` (N, L, 2) are written over.
-    """
-    occupant[:] = -1
-    for i in range(crew.size):
-        agent = crew[i]
-        occupant[starts[i]] = i
-        agent.cell = agent.was_cell = starts[i]
-        agent.heading = agent.was_heading = headings[i]
-        agent.goal = agent.was_goal = goals[i, 0]
-        agent.at_goal = starts[i] == goals[i, 0]
-        agent.active = agent.was_active = True
-        agent.settled = -1
-        for k in range(history.shape[1]):
-            history[i, k, 0] = -1
-            history[i, k, 1] = 0
+
+@jit
+def _place(agent: Array, start: int, heading: int, goal: int) -> None:
+    """Put a new agent on its start."""
+    agent.cell = agent.was_cell = start
+    agent.heading = agent.was_heading = heading
+    agent.goal = agent.was_goal = goal
+    agent.at_goal = start == goal
+    agent.active = agent.was_active = True
+    agent.settled = -1

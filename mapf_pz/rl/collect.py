@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import torch
+from pettingzoo import ParallelEnv
+from tensordict import TensorDictBase
 from torchrl.collectors import BaseCollector, Collector, MultiSyncCollector
-from torchrl.envs import Compose, RewardSum, TransformedEnv
+from torchrl.envs import Compose, EnvBase, PettingZooWrapper, RewardSum, TransformedEnv
 
 from mapf_pz.rl.algorithms import Algorithm
 from mapf_pz.rl.batched_env import BatchedMapfEnv
@@ -137,3 +139,9 @@ def _keywords(algorithm: Algorithm, config: TrainConfig, updates: int) -> dict[s
         "env_device": "cpu",
         "storing_device": "cpu",
     }
+
+
+def random_batches(env: EnvBase | ParallelEnv[Any, Any, Any], frames: int) -> Iterator[TensorDictBase]:
+    """Yield batches of `frames` steps by a random policy, on and on; TorchRL's own wrapper takes other environments."""
+    wrapped = env if isinstance(env, EnvBase) else PettingZooWrapper(env)
+    return iter(Collector(wrapped, None, frames_per_batch=frames, total_frames=-1))

@@ -1,0 +1,74 @@
+"""Bouts: contenders take turns, so that a slow spell of the machine meets all of them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from statistics import median
+from typing import NamedTuple
+
+LEAST_BOUTS = 5
+
+
+class Played(NamedTuple):
+    """What a contender did in one bout."""
+
+    steps: int
+    """Steps that agents took, or whatever else is counted."""
+    wall: float
+    """Seconds."""
+    cpu: float
+    """CPU seconds of all threads."""
+
+
+Bout = Callable[[], Played]
+"""Plays once."""
+
+
+def timed(play: Callable[[], int]) -> Bout:
+    """Make a bout out of what returns how many steps agents took."""
+
+    def bout() -> Played:
+        wall, cpu = time.perf_counter(), time.process_time()
+        steps = play()
+        return Played(steps, time.perf_counter() - wall, time.process_time() - cpu)
+
+    return bout
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What came of a contender's bouts."""
+
+    name: str
+    """Who played."""
+    rate: float
+    """Agent steps per second, the median of all bouts."""
+    cpu_rate: float
+    """Agent steps per CPU second of all threads, the median of all bouts."""
+    num_bouts: int
+    """How many bouts."""
+
+
+def measure(bouts: Mapping[str, Bout], seconds: float) -> dict[str, Measurement]:
+    """Let all play in turns for about so many seconds in all, after one bout each that does not count."""
+    for play in bouts.values():
+        play()
+    results: dict[str, list[Played]] = {name: [] for name in bouts}
+    began = time.perf_counter()
+    num_rounds = 0
+    while num_rounds < LEAST_BOUTS or time.perf_counter() - began < seconds:
+        num_rounds += 1
+        for name, play in bouts.items():
+            results[name].append(play())
+    return {name: _summary(name, played) for name, played in results.items()}
+
+
+def _summary(name: str, played: list[Played]) -> Measurement:
+    return Measurement(
+        name,
+        rate=median(one.steps / one.wall for one in played),
+        cpu_rate=median(one.steps / one.cpu for one in played),
+        num_bouts=len(played),
+    )

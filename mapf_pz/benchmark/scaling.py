@@ -1,0 +1,87 @@
+"""Scaling: how the time that an agent's step takes grows with the load, along one axis after the other."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import replace
+
+from rich.table import Table
+
+from mapf_pz.benchmark.bouts import Measurement, measure
+from mapf_pz.benchmark.contenders import copy_bout, simulator_bout
+from mapf_pz.benchmark.load import Load
+
+CELLS_PER_AGENT = 16
+
+
+def more_agents(load: Load) -> dict[str, Load]:
+    """Return loads of more and more agents on larger and larger maps, with as many agents in all."""
+    in_all = max(load.num_envs * load.num_agents, 4096)
+    loads = {}
+    for num_agents in (16, 64, 256, 1024, 4096):
+        side = int((CELLS_PER_AGENT * num_agents) ** 0.5)
+        size = {"height": side, "width": side, "num_agents": num_agents, "num_envs": in_all // num_agents}
+        loads[f"{num_agents} agents on {side} x {side}"] = replace(load, map=None, **size)
+    return loads
+
+
+def more_environments(load: Load) -> dict[str, Load]:
+    """Return loads of more and more environments."""
+    return {f"{number} environments": replace(load, num_envs=number) for number in (1, 8, 64, 512)}
+
+
+def larger_views(load: Load) -> dict[str, Load]:
+    """Return loads with larger and larger views."""
+    return {f"views of {side} x {side}": replace(load, view_size=(side, side)) for side in (5, 7, 11, 20)}
+
+
+def larger_maps(load: Load) -> dict[str, Load]:
+    """Return loads on larger and larger maps."""
+    sides = (32, 64, 128, 256)
+    return {f"maps of {side} x {side}": replace(load, map=None, height=side, width=side) for side in sides}
+
+
+def more_threads(load: Load) -> dict[str, Load]:
+    """Return loads on more and more threads, up to as many as there are processors."""
+    count = os.cpu_count() or 1
+    numbers = sorted({min(2**k, count) for k in range(count.bit_length() + 1)})
+    return {f"{number} threads": replace(load, num_threads=number) for number in numbers}
+
+
+AXES: tuple[Callable[[Load], dict[str, Load]], ...] = (
+    more_agents,
+    more_environments,
+    larger_views,
+    larger_maps,
+    more_threads,
+)
+
+
+def scaling_table(load: Load, seconds: float) -> Table:
+    """Measure the simulator along every axis: a row for each load, a section for each axis."""
+    table = Table(title="the simulator's time for each agent step, medians of bouts")
+    table.add_column("")
+    for heading in ("ns", "x first", "CPU ns", "x copy"):
+        table.add_column(heading, justify="right")
+    for axis in AXES:
+        loads = axis(load)
+        bouts = {name: simulator_bout(one) for name, one in loads.items()}
+        copies = {_copy_of(name): copy_bout(one) for name, one in loads.items()}
+        _add_rows(table, list(loads), measure(bouts | copies, seconds / len(AXES)))
+    return table
+
+
+def _add_rows(table: Table, names: list[str], measured: dict[str, Measurement]) -> None:
+    first = measured[names[0]]
+    for name in names:
+        one, copy = measured[name], measured[_copy_of(name)]
+        ratios = first.rate / one.rate, copy.cpu_rate / one.cpu_rate
+        table.add_row(
+            name, f"{1e9 / one.rate:.0f}", f"{ratios[0]:.2f}", f"{1e9 / one.cpu_rate:.0f}", f"{ratios[1]:.1f}"
+        )
+    table.add_section()
+
+
+def _copy_of(name: str) -> str:
+    return f"copy of {name}"
