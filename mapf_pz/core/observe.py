@@ -13,14 +13,15 @@ from mapf_pz.core import lookups
 from mapf_pz.core.channels import Planes
 from mapf_pz.core.jit import BatchKernel, jit
 from mapf_pz.core.scene import Notes, Scene, note_cells, note_others, note_seen
-from mapf_pz.core.stage import Sight, Stage, Windows, cut, enter, facing, leave
+from mapf_pz.core.stage import Sight, Span, Stage, Windows, cut, enter, facing, leave
 from mapf_pz.core.state import Array, Distances, State, World
 
 
 def observe(num_threads: int, scene: Scene, planes: Planes, image: Array) -> None:
     """Fill `image` (B, N, K, V) float32."""
     state, places = scene.state, (planes.shown, planes.drawn, planes.view_at, planes.goal_at, planes.orientation_at)
-    _draw_windows(num_threads, scene.sight, scene.stage, *scene.windows, *places, state.map, state.agents, image)
+    spans = tuple(range(scene.sight.height)), tuple(range(scene.sight.width))
+    _draw_windows(num_threads, scene.sight, *spans, scene.stage, *scene.windows, *places, state.map, state.agents, image)
     if planes.look_up or not scene.sight.see_through_walls:
         seen = (scene.notes, scene.world, scene.distances, scene.state)
         _draw_lookups(num_threads, scene.sight, scene.stage, *scene.windows, *seen, planes, image)
@@ -28,8 +29,8 @@ def observe(num_threads: int, scene: Scene, planes: Planes, image: Array) -> Non
 
 @BatchKernel
 def _draw_windows(
-    sight: Sight, stage: Stage, turn: Array, corner: Array, shown: Array, drawn: Array, view_at: int, goal_at: int,
-    orientation_at: int, maps: Array, agents: Array, image: Array
+    sight: Sight, rows: Span, columns: Span, stage: Stage, turn: Array, corner: Array, shown: Array, drawn: Array,
+    view_at: int, goal_at: int, orientation_at: int, maps: Array, agents: Array, image: Array
 ) -> None:  # fmt: skip
     """Draw the windows of the stage, and the goal."""
     for thread in prange(stage.num_threads):
@@ -37,7 +38,7 @@ def _draw_windows(
             planes = stage.planes[np.int64(thread) if stage.shared else maps[b]]
             windows, crew, pictures = Windows(turn[b], corner[b]), agents[b], image[b]
             enter(sight, stage, windows, crew, planes)
-            cut(sight, stage.stride, windows, planes, shown, pictures, drawn)
+            cut(rows, columns, stage.stride, windows, planes, shown, pictures, drawn)
             leave(sight, stage, crew, planes)
             _draw_observers(sight, windows.turn, crew, pictures, view_at, orientation_at)
             if goal_at >= 0:

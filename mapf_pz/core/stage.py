@@ -15,8 +15,6 @@ from mapf_pz.core.jit import jit
 from mapf_pz.core.state import Array
 from mapf_pz.types import HEADING_STEPS, Heading
 
-BLOCK = 8
-"""So many cells are copied at once, by one instruction."""
 CROWD, FACING, EDGES = 0, 1, (2, 3, 4, 5)
 """Planes of the stage: 1 on obstacles and 0.5 on agents; `(1 + k) / 4` on agents of heading `k`; weights of edges."""
 
@@ -30,11 +28,14 @@ class Sight(NamedTuple):
     column: int
     see_through_walls: bool
     num_turns: int  # R: 4, each heading is up in one of the turned maps; or 1, north is up
-    num_blocks: int  # so many blocks of cells cover a row
+
+
+Span = tuple[int, ...]
+"""The rows or the columns of a view. The length of a tuple, unlike a number, is known when a kernel is compiled."""
 
 
 class Stage(NamedTuple):
-    """M maps of C cells, turned in R ways: S places each, rows one after the other, and then a block of nothing."""
+    """M maps of C cells, turned in R ways: S places each, rows one after the other."""
 
     num_threads: int  # T
     stride: Array  # (R,) int32: the length of a row
@@ -55,7 +56,6 @@ def make_sight(view_size: tuple[int, int], row: int, egocentric: bool, see_throu
         column=width // 2,
         see_through_walls=see_through_walls,
         num_turns=len(Heading) if egocentric else 1,
-        num_blocks=-(-width // BLOCK),
     )
 
 
@@ -69,7 +69,6 @@ def allocate_stage(sight: Sight, shape: tuple[int, int], num_maps: int, num_thre
         turned.append((rows - rows.min(), cols - cols.min()))
     stride = np.array([cols.max() + sight.width for _, cols in turned], np.int32)
     size = max((rows.max() + sight.height) * length for (rows, _), length in zip(turned, stride, strict=True))
-    size += BLOCK * sight.num_blocks
     num_stages = num_threads if num_maps == 1 else num_maps
     num_planes = EDGES[-1] + 1 if with_edges else EDGES[0]
     corners = [rows * length + cols for (rows, cols), length in zip(turned, stride, strict=True)]
@@ -160,50 +159,61 @@ def leave(sight: Sight, stage: Stage, crew: Array, planes: Array) -> None:
 
 
 @jit
-def cut(sight: Sight, stride: Array, windows: Windows, planes: Array, shown: Array, image: Array, drawn: Array) -> None:
+def cut(
+    rows: Span, columns: Span, stride: Array, windows: Windows, planes: Array, shown: Array, image: Array, drawn: Array
+) -> None:
     """Cut every agent's window out of the planes `shown` (W,) of the stage, into the planes `drawn` (W,) of the image.
 
-    `planes` (R, P, S) are those of one environment, and `image` (N, K, V). Rows are copied in whole blocks, which write
-    into the next row before that is copied; the last ones, where they would write past the plane, cell by cell. All of
-    a block is read before any of it is written, or the compiler could not take it at once, and unsigned numbers spare
-    it checks for negative ones.
+    `planes` (R, P, S) are those of one environment, and `image` (N, K, V).
     """
-    height, width = np.uint64(sight.height), np.uint64(sight.width)
-    in_blocks = np.uint64(0)  # so many rows
-    while in_blocks < height and in_blocks * width + np.uint64(BLOCK * sight.num_blocks) <= np.uint64(image.shape[2]):
-        in_blocks += np.uint64(1)
+    # One-dimensional arrays and unsigned numbers spare much reckoning.
+    source, target = planes.reshape(-1), image.reshape(-1)
+    num_planes, size = np.uint64(planes.shape[1]), np.uint64(planes.shape[2])
+    num_drawn, num_cells = np.uint64(image.shape[1]), np.uint64(len(rows) * len(columns))
     for i in range(image.shape[0]):
-        turn = windows.turn[i]
+        turn, corner = np.uint64(windows.turn[i]), np.uint64(windows.corner[i])
         step = np.uint64(stride[turn])
         for k in range(shown.size):
-            source, target = planes[turn, shown[k]], image[i, drawn[k]]
-            place, spot = np.uint64(windows.corner[i]), np.uint64(0)
-            for _ in range(in_blocks):
-                for block in range(sight.num_blocks):
-                    p, q = place + np.uint64(BLOCK * block), spot + np.uint64(BLOCK * block)
-                    cell_0 = source[p + np.uint64(0)]
-                    cell_1 = source[p + np.uint64(1)]
-                    cell_2 = source[p + np.uint64(2)]
-                    cell_3 = source[p + np.uint64(3)]
-                    cell_4 = source[p + np.uint64(4)]
-                    cell_5 = source[p + np.uint64(5)]
-                    cell_6 = source[p + np.uint64(6)]
-                    cell_7 = source[p + np.uint64(7)]
-                    target[q + np.uint64(0)] = cell_0
-                    target[q + np.uint64(1)] = cell_1
-                    target[q + np.uint64(2)] = cell_2
-                    target[q + np.uint64(3)] = cell_3
-                    target[q + np.uint64(4)] = cell_4
-                    target[q + np.uint64(5)] = cell_5
-                    target[q + np.uint64(6)] = cell_6
-                    target[q + np.uint64(7)] = cell_7
+            place = (turn * num_planes + np.uint64(shown[k])) * size + corner
+            spot = (np.uint64(i) * num_drawn + np.uint64(drawn[k])) * num_cells
+            for _ in range(len(rows)):
+                _copy_row(columns, source, place, target, spot)
                 place += step
-                spot += width
-            for _ in range(in_blocks, height):
-                for col in range(width):
-                    target[spot + col] = source[place + col]
-                place += step
-                spot += width
+                spot += np.uint64(len(columns))
+
+
+@jit
+def _copy_row(columns: Span, source: Array, place: int, target: Array, spot: int) -> None:
+    """Copy as many cells as there are columns: eight at once, then four, then one by one."""
+    width = len(columns)
+    for col in range(0, width - 7, 8):
+        _copy_eight(source, place + np.uint64(col), target, spot + np.uint64(col))
+    if width % 8 >= 4:
+        _copy_four(source, place + np.uint64(width // 8 * 8), target, spot + np.uint64(width // 8 * 8))
+    for col in range(width // 4 * 4, width):
+        target[spot + np.uint64(col)] = source[place + np.uint64(col)]
+
+
+@jit
+def _copy_four(source: Array, place: int, target: Array, spot: int) -> None:
+    """Copy four cells: all are read before any is written, or the compiler could not take them at once."""
+    cell_0, cell_1 = source[place], source[place + np.uint64(1)]
+    cell_2, cell_3 = source[place + np.uint64(2)], source[place + np.uint64(3)]
+    target[spot], target[spot + np.uint64(1)] = cell_0, cell_1
+    target[spot + np.uint64(2)], target[spot + np.uint64(3)] = cell_2, cell_3
+
+
+@jit
+def _copy_eight(source: Array, place: int, target: Array, spot: int) -> None:
+    """Copy eight cells in the same way."""
+    cell_0, cell_1 = source[place], source[place + np.uint64(1)]
+    cell_2, cell_3 = source[place + np.uint64(2)], source[place + np.uint64(3)]
+    cell_4, cell_5 = source[place + np.uint64(4)], source[place + np.uint64(5)]
+    cell_6, cell_7 = source[place + np.uint64(6)], source[place + np.uint64(7)]
+    target[spot], target[spot + np.uint64(1)] = cell_0, cell_1
+    target[spot + np.uint64(2)], target[spot + np.uint64(3)] = cell_2, cell_3
+    target[spot + np.uint64(4)], target[spot + np.uint64(5)] = cell_4, cell_5
+    target[spot + np.uint64(6)], target[spot + np.uint64(7)] = cell_6, cell_7
 
 
 @jit
