@@ -184,13 +184,15 @@ def cut(
 
 @jit
 def _copy_row(columns: Span, source: Array, place: int, target: Array, spot: int) -> None:
-    """Copy as many cells as there are columns: eight at once, then four, then one by one."""
+    """Copy as many cells as there are columns: eight at once, then four, of which some may be copied twice."""
     width = len(columns)
     for col in range(0, width - 7, 8):
         _copy_eight(source, place + np.uint64(col), target, spot + np.uint64(col))
     if width % 8 >= 4:
         _copy_four(source, place + np.uint64(width // 8 * 8), target, spot + np.uint64(width // 8 * 8))
-    for col in range(width // 4 * 4, width):
+    if width > 4 and width % 4:
+        _copy_four(source, place + np.uint64(width - 4), target, spot + np.uint64(width - 4))
+    for col in range(width if width < 4 else 0):
         target[spot + np.uint64(col)] = source[place + np.uint64(col)]
 
 
