@@ -180,7 +180,9 @@ class Simulator:
 
     def places(self, cells: Ints) -> Ints:
         """Return the cells of these numbers as (..., 2) int, [row, col]."""
-        return np.stack(np.divmod(cells, self.shape[1]), axis=-1).astype(np.int64)
+        places = np.empty((*cells.shape, 2), np.int64)
+        np.divmod(cells, self.shape[1], out=(places[..., 0], places[..., 1]))
+        return places
 
     def _shortest_steps(self, b: int) -> Ints:
         """Return the length (N,) of each agent's shortest path from its start to its first goal."""

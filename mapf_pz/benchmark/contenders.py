@@ -111,7 +111,7 @@ def wrapper_bout(load: Load) -> Bout:
 def _collector_bout(env: Any, num_envs: int, load: Load) -> Bout:
     from mapf_pz.rl.collect import random_batches
 
-    batches = random_batches(env, num_envs * load.max_steps)
+    batches = random_batches(env, env.simulator, num_envs * load.max_steps)
 
     def play() -> int:
         return next(batches).numel() * load.num_agents

@@ -76,36 +76,45 @@ class BatchedMapfEnv(EnvBase):
             seeds = {b: self._seed_next + b for b in range(self.batch_size[0])}
             self._seed_next = None
         self.simulator.reset(chosen, seeds)
-        ended = torch.zeros(*self.batch_size, 1, dtype=torch.bool)
-        return self._with_flags(self._observe(), ended, ended)
+        terminated, truncated = torch.zeros(2, *self.batch_size, 1, dtype=torch.bool)
+        return self._with_flags(self._observed(), terminated, truncated)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         self.simulator.step(tensordict.get(("agents", "action")).numpy())
-        agents = self.simulator.state.agents
-        result = self._observe()
-        result.set("reward", torch.from_numpy(agents["reward"].copy()).unsqueeze(-1))
-        flags = (self.simulator.state.terminated, self.simulator.state.truncated)
-        return self._with_flags(result, *(torch.from_numpy(flag.copy()).unsqueeze(-1) for flag in flags))
+        state = self.simulator.state
+        reward = torch.from_numpy(state.agents["reward"].copy()).unsqueeze(-1)
+        terminated, truncated = (
+            torch.from_numpy(flag.copy()).unsqueeze(-1) for flag in (state.terminated, state.truncated)
+        )
+        return self._with_flags(self._observed() | {"reward": reward}, terminated, truncated)
 
-    def _observe(self) -> TensorDict:
+    def _observed(self) -> dict[str, Tensor | TensorDict]:
+        """Return what the observation specs say of agents, in new tensors."""
         seen, agents = self.simulator.observe(), self.simulator.state.agents
         position = self.simulator.places(agents["cell"])
-        position[~agents["active"]] = -1
+        if self.config.on_target == "finish":
+            position[~agents["active"]] = -1
         image = torch.from_numpy(seen.image)
-        observation: Tensor | dict[str, Tensor] = image
+        observation: Tensor | TensorDict = image
         if self.simulator.layout.num_features:
-            observation = {"image": image, "features": torch.from_numpy(seen.features)}
-        entries = {
+            parts = {"image": image, "features": torch.from_numpy(seen.features)}
+            observation = TensorDict(parts, batch_size=image.shape[:2], device=self.device)
+        return {
             "observation": observation,
             "action_mask": torch.from_numpy(seen.action_mask.view(np.bool_)),
             "at_goal": torch.from_numpy(agents["at_goal"].copy()).unsqueeze(-1),
             "position": torch.from_numpy(position),
         }
-        return TensorDict(entries, batch_size=image.shape[:2])
 
-    def _with_flags(self, agents: TensorDict, terminated: Tensor, truncated: Tensor) -> TensorDict:
-        flags = {"done": terminated | truncated, "terminated": terminated.clone(), "truncated": truncated.clone()}
-        return TensorDict({"agents": agents, **flags}, batch_size=self.batch_size)
+    def _with_flags(
+        self, agents: dict[str, Tensor | TensorDict], terminated: Tensor, truncated: Tensor
+    ) -> TensorDictBase:
+        # Without their device, tensordicts would be gone through again and again.
+        batch, device = self.batch_size, self.device
+        each = (*batch, self.simulator.num_agents)
+        group = TensorDict(agents, batch_size=each, device=device)
+        flags = {"done": terminated | truncated, "terminated": terminated, "truncated": truncated}
+        return TensorDict({"agents": group, **flags}, batch_size=batch, device=device)
 
     def _set_seed(self, seed: int | None) -> None:
         """Seed the next reset: environment `b` with `seed + b`."""
