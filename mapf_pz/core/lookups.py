@@ -34,9 +34,13 @@ def draw_cost_to_go(
     for i in range(image.shape[0]):
         table = slot[crew[i].goal]
         own = to_go[table, crew[i].cell, crew[i].heading & (to_go.shape[2] - 1)]
-        for j in range(cells.shape[1]):
-            nearer = (own - nearest[table, cells[i, j]]) / scale
-            image[i, plane, j] = min(max(nearer, -1.0), 1.0) if own < np.inf else -1.0
+        costs, shown = nearest[table], image[i, plane]
+        for j in range(shown.size):
+            shown[j] = costs[cells[i, j]]
+        if own == np.inf:  # and so it may be everywhere, of which the difference is no number
+            own = -np.inf
+        for j in range(shown.size):
+            shown[j] = min(max((own - shown[j]) / scale, -1.0), 1.0)
 
 
 @jit

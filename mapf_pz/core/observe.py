@@ -26,7 +26,7 @@ def observe(num_threads: int, scene: Scene, planes: Planes, image: Array) -> Non
     )
     if planes.look_up or not scene.sight.see_through_walls:
         seen = (scene.notes, scene.world, scene.distances, scene.state)
-        _draw_lookups(num_threads, scene.sight, scene.stage, *scene.windows, *seen, planes, image)
+        _draw_lookups(num_threads, scene.sight, *spans, scene.stage, *scene.windows, *seen, planes, image)
 
 
 @BatchKernel
@@ -60,13 +60,14 @@ def _draw_observers(sight: Sight, turn: Array, crew: Array, image: Array, view_a
 
 @BatchKernel
 def _draw_lookups(
-    sight: Sight, stage: Stage, turn: Array, corner: Array, notes: Notes, world: World, distances: Distances,
-    state: State, planes: Planes, image: Array
+    sight: Sight, rows: Span, columns: Span, stage: Stage, turn: Array, corner: Array, notes: Notes, world: World,
+    distances: Distances, state: State, planes: Planes, image: Array
 ) -> None:  # fmt: skip
     """Draw the channels for which cells are looked up, and hide what walls hide."""
     for thread in prange(stage.num_threads):
         for b in range(thread, image.shape[0], stage.num_threads):
             windows = Windows(turn[b], corner[b])
+            note_cells(rows, columns, stage, windows, notes.cells[thread])
             _draw_lookups_of(sight, stage, windows, notes, world, distances, state, planes, thread, b, image[b])
 
 
@@ -80,7 +81,6 @@ def _draw_lookups_of(
     slot, to_go, nearest = distances.slot[m], distances.to_go, distances.nearest
     cells, seen = notes.cells[thread], notes.seen[thread]
     count, spots, others = notes.count[thread], notes.spots[thread], notes.others[thread]
-    note_cells(sight, stage, windows, cells)
     if not sight.see_through_walls:
         note_seen(sight, world.obstacle[m], cells, seen)
         if planes.view_at >= 0:

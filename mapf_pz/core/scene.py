@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz.core.jit import jit
-from mapf_pz.core.stage import Sight, Stage, Windows
+from mapf_pz.core.stage import Sight, Span, Stage, Windows
 from mapf_pz.core.state import Array, Distances, State, World
 
 
@@ -48,14 +48,17 @@ def allocate_notes(num_threads: int, num_agents: int, num_cells: int) -> Notes:
 
 
 @jit
-def note_cells(sight: Sight, stage: Stage, windows: Windows, cells: Array) -> None:
+def note_cells(rows: Span, columns: Span, stage: Stage, windows: Windows, cells: Array) -> None:
     """Note the map cell under each cell of the views."""
     for i in range(cells.shape[0]):
         turn = windows.turn[i]
-        for row in range(sight.height):
-            place = np.int64(windows.corner[i]) + row * stage.stride[turn]
-            for col in range(sight.width):
-                cells[i, row * sight.width + col] = stage.cell[turn, np.uint64(place + col)]
+        here, noted = stage.cell[turn], cells[i]
+        place, spot = np.uint64(windows.corner[i]), np.uint64(0)
+        for _ in range(len(rows)):
+            for col in range(len(columns)):
+                noted[spot + np.uint64(col)] = here[place + np.uint64(col)]
+            place += np.uint64(stage.stride[turn])
+            spot += np.uint64(len(columns))
 
 
 @jit
