@@ -2,11 +2,13 @@
 # make test    sets everything up and runs the tests
 # make bench-peers   measures the speed beside POGEMA's, which it installs in .venv-peers
 # make lint    checks style and types
+# make soak, make faults, make boundscheck, make coverage, make record-pogema   see docs/trust.md
 
 PYTHON ?= python3
 BIN := .venv/bin
+KERNEL_TESTS := tests/core tests/test_simulator.py tests/test_pogema_recording.py
 
-.PHONY: train test lint format figures reproduction bench-peers clean
+.PHONY: train test lint format figures reproduction bench-peers soak faults boundscheck coverage record-pogema clean
 
 train: .venv/installed
 	$(BIN)/mapf-pz train quickstart --output runs/quickstart
@@ -33,6 +35,21 @@ reproduction: .venv/installed
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[train,render,dev]'
 	touch $@
+
+soak: .venv/installed
+	$(BIN)/python -m tests.soak
+
+faults: .venv/installed
+	$(BIN)/python -m tests.faults
+
+boundscheck: .venv/installed
+	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest -n 2 $(KERNEL_TESTS)
+
+coverage: .venv/installed
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 --cov=mapf_pz --cov=wrappers --cov-branch --cov-report=term-missing:skip-covered
+
+record-pogema: .venv-peers/installed
+	PYTHONPATH=. .venv-peers/bin/python -m tests.recordings.record_pogema tests/recordings
 
 bench-peers: .venv/installed .venv-peers/installed
 	$(BIN)/mapf-pz benchmark --pogema .venv-peers/bin/python

@@ -99,3 +99,26 @@ def test_seed_decides_everything():
 def test_unknown_keyword_is_named():
     with pytest.raises(TypeError, match="did you mean 'num_agents'"):
         BatchedMapfEnv(2, agents=4)
+
+
+@pytest.mark.filterwarnings("ignore:PettingZoo in TorchRL is tested using version")
+@pytest.mark.parametrize("action_model", ["rotate", "cardinal"])
+def test_torchrls_wrapper_gives_the_same_episodes(action_model):
+    keywords = {"source": RandomObstacles(6, 7, 0.2, 4), "max_steps": 9, "action_model": action_model}
+    env = mapf_pz.parallel_env(**keywords)
+    wrapped = PettingZooWrapper(env, group_map={"agents": env.possible_agents}, seed=5)
+    batched = BatchedMapfEnv(1, **keywords)
+    batched.set_seed(5)
+    batched.reset()  # as the wrapper has done when it was seeded
+    one, other = wrapped.reset(), batched.reset()
+    rng = np.random.default_rng(0)
+    for _ in range(2):  # the second episode goes on from the same generator
+        while not other["done"].all():
+            assert torch.equal(one["agents", "observation"], other["agents", "observation"][0])
+            action = torch.from_numpy(rng.integers(4, size=4))
+            one["agents", "action"], other["agents", "action"] = action, action[None]
+            one, other = wrapped.step(one)["next"], batched.step(other)["next"]
+            assert torch.equal(one["agents", "reward"], other["agents", "reward"][0])
+            for flag in ("done", "terminated", "truncated"):
+                assert torch.equal(one[flag], other[flag][0]), flag
+        one, other = wrapped.reset(), batched.reset()
