@@ -1,4 +1,4 @@
-"""Endurance: `python -m tests.soak` steps environments of all kinds on and on, and checks after every step what must hold.
+"""Endurance: `python -m tests.soak` steps environments of all kinds on and on, and checks each step.
 
 What is checked is written anew here, in one kernel that shares nothing with those of the package.
 """
@@ -16,7 +16,7 @@ import numba
 import numpy as np
 
 from mapf_pz.config import EnvConfig
-from mapf_pz.instances import RandomObstacles
+from mapf_pz.instances import FixedMap, RandomObstacles
 from mapf_pz.simulator import Simulator
 
 RULES = (
@@ -87,24 +87,28 @@ def soak(agent_steps, seed=0, show=print):
         if done >= agent_steps:
             return done, resets, time.monotonic() - began
         kind = KINDS[number % len(KINDS)]
-        steps, episodes = play(kind, draw.randrange(2**32), min(agent_steps / len(KINDS) / 4, 4_000_000))
+        steps, episodes = play(kind, draw.randrange(2**32), agent_steps / len(KINDS) / 4)
         done, resets = done + steps, resets + episodes
         show(f"{done:.3g} agent steps, {resets} episodes, {time.monotonic() - began:.0f} s, {resident():.0f} MiB")
 
 
 def play(kind, seed, agent_steps):
-    """Step environments of one kind, on new maps in every episode."""
+    """Step environments of one kind, on one map or on new ones in every episode."""
     draw = random.Random(seed)
     action_model, collision_system, on_target = kind
-    height, width = draw.randint(3, 24), draw.randint(3, 24)
+    height, width = draw.randint(3, 32), draw.randint(3, 32)
     num_agents = draw.randint(1, max(1, height * width // 4))
+    agent_steps = min(agent_steps, 50_000 * num_agents)  # where few agents meet, resets take most of the time
     num_envs = max(1, 4096 // num_agents)
+    source = RandomObstacles(height, width, draw.choice([0, 0.1, 0.3]), num_agents)
+    if draw.random() < 0.9:  # new maps take most of the time
+        source = FixedMap(source.sample(np.random.default_rng(seed)).grid, num_agents)
     config = EnvConfig(
-        source=RandomObstacles(height, width, draw.choice([0, 0.1, 0.3]), num_agents),
+        source=source,
         action_model=action_model,
         collision_system=collision_system,
         on_target=on_target,
-        max_steps=draw.choice([16, 256, 1024]),
+        max_steps=draw.choice([64, 256, 1024]),
         view_size=(1, 1),
         reward=draw.choice(["paper", "paper", "paper", "progress"]),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
@@ -18,6 +19,7 @@ from tyro.conf import UseAppendAction
 from mapf_pz.config import ActionModel
 from mapf_pz.evaluate import Episode, Trial, evaluate, load_suite, markdown_table, named_policy, terminal_table
 from mapf_pz.evaluate.policies import is_trained
+from mapf_pz.evaluate.results import write_whole
 from mapf_pz.evaluate.run import Casting, Policy
 
 TABLE_FILE = "evaluation.md"
@@ -88,6 +90,17 @@ class EvaluateOptions:
         return Trial(about, self.num_agents, keywords, episodes=64)
 
 
+@contextmanager
+def terminated_as_interrupted() -> Generator[None]:
+    """Let SIGTERM, which queues and `kill` send, do what Ctrl-C does."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@terminated_as_interrupted()
 def evaluate_policies(options: EvaluateOptions) -> None:
     """Let policies and planners act in the same episodes, and print the table of results."""
     if not options.policy:
@@ -109,7 +122,7 @@ def report(
     Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200).print(terminal_table(episodes))
     if output is None:
         return
-    (output / TABLE_FILE).write_text(markdown_table(episodes), "utf-8")
+    write_whole(output / TABLE_FILE, markdown_table(episodes))
     print(f"table and episodes written to {output}")
     if find_spec("matplotlib") is None:
         print("no figures: pip install 'mapf-pz[train]' has what draws them")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import signal
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from tyro.conf import Positional, subcommand
 from tyro.extras import subcommand_type_from_defaults
 
-from mapf_pz.commands.evaluate import report
+from mapf_pz.commands.evaluate import report, terminated_as_interrupted
 from mapf_pz.commands.render import save_episode
 from mapf_pz.evaluate import load_suite, make_env
 from mapf_pz.evaluate.results import discard
@@ -67,12 +66,12 @@ else:
     Run = Begin | Annotated[ResumeOptions, subcommand("resume")]
 
 
+@terminated_as_interrupted()
 def train(run: Run) -> None:
     """Train a policy or continue its training, evaluate it on instances that it never saw, and draw an episode."""
     trials = None if run.evaluate == "none" else load_suite(run.evaluate)
     logging.getLogger("torchrl").setLevel(logging.WARNING)  # it reports every buffer that it makes
-    with _terminated_as_interrupted():
-        _learn(run)
+    _learn(run)
     print(f"policy, configuration and progress written to {run.output}")
     if trials is None:
         return
@@ -92,16 +91,6 @@ def _learn(run: Run) -> None:
     agent_steps = load_config(run.output / CONFIG).agent_steps if run.agent_steps is None else run.agent_steps
     with _progress_bar(agent_steps) as show:
         resume_policy(run.output, run.agent_steps, show)
-
-
-@contextmanager
-def _terminated_as_interrupted() -> Generator[None]:
-    """Let SIGTERM, which queues and `kill` send, do what Ctrl-C does."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from multiprocessing import active_children, get_context, parent_process
 from threading import Thread
 from typing import TypeVar
@@ -37,7 +38,9 @@ def _in_processes(function: Callable[[Task], Result], tasks: Sequence[Task], job
     others = set(active_children())
     with ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_begin_process) as pool:
         try:
-            for future in as_completed([pool.submit(function, task) for task in tasks]):
+            with _interrupts_held():
+                futures = [pool.submit(function, task) for task in tasks]
+            for future in as_completed(futures):
                 yield future.result()
         except BaseException:  # what is going on would be waited for
             for process in set(active_children()) - others:
@@ -46,10 +49,19 @@ def _in_processes(function: Callable[[Task], Result], tasks: Sequence[Task], job
             raise
 
 
+@contextmanager
+def _interrupts_held() -> Generator[None]:
+    """Hold Ctrl-C back, and from processes that are begun meanwhile for good: it reaches them too, while they load."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _begin_process() -> None:
     """Prepare a process: its networks use one thread, as the cores are shared; it ends when, and only when, told to."""
     os.environ["OMP_NUM_THREADS"] = "1"
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the one that asked ends the others
     Thread(target=_end_with_parent, daemon=True).start()
 
 
@@ -63,7 +75,7 @@ def _end_with_parent() -> None:
 
 def _on_ray(function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
     import ray
-    from ray.exceptions import RayTaskError
+    from ray.exceptions import RayError, RayTaskError
 
     begun_here = not ray.is_initialized()
     if begun_here:
@@ -76,6 +88,8 @@ def _on_ray(function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterat
             yield from ray.get(done)
     except RayTaskError as error:  # its own text is a traceback
         raise error.cause from None
+    except RayError as error:  # a worker that died too often, or all of Ray
+        raise RuntimeError(f"Ray: {error}") from None
     finally:
         for task in waiting:
             ray.cancel(task)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Iterable
+from collections.abc import Generator, Iterable
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
@@ -75,9 +76,7 @@ class Results:
         told = json.dumps([_description(trial) for trial in trials], indent=1)
         before = folder / TRIALS_FILE
         if not before.exists():
-            beside = folder / f".{TRIALS_FILE}.new"
-            beside.write_text(told, "utf-8")
-            beside.replace(before)
+            write_whole(before, told)
         elif before.read_bytes() != told.encode():
             raise ValueError(f"{folder}: holds an evaluation of other trials; expected another folder")
         if self._file.exists():
@@ -103,6 +102,14 @@ def discard(folder: Path) -> None:
         (folder / name).unlink(missing_ok=True)
 
 
+def write_whole(file: Path, text: str) -> None:
+    """Write a file so that it is never seen half-written: what was there before stays until all is written."""
+    beside = file.with_name(f".{file.name}.new")
+    with _named(file):
+        beside.write_text(text, "utf-8")
+        beside.replace(file)
+
+
 def _description(trial: Trial) -> dict[str, Any]:
     """Return what must be the same for episodes to be comparable; the number of episodes need not be."""
     keywords = {name: repr(value) for name, value in sorted(trial.keywords.items()) if name not in ("map", "source")}
@@ -124,26 +131,42 @@ def _digest(trial: Trial) -> str:
 
 
 def _write_rows(file: Path, mode: str, rows: Iterable[Iterable[object]]) -> None:
-    with file.open(mode, newline="", encoding="utf-8") as out:
+    with _named(file), file.open(mode, newline="", encoding="utf-8") as out:
         csv.writer(out, lineterminator="\n").writerows(rows)
+
+
+@contextmanager
+def _named(file: Path) -> Generator[None]:
+    """Let an error while the file is written say which file it is: that of a full disk does not."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(file)) from None
 
 
 def _read(file: Path) -> list[Episode]:
     """Read the episodes; a last line that was cut off when the evaluation was killed is taken off the file."""
-    text = read_text(file)
     header = ",".join(COLUMNS) + "\n"
-    if not (text.startswith(header) or header.startswith(text)):
+    if file.is_file():
+        _cut_torn_line(file, header.encode())
+    text = read_text(file)
+    if text and not text.startswith(header):
         raise FormatError(file, f"expected the columns {', '.join(COLUMNS)}", 1)
-    whole = text[: text.rfind("\n") + 1]
-    if whole != text:
-        with file.open("r+b") as out:
-            out.truncate(len(whole.encode()))
-    rows = csv.reader(io.StringIO(whole, newline=""), strict=True)
+    rows = csv.reader(io.StringIO(text, newline=""), strict=True)
     next(rows, None)
     try:
         return [_episode(row, rows.line_num, file) for row in rows]
     except csv.Error as error:
         raise FormatError(file, f"expected CSV: {error}", rows.line_num) from None
+
+
+def _cut_torn_line(file: Path, header: bytes) -> None:
+    """Take off a last line without an end, which may be cut within a character, where the file is one of ours."""
+    data = file.read_bytes()
+    whole = data.rfind(b"\n") + 1
+    if whole < len(data) and (data.startswith(header) or header.startswith(data)):
+        with file.open("r+b") as out:
+            out.truncate(whole)
 
 
 def _episode(row: list[str], line: int, file: Path) -> Episode:

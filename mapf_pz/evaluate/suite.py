@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import partial
@@ -14,7 +15,7 @@ from typing import Any, cast
 from mapf_pz.config import EnvConfig
 from mapf_pz.evaluate.trial import Trial
 from mapf_pz.instances import RandomObstacles, load_map, load_problem, load_scenario
-from mapf_pz.instances.jsonfile import MAX_NUMBER, JsonObject, is_whole, list_member, parse_object
+from mapf_pz.instances.jsonfile import MAX_NAME, MAX_NUMBER, JsonObject, is_whole, list_member, named_file, parse_object
 from mapf_pz.instances.library import benchmark_file
 from mapf_pz.instances.pogema import load_pogema
 from mapf_pz.instances.textfile import read_text
@@ -100,14 +101,14 @@ def _trials(data: Any, number: int, file: Path) -> list[Trial]:
         raise
     except FileNotFoundError as error:
         raise FileNotFoundError(f"{where}: {error}") from None
-    except (ValueError, TypeError) as error:
-        raise FormatError(where, str(error)) from None
+    except (ValueError, TypeError, RecursionError) as error:
+        raise FormatError(where, str(error)[:MAX_NAME]) from None
 
 
 def _check_keys(data: JsonObject, known: Iterable[str], where: str) -> None:
     for name in data:
         if name not in known:
-            raise FormatError(where, f"expected one of {', '.join(known)}, got {name!r}")
+            raise FormatError(where, f"expected one of {', '.join(known)}, got {shortened(name)}")
 
 
 def _entry(data: Any, where: str) -> Entry:
@@ -138,7 +139,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _is_name(value: Any) -> bool:
-    return isinstance(value, str) and value != "" and value.isprintable()
+    return isinstance(value, str) and 0 < len(value) <= MAX_NAME and value.isprintable()
 
 
 def _is_list_of(fits: Callable[[Any], bool], value: Any) -> bool:
@@ -183,12 +184,13 @@ _ENV_KEYWORDS = [
 def _of_map(entry: Entry, num_agents: int, folder: Path) -> Trial:
     """Return a trial on one map, with drawn episodes or scenarios."""
     name = cast("str", entry.map)
-    grid = load_map(_found(name, folder) if name.endswith(".map") else name)
+    grid = load_map(_found(name, "map", folder) if name.endswith(".map") else name)
     if entry.scenarios is None:
         return _trial(entry, grid.name, num_agents, {"map": grid, "num_agents": num_agents})
     instances: list[Instance] = []
     for told in entry.scenarios:
-        scenario = load_scenario(_found(told, folder) if told.endswith(".scen") else f"{grid.name}-{told}", grid)
+        source = _found(told, "scenarios", folder) if told.endswith(".scen") else f"{grid.name}-{told}"
+        scenario = load_scenario(source, grid)
         if len(scenario) < num_agents:
             raise ValueError(f"scenario {told!r}: expected {num_agents} agents, got {len(scenario)}")
         instances.append(Instance(grid, Scenario(scenario.starts[:num_agents], scenario.goals[:num_agents])))
@@ -204,13 +206,13 @@ def _of_random(entry: Entry, num_agents: int, _: Path) -> Trial:
 
 def _of_pogema(entry: Entry, num_agents: int, folder: Path) -> Trial:
     """Return a trial of POGEMA's instances."""
-    file = _found(cast("str", entry.pogema), folder)
+    file = _found(cast("str", entry.pogema), "pogema", folder)
     return _trial(entry, file.name.removesuffix(".json"), num_agents, {}, load_pogema(file, num_agents))
 
 
 def _of_lorr(entry: Entry, _: int, folder: Path) -> Trial:
     """Return a trial of a League of Robot Runners problem, whose robots have goals one after the other."""
-    file = _found(cast("str", entry.lorr), folder)
+    file = _found(cast("str", entry.lorr), "lorr", folder)
     instance = load_problem(file).instance(entry.max_steps)  # no robot can reach more than one goal a step
     if entry.env.get("action_model") == "cardinal":
         instance = Instance(instance.grid, instance.scenario)
@@ -236,10 +238,10 @@ def _trial(
     )
 
 
-def _found(name: str, folder: Path) -> Path:
-    """Return a file that a suite names: beside the suite's own file, or in the folders of benchmark data."""
-    beside = folder / name
-    return beside if beside.is_file() else benchmark_file(name)
+def _found(told: str, name: str, folder: Path) -> Path:
+    """Return the file that a member names: in the suite's own folder or below, or in those of benchmark data."""
+    beside = named_file(told, name, folder, folder)
+    return beside if os.path.isfile(beside) else benchmark_file(told)
 
 
 def _bundled() -> Path:

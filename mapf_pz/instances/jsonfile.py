@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from reprlib import repr as shortened
 from typing import Any, TypeGuard
@@ -13,6 +14,8 @@ MAX_LISTS = 4_000_000
 """Files with more lists and objects are refused: an empty list takes some thirty times its text's memory."""
 MAX_NUMBER = 2**30
 """Larger whole numbers are refused."""
+MAX_NAME = 1000
+"""Names of more characters are refused."""
 
 JsonObject = dict[str, Any]
 
@@ -73,3 +76,12 @@ def is_whole(value: Any) -> TypeGuard[int]:
 def are_whole(values: Any) -> TypeGuard[list[int]]:
     """Tell whether a JSON value is a list of whole numbers from 0 to `MAX_NUMBER`."""
     return isinstance(values, list) and all(is_whole(value) and 0 <= value <= MAX_NUMBER for value in values)
+
+
+def named_file(told: str, name: str, folder: Path, origin: str | Path) -> Path:
+    """Return the file that the member `name` tells; raises `FormatError` where it leads out of the JSON's folder."""
+    inside = told.isprintable() and len(told) <= MAX_NAME
+    # A link could lead out, too: only where the path really ends counts.
+    if not inside or not Path(os.path.realpath(folder / told)).is_relative_to(os.path.realpath(folder)):
+        raise FormatError(origin, f"expected {name!r} to be a file in the folder of the JSON, got {shortened(told)}")
+    return folder / told

@@ -75,7 +75,7 @@ def _bundled() -> Path:
 def benchmark_file(name: str) -> Path:
     """Return the file of this relative path in the folders of benchmark data; raises `FileNotFoundError`."""
     for file in _benchmark(name):
-        if file.is_file():
+        if os.path.isfile(file):
             return file
     raise FileNotFoundError(f"no file {name!r} in the folders that {BENCHMARK_VARIABLE} names")
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import math
-import os
 import re
 from array import array
 from collections.abc import Iterator
@@ -18,7 +17,7 @@ from reprlib import repr as shortened
 
 import numpy as np
 
-from mapf_pz.instances.jsonfile import JsonObject, parse_object, text_member, whole_number
+from mapf_pz.instances.jsonfile import JsonObject, named_file, parse_object, text_member, whole_number
 from mapf_pz.instances.movingai import read_map
 from mapf_pz.instances.place import check_reachable
 from mapf_pz.instances.textfile import read_text
@@ -151,12 +150,7 @@ def load_problem(path: str | Path) -> LorrProblem:
 
 def _named_file(data: JsonObject, name: str, origin: str | Path) -> Path:
     """Return the file that the JSON names, which must not lead out of the JSON's folder."""
-    told = text_member(data, name, origin)
-    folder = Path(origin).parent
-    # A link could lead out, too: only where the path really ends counts.
-    if "\0" in told or not Path(os.path.realpath(folder / told)).is_relative_to(os.path.realpath(folder)):
-        raise FormatError(origin, f"expected {name!r} to be a file in the folder of the JSON, got {shortened(told)}")
-    return folder / told
+    return named_file(text_member(data, name, origin), name, Path(origin).parent, origin)
 
 
 def _read_cells(path: Path, grid: Grid, errands: int) -> tuple[Ints, Ints, int]:

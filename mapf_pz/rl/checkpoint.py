@@ -11,9 +11,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
+from zipfile import ZIP_STORED, BadZipFile, ZipFile
 
 from pydantic import TypeAdapter
+from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torchrl.checkpoint import Checkpoint, CheckpointAdapter, CheckpointRotation
 
@@ -21,7 +22,10 @@ from mapf_pz.rl.learner import Learner
 from mapf_pz.types import FormatError
 
 FOLDER, PREFIX, TENSORS = "checkpoints", "checkpoint", "learner.safetensors"
-_DAMAGE = (RuntimeError, BadZipFile, ValueError, TypeError, LookupError, AttributeError, EOFError)
+_DAMAGE = (
+    *(BadZipFile, SafetensorError, IsADirectoryError, EOFError),
+    *(RuntimeError, ValueError, TypeError, LookupError, AttributeError, OverflowError),
+)
 
 
 @dataclass(frozen=True)
@@ -68,6 +72,7 @@ class Checkpoints:
 def read_position(file: Path) -> Position:
     """Return how far the run had come; raises `FormatError` where the file is no checkpoint."""
     try:
+        _check_stored(file)
         return TypeAdapter(Position).validate_python(Checkpoint.manifest(file)["metadata"])
     except _DAMAGE as error:
         raise _refusal(file, error) from None
@@ -76,6 +81,7 @@ def read_position(file: Path) -> Position:
 def restore(file: Path, learner: Learner) -> None:
     """Bring the learner to where it was; raises `FormatError` where the file is damaged or of other networks."""
     try:
+        _check_stored(file)
         _archive(learner).load(file)
     except _DAMAGE as error:
         raise _refusal(file, error) from None
@@ -92,6 +98,13 @@ class _LearnerAdapter(CheckpointAdapter):
 
     def load(self, component: Learner, path: Path, **_: Any) -> None:
         component.restore(load_file(path / TENSORS))
+
+
+def _check_stored(file: Path) -> None:
+    """Raise `ValueError` for an archive with compressed files, which could be of any size; ours are stored as is."""
+    with ZipFile(file) as archive:
+        if any(member.compress_type != ZIP_STORED for member in archive.infolist()):
+            raise ValueError("expected an archive of files that are not compressed")
 
 
 def _archive(learner: Learner) -> Checkpoint:

@@ -14,12 +14,14 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from mapf_pz.action_modes import ACTION_MODES
+from mapf_pz.instances.textfile import read_text
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.config import AlgorithmName, TrainConfig
 from mapf_pz.types import Floats, FormatError
 
 WEIGHTS, CONFIG = "policy.safetensors", "config.json"
 _CONFIG_ADAPTER = TypeAdapter(TrainConfig)
+_DAMAGE = (SafetensorError, RuntimeError, ValueError, TypeError, LookupError, OverflowError)
 
 
 class LearnedPolicy:
@@ -156,7 +158,7 @@ def config_as_json(config: TrainConfig) -> bytes:
 def load_config(file: Path) -> TrainConfig:
     """Read a run's configuration; raises `FormatError` where it is malformed."""
     try:
-        return _CONFIG_ADAPTER.validate_json(file.read_bytes())
+        return _CONFIG_ADAPTER.validate_json(read_text(file))
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
@@ -192,13 +194,28 @@ def load_policy(policy: str | Path, seed: int = 0, deterministic: bool = False) 
             expected = f"expected the folder of a training run, or one of {', '.join(policy_names())}"
             raise FileNotFoundError(f"policy {str(policy)!r}: no file {str(file)!r}; {expected}")
     config = load_config(folder / CONFIG)
-    network = ALGORITHMS[config.algorithm].make_network(config)
     try:
-        network.load_state_dict(load_file(folder / WEIGHTS))
-    except (SafetensorError, RuntimeError) as error:
+        network = _network(config, load_file(folder / WEIGHTS))
+    except _DAMAGE as error:
         reason = " ".join(str(error).split())
         raise FormatError(folder / WEIGHTS, f"not the weights that {CONFIG} describes: {reason[:200]}") from None
     return POLICIES[config.algorithm](network, config, seed, deterministic)
+
+
+def _network(config: TrainConfig, weights: dict[str, Tensor]) -> nn.Module:
+    """Return the network with these weights; it takes no more memory than they do, whatever the configuration says."""
+    model = config.model
+    stages = len(model.conv_channels) * (model.num_blocks if model.encoder == "residual" else 1)
+    if stages + len(model.head) > len(weights):
+        raise ValueError(f"expected those of {stages} + {len(model.head)} layers, got {len(weights)} tensors")
+    if min(model.hidden, *model.conv_channels, *model.head, 1) < 1:
+        raise ValueError("expected layers of 1 number or more")
+    if any(weight.dtype != torch.float32 for weight in weights.values()):
+        raise ValueError("expected numbers of 32 bits")
+    with torch.device("meta"):
+        network = ALGORITHMS[config.algorithm].make_network(config)
+    network.load_state_dict(weights, assign=True)
+    return network
 
 
 def _stack(arrays: list[np.ndarray]) -> Tensor:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import torch
+from safetensors import SafetensorError
 
 from mapf_pz.rl.algorithms import ALGORITHMS, Algorithm
 from mapf_pz.rl.checkpoint import read_position
@@ -96,24 +98,42 @@ def _run(
         algorithm = make(config)
     learner = Learner(algorithm, config)
     done = 0
-    if checkpoint is None:
-        run.begin(config)
-    else:
-        done = read_position(checkpoint).updates
-        run.resume(checkpoint, learner, config)
+    with _named(run.path):
+        if checkpoint is None:
+            run.begin(config)
+        else:
+            done = read_position(checkpoint).updates
+            run.resume(checkpoint, learner, config)
     try:
         for row in _updates(config, algorithm, learner, done, run.seconds):
-            run.log(row)
-            run.save(learner, config.checkpoint_interval)
+            with _named(run.path):
+                run.log(row)
+                run.save(learner, config.checkpoint_interval)
             if on_progress is not None:
                 on_progress(row)
-        run.save(learner)
+        with _named(run.path):
+            run.save(learner)
     except KeyboardInterrupt:
-        run.save(learner)
+        with _named(run.path):
+            run.save(learner)
         raise
     finally:
-        run.finish(algorithm.network)
+        with _named(run.path):
+            run.finish(algorithm.network)
     return run.path
+
+
+@contextmanager
+def _named(folder: Path) -> Generator[None]:
+    """Let an error while a run is written be an `OSError` that says where: those of full disks do not."""
+    try:
+        yield
+    except SafetensorError as error:
+        raise OSError(f"{folder}: {error}") from None
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        raise OSError(error.errno, error.strerror, str(folder)) from None
 
 
 def _device(config: TrainConfig) -> torch.device:

@@ -80,13 +80,13 @@ def play(config, seed):
     before, over = starts, False
     while not over:
         now = grid.get_targets_xy(ignore_borders=True)
-        for sequence, place in zip(goals, now):
+        for sequence, place in zip(goals, now, strict=True):
             if list(map(int, place)) != sequence[-1]:
                 sequence.append(list(map(int, place)))
-        actions = [intended(draw, here, sequence[-1]) for here, sequence in zip(before, goals)]
+        actions = [intended(draw, here, sequence[-1]) for here, sequence in zip(before, goals, strict=True)]
         _, rewards, terminated, truncated, infos = env.step(actions.copy())  # POGEMA changes them
         after = [list(map(int, place)) for place in grid.get_agents_xy(ignore_borders=True)]
-        moved.append([here != there for here, there in zip(before, after)])
+        moved.append([here != there for here, there in zip(before, after, strict=True)])
         rewarded.append([reward == 1 for reward in rewards])
         before, over = after, all(terminated) or all(truncated)
     told = {

@@ -133,7 +133,7 @@ def _selected(rows: list[_Row], selection: Selection, origin: str | Path) -> _Ro
         return found[0]
     wanted = "" if selection.num_agents is None else f" for {selection.num_agents} agents"
     wanted += f" of {name}" if name else ""
-    there = ", ".join(f"{_name(row)} {row['agents'].text}".strip() for row in (found or rows)[:5])
+    there = ", ".join(" ".join(f"{_name(row)} {row['agents'].text}".split())[-80:] for row in (found or rows)[:5])
     raise FormatError(
         origin, f"expected one plan{wanted}, got {len(found)}: the file has plans for {there or 'nobody'}"
     )

@@ -1,0 +1,332 @@
+"""Kills evaluations and trainings at random moments and lets them go on: `python -m tests.faults --rounds 50`.
+
+A round is one kill and what goes on after it, in the same folder, until the work ends by itself. Each raises
+`AssertionError` where something that was written is lost, doubled or other than without kills.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import os
+import random
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass, field
+from pathlib import Path
+from signal import Signals
+
+from mapf_pz.cli import main
+from mapf_pz.evaluate.results import COLUMNS, EPISODES_FILE
+from tests.evaluate.test_jobs import children_of, is_alive, wait_for
+
+SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
+TIMES = {"runtime", "step_ms", "agent_us"}
+"""The columns of an episode that are never the same twice."""
+EVALUATE = "evaluate --policy pibt --policy random --map room-32-32-4 --num-agents 5 --max-steps 64"
+SMALL = "--num-envs 4 --steps-per-batch 8 --num-epochs 1 --num-agents 3 --height 7 --width 7"
+STEPS_PER_UPDATE = 4 * 8 * 3
+INTERVAL = 4 * STEPS_PER_UPDATE
+"""Agent steps between checkpoints."""
+STARTING = 0.2
+"""The share of kills that come while the command is still loading what it needs."""
+
+
+@dataclass
+class Tally:
+    """What was done to how many."""
+
+    kills: Counter[tuple[str, str, str]] = field(default_factory=Counter)
+    """By what was killed, who of it, and the signal."""
+    resumes: int = 0
+    written: int = 0
+    """Episodes, or rows of progress that a checkpoint had, that stood in the file before a kill."""
+    lost: int = 0
+    """Those of them that did not stand there afterwards."""
+
+    def of(self, kind: str) -> int:
+        """Return how many kills there were of a kind of work."""
+        return sum(count for key, count in self.kills.items() if key[0] == kind)
+
+    def table(self) -> str:
+        """Return the kills, a line for each kind, and the sums."""
+        lines = [f"{'killed':12}{'who':10}" + "".join(f"{sent.name:>9}" for sent in SIGNALS)]
+        for kind, whom in sorted({key[:2] for key in self.kills}):
+            counts = (self.kills[kind, whom, sent.name] for sent in SIGNALS)
+            lines.append(f"{kind:12}{whom:10}" + "".join(f"{count:9}" for count in counts))
+        lines.append(
+            f"{self.kills.total()} kills, {self.resumes} resumes; {self.written} rows written, {self.lost} lost"
+        )
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class End:
+    """How a command ended."""
+
+    status: int
+    killed: bool
+    """By us; otherwise it came to its end before."""
+    lines: list[str]
+    """Of its standard error."""
+
+
+# Processes.
+
+
+def command(words: Sequence[object]) -> list[str]:
+    """Return the command line of `mapf-pz`."""
+    return [sys.executable, "-m", "mapf_pz", *map(str, words)]
+
+
+def complete(words: Sequence[object], room: int | None = None) -> End:
+    """Run `mapf-pz` to its end; with `room`, its files have no more than so many bytes, as on a full disk."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    if room is not None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (room, limits[1]))
+    try:
+        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()) as told:
+            status = main([str(word) for word in words])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    return End(status, False, told.getvalue().splitlines())
+
+
+def kill(
+    words: Sequence[object], ready: Callable[[int], bool], after: float, sent: Signals, whom: str = "group"
+) -> End:
+    """Run `mapf-pz`, and send a signal so many seconds after it is ready; return when all its processes have ended.
+
+    Args:
+        words: the command.
+        ready: whether the process of this number has come far enough.
+        after: seconds that it has then.
+        sent: the signal.
+        whom: all processes of the `group`, or one `worker`.
+    """
+    with (
+        tempfile.TemporaryFile("w+") as told,
+        subprocess.Popen(command(words), stdout=-3, stderr=told, start_new_session=True) as running,
+    ):
+        wait_for(lambda: ready(running.pid) or running.poll() is not None, 120)
+        time.sleep(after)
+        others = children_of(running.pid)
+        workers = workers_of(running.pid) if whom == "worker" else [running.pid]
+        killed = running.poll() is None and bool(workers)
+        if killed:
+            (os.kill if whom == "worker" else os.killpg)(workers[0], sent)
+        status = running.wait(120)
+        wait_for(lambda: not any(map(is_alive, others)))
+        told.seek(0)
+        return End(status, killed, told.read().splitlines())
+
+
+def workers_of(process_id: int) -> list[int]:
+    """Return the processes that do an evaluation's jobs: ours, or Ray's, which are the children of a child."""
+    found = []
+    for child in filter(is_alive, children_of(process_id)):
+        words = Path(f"/proc/{child}/cmdline").read_text()
+        found += [child] if "spawn_main" in words or words.startswith("ray::_run") else workers_of(child)
+    return found
+
+
+def check_end(name: str, end: End, sent: Signals, whom: str) -> None:
+    """Check what a killed command says: one line, or nothing where it cannot; what is still loading, what it likes."""
+    if whom == "starting":
+        assert end.status in (1, 130, -sent), end
+        return
+    if whom == "worker":
+        expected = (1, 1)
+        assert end.lines[0].startswith(f"mapf-pz {name}: "), end
+    elif sent == signal.SIGKILL:
+        expected = (-signal.SIGKILL, 0)
+    else:
+        expected = (130, 1)
+        assert end.lines == [f"mapf-pz {name}: interrupted"], end
+    assert (end.status, len(end.lines)) == expected, end
+
+
+# Evaluation.
+
+
+def episode_lines(folder: Path) -> list[str]:
+    """Return the whole lines of the episodes' file, without its head."""
+    file = folder / EPISODES_FILE
+    return [line for line in file.read_text().splitlines(True)[1:] if line.endswith("\n")] if file.exists() else []
+
+
+def untimed(lines: Sequence[str]) -> dict[tuple[str, ...], dict[str, str]]:
+    """Return the episodes by their keys, without the times; checks that none is there twice."""
+    rows = list(csv.DictReader(lines, COLUMNS))
+    found = {
+        (row["policy"], row["about"], row["num_agents"], row["episode"]): {
+            name: value for name, value in row.items() if name not in TIMES
+        }
+        for row in rows
+    }
+    assert len(found) == len(rows)
+    return found
+
+
+def evaluate_words(folder: Path, episodes: int, jobs: int | str = 1) -> list[object]:
+    """Return the words of an evaluation."""
+    return [*EVALUATE.split(), "--episodes", episodes, "--jobs", jobs, "--output", folder]
+
+
+def kill_evaluations(folder: Path, kills: int, episodes: int, draw: random.Random, tally: Tally) -> None:
+    """Kill an evaluation so many times, each time it goes on, and compare what it comes to with one never killed."""
+    out, whole = folder / "killed", folder / "whole"
+    assert complete(evaluate_words(whole, episodes)).status == 0
+    before: list[str] = []
+    for number in range(kills):
+        sent, jobs = SIGNALS[number % 3], draw.choice([1, 2])
+        whom = draw.choice(["group", "worker"]) if jobs == 2 and sent != signal.SIGINT else "group"
+        wanted = len(before) + draw.randint(1, 40)
+        words = evaluate_words(out, episodes, jobs)
+        if draw.random() < STARTING:
+            whom = "starting"
+            end = kill(words, lambda _: True, draw.uniform(0, 3), sent, whom)
+        else:
+            end = kill(words, lambda _: len(episode_lines(out)) >= wanted, draw.uniform(0, 0.05), sent, whom)  # noqa: B023
+        now = episode_lines(out)
+        tally.resumes += number > 0
+        lost = len(set(before) - set(now))
+        tally.lost += lost
+        assert now[: len(before)] == before, f"{lost} episodes are lost"
+        if not end.killed:
+            break
+        check_end("evaluate", end, sent, whom)
+        tally.kills["evaluation", whom, sent.name] += 1
+        tally.written += len(now) - len(before)
+        before = now
+    assert complete(evaluate_words(out, episodes, 2)).status == 0
+    tally.resumes += 1
+    now = episode_lines(out)
+    tally.lost += len(set(before) - set(now))
+    assert now[: len(before)] == before
+    assert untimed(now) == untimed(episode_lines(whole))
+    assert (out / "evaluation.md").exists()
+
+
+# Training.
+
+
+def progress_lines(folder: Path) -> list[str]:
+    """Return the whole lines of the progress file, without its head; checks that the steps go on by updates."""
+    file = folder / "progress.csv"
+    lines = file.read_bytes().decode().splitlines(True) if file.exists() else []
+    rows = [line for line in lines[1:] if line.endswith("\r\n")]
+    assert [int(row.partition(",")[0]) for row in rows] == [STEPS_PER_UPDATE * (i + 1) for i in range(len(rows))]
+    assert all(row.count(",") == lines[0].count(",") for row in rows)
+    return rows
+
+
+def changed(file: Path) -> tuple[int, int]:
+    """Return what tells a file that was written since from one that was there before."""
+    return (file.stat().st_ino, file.stat().st_mtime_ns) if file.exists() else (0, 0)
+
+
+def updates_kept(folder: Path) -> int:
+    """Return how many updates the latest checkpoint has seen, 0 where there is none; checks that all can be read."""
+    from mapf_pz.rl import load_policy
+    from mapf_pz.rl.checkpoint import read_position
+    from mapf_pz.rl.policy import WEIGHTS
+
+    if (folder / WEIGHTS).exists():
+        load_policy(folder)
+    files = sorted((folder / "checkpoints").glob("checkpoint-*"))
+    return [0, *(read_position(file).updates for file in files)][-1]
+
+
+def train_words(folder: Path, updates: int) -> list[object]:
+    """Return the words that begin a training."""
+    length = ["--agent-steps", updates * STEPS_PER_UPDATE, "--checkpoint-interval", INTERVAL]
+    return ["train", "quickstart", *SMALL.split(), *length, "--evaluate", "none", "--output", folder]
+
+
+def kill_trainings(folder: Path, kills: int, updates: int, draw: random.Random, tally: Tally) -> None:
+    """Kill a training so many times and resume it each time; check its files after each kill and at its end."""
+    run, twin = folder / "run", folder / "twin"
+    begin, resume = train_words(run, updates), ["train", "resume", run, "--evaluate", "none"]
+    kept = 0
+    before: list[str] = []
+    for number in range(kills):
+        sent = SIGNALS[number % 3]
+        wanted = kept + draw.randint(1, 6)
+        words = resume if kept else begin
+        tally.resumes += words is resume
+        stale = changed(run / "progress.csv")
+        ready = lambda _: changed(run / "progress.csv") != stale and len(progress_lines(run)) >= wanted  # noqa: B023, E731
+        whom = "starting" if draw.random() < STARTING else "group"
+        if whom == "starting":
+            end = kill(words, lambda _: True, draw.uniform(0, 8), sent, whom)
+        else:
+            end = kill(words, ready, draw.uniform(0, 0.4), sent)
+        now, kept_before = progress_lines(run), kept
+        tally.lost += len(set(before[:kept_before]) - set(now))
+        assert now[:kept_before] == before[:kept_before]
+        kept = updates_kept(run)
+        if not end.killed:
+            assert end.status == 0, end
+            break
+        check_end("train", end, sent, whom)
+        tally.kills["training", whom, sent.name] += 1
+        tally.written += kept - kept_before
+        since = INTERVAL // STEPS_PER_UPDATE if sent == signal.SIGKILL or whom == "starting" else 1
+        assert kept_before <= kept <= len(now) <= kept + since, f"{len(now)} updates, {kept} of them kept"
+        before = now
+    if not kept:
+        [told] = complete(resume).lines
+        assert told.startswith("mapf-pz train: no checkpoint in "), told
+        assert complete(begin).status == 0
+        kept = updates
+    shutil.copytree(run, twin)
+    for name in (run, twin):
+        assert complete(["train", "resume", name, "--evaluate", "none"]).status == 0
+    tally.resumes += 1
+    now = progress_lines(run)
+    tally.lost += len(set(before[:kept]) - set(now))
+    assert now[: len(before[:kept])] == before[:kept]
+    assert len(now) == updates == updates_kept(run)
+    assert not list((run / "checkpoints").glob(".*"))
+    weights = [(name / "policy.safetensors").read_bytes() for name in (run, twin)]
+    assert weights[0] == weights[1]  # the same checkpoint leads to the same policy
+
+
+# The command.
+
+
+def do_rounds() -> None:
+    """Do the rounds and print the table, also after an error or Ctrl-C."""
+    parser = argparse.ArgumentParser(description="Kill evaluations and trainings at random moments; let them go on.")
+    parser.add_argument("--rounds", type=int, default=50, help="kills")
+    parser.add_argument("--trainings", type=int, help="how many of them are of trainings; a fifth")
+    parser.add_argument("--episodes", type=int, default=400, help="of each policy in an evaluation")
+    parser.add_argument("--updates", type=int, default=40, help="of a training")
+    parser.add_argument("--seed", type=int, default=0, help="of the random moments")
+    options = parser.parse_args()
+    trainings = options.rounds // 5 if options.trainings is None else options.trainings
+    began, draw, tally = time.monotonic(), random.Random(options.seed), Tally()
+    try:
+        while (left := options.rounds - trainings - tally.of("evaluation")) > 0:
+            with tempfile.TemporaryDirectory() as folder:
+                kill_evaluations(Path(folder), min(left, 12), options.episodes, draw, tally)
+        while (left := trainings - tally.of("training")) > 0:
+            with tempfile.TemporaryDirectory() as folder:
+                kill_trainings(Path(folder), min(left, 6), options.updates, draw, tally)
+    finally:
+        print(tally.table())
+        print(f"{time.monotonic() - began:.0f} seconds")
+
+
+if __name__ == "__main__":
+    do_rounds()

@@ -1,0 +1,594 @@
+"""Whatever the bytes in a file: it is read, or refused in one line, soon, and without much memory."""
+
+import json
+import os
+import pickle
+import re
+import struct
+import time
+import tracemalloc
+import zipfile
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from mapf_pz.evaluate import Trial, load_suite
+from mapf_pz.evaluate.results import COLUMNS, Results
+from mapf_pz.instances import load_instance, load_map, load_pogema, load_problem, load_scenario
+from mapf_pz.planners.files import Selection, read_plan
+from mapf_pz.types import FormatError, Grid, Scenario
+
+GRID = Grid([[True] * 6, [True] * 3 + [False] * 3], "tiny")
+SCENARIO = Scenario([[0, 0], [1, 0]], [[0, 5], [1, 2]])
+TRIALS = [Trial("drawn", 1)]
+MEGABYTE = 2**20
+REFUSALS = (FormatError, ValueError, FileNotFoundError)
+
+
+def outcome(read):
+    """Return what is read, or None where it is refused in one line by an error that a reader may raise."""
+    try:
+        return read()
+    except REFUSALS as caught:
+        error = caught
+    message = str(error)
+    assert type(error) in REFUSALS, repr(error)
+    assert len(message.splitlines()) == 1, repr(message)
+    assert len(message) < 1500, message
+    return None
+
+
+def refused(read, pattern=None):
+    """Check that a file is refused in one line, which `pattern` is found in."""
+    with pytest.raises(REFUSALS, match=pattern):
+        read()
+    assert outcome(read) is None
+
+
+@contextmanager
+def bounded(megabytes=200, seconds=20.0):
+    """Check that what is done inside takes little memory and time."""
+    tracemalloc.start()
+    begun = time.monotonic()
+    try:
+        yield
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < megabytes * MEGABYTE, f"{peak / MEGABYTE:.0f} MB"
+    assert time.monotonic() - begun < seconds
+
+
+# Valid files, a reader of each kind, and what may be changed.
+
+
+@dataclass(frozen=True)
+class Case:
+    """Files by name, those of them that are changed, and how they are read."""
+
+    files: dict
+    read: object
+    changed: tuple = ()
+
+    def written(self, folder, changes=()):
+        """Write the files, with others in place of some, and return a call that reads them."""
+        for name, content in (self.files | dict(changes)).items():
+            (folder / name).write_bytes(content)
+        return partial(self.read, folder)
+
+
+def as_json(value):
+    return json.dumps(value).encode()
+
+
+MAP = b"type octile\nheight 2\nwidth 6\nmap\n......\n...@@@\n"
+SCEN = b"version 1\n1\ttiny.map\t6\t2\t0\t0\t5\t0\t5.00000000\n0\ttiny.map\t6\t2\t0\t1\t2\t1\t2.00000000\n"
+PROBLEM = {"mapFile": "tiny.map", "agentFile": "a.agents", "taskFile": "a.tasks", "teamSize": 2, "version": "2024 LoRR"}
+LORR = {
+    "tiny.map": MAP,
+    "a.json": as_json(PROBLEM | {"taskAssignmentStrategy": "roundrobin"}),
+    "a.agents": b"3\n0\n2\n6\n",
+    "a.tasks": b"# version for LoRR 2024\n3\n0,1\n2,3,0\n1,3\n",
+}
+ENTRY = {"map_name": "m", "seed": 0, "agents_xy": [[0, 0], [1, 0]], "targets_xy": [[0, 2], [1, 2]]}
+LIFELONG = ENTRY | {"targets_xy": [[[0, 2], [0, 1], [0, 0]], [[1, 2], [1, 1]]]}
+POGEMA = {"set.maps.json": as_json({"m": ["..@", "$!."]}), "set.mapf.json": as_json([ENTRY, LIFELONG])}
+PLAN = {
+    "actionModel": "MAPF_T",
+    "teamSize": 2,
+    "start": [[0, 0, "E"], [1, 2, "N"]],
+    "numTaskFinished": 2,
+    "sumOfCost": 6,
+    "makespan": 3,
+    "actualPaths": ["F,F,W", "F,C,W"],
+    "events": [[[0, 0, "assigned"], [0, 2, "finished"]], [[1, 0, "assigned"]]],
+    "tasks": [[0, 0, 2], [1, 0, 0]],
+}
+PLAN_2024 = PLAN | {
+    "version": "2024",
+    "actualSchedule": ["1:0,3:-1", "1:1"],
+    "tasks": [[0, 0, [0, 1, 0, 2]], [1, 0, 0]],
+}
+PLAN_2026 = PLAN | {
+    "agentMaxCounter": 10,
+    "actualPaths": ["[(0,0,0,0,0):(F 10,W 5)][(15,1,0,0,0):(C 15)]", "[(0,0,0,0,0):(W 30)]"],
+}
+CARDINAL = PLAN | {"actionModel": "MAPF", "start": [[0, 0, "N/A"], [1, 2, "N/A"]], "actualPaths": ["R,R,W", "U,L,W"]}
+TRACKER = b"""map_name,scen_type,type_id,agents,lower_cost,solution_cost,solution_plan
+tiny,random,1,2,3,3,"rr
+d"
+tiny,even,"1",1,1,1,r
+"""
+TEXT = b"""agents=2
+soc=3
+makespan=2
+starts=(0,0),(3,2),
+goals=(2,0),(3,1),
+solution=
+0:(0,0),(3,2),
+1:(1,0),(3,1),
+2:(2,0),(3,1),
+"""
+TURNING = b"solution=\n0:(0,0,X_PLUS),(3,2,Y_MINUS)\n1:(1,0,X_PLUS),(3,1,Y_MINUS)\n"
+SUITE = {
+    "about": "Mine.",
+    "trials": [
+        {"map": "tiny.map", "num_agents": [1, 2], "max_steps": 20, "seed": 7, "episodes": 5, "about": "a"},
+        {
+            "map": "tiny.map",
+            "scenarios": ["tiny.scen"],
+            "num_agents": 2,
+            "about": "b",
+            "env": {"frame": "map", "action_model": "cardinal"},
+        },
+        {"random": [5, 7, 0.1], "num_agents": 2, "best": 1.5, "env": {"view_size": [3, 3], "channels": ["view"]}},
+        {
+            "pogema": "set.mapf.json",
+            "num_agents": 2,
+            "about": "set",
+            "env": {"initial_heading": [0, 1]},
+        },
+        {"lorr": "a.json", "max_steps": 6, "about": "lorr"},
+    ],
+}
+EPISODES = f'{",".join(COLUMNS)}\na,"b,c",1,0,1,0.5,{"," * 9}2\nüä,b,2,1,{"," * 9}1e-3,7,0.25\n'.encode()
+
+
+def episodes(folder):
+    """Read the episodes; what is taken off a file must not change what is in it."""
+    (folder / "trials.json").unlink(missing_ok=True)
+    read = Results(TRIALS, folder).episodes
+    assert repr(Results(TRIALS, folder).episodes) == repr(read)
+    return read
+
+
+def plan(file):
+    return Case({"p": file}, lambda folder: read_plan(folder / "p", Selection(SCENARIO, 2)))
+
+
+CASES = {
+    "map": Case({"a.map": MAP}, lambda folder: load_map(folder / "a.map")),
+    "scenario": Case({"a.scen": SCEN}, lambda folder: load_scenario(folder / "a.scen")),
+    "map and scenario": Case(
+        {"tiny.map": MAP, "a.scen": SCEN}, lambda folder: load_instance(folder / "tiny.map", folder / "a.scen")
+    ),
+    "drawing": Case(
+        {"a": MAP.partition(b"map\n")[2]}, lambda folder: load_map((folder / "a").read_text("utf-8", "replace") + "\n")
+    ),
+    "problem": Case(LORR, lambda folder: load_problem(folder / "a.json").instance(3)),
+    "pogema": Case(POGEMA, lambda folder: load_pogema(folder / "set.mapf.json", 2)),
+    "plan of 2023": plan(as_json(PLAN)),
+    "plan of 2024": plan(as_json(PLAN_2024)),
+    "plan of 2026": plan(as_json(PLAN_2026)),
+    "plan without headings": plan(as_json(CARDINAL)),
+    "tracker plan": plan(TRACKER),
+    "text plan": plan(TEXT),
+    "text plan with headings": plan(TURNING),
+    "suite": Case(
+        LORR | POGEMA | {"tiny.scen": SCEN, "mine.json": as_json(SUITE)},
+        lambda folder: load_suite(folder / "mine.json"),
+        ("mine.json",),
+    ),
+    "episodes": Case({"episodes.csv": EPISODES}, episodes),
+}
+
+# Changes of bytes.
+
+NUMBER = re.compile(rb"-?\d+(?:\.\d+)?")
+NUMBERS = [b"", b"0", b"-1", b"1.5", b"nan", b"-inf", b"1e999", b"%d" % 2**31, b"%d" % 2**63, b"9" * 9, b"9" * 10_000]
+TOKENS = [
+    *NUMBERS,
+    *(b"\0", b"\n", b"\r", b"\r\n", b"\t", b" ", b",", b'"', b"[", b"{", b"}", b"\\", b"\xef\xbb\xbf", b"\xff"),
+    *("\ud800".encode("utf-8", "surrogatepass"), "\u2028".encode(), "\u0663".encode(), "Straße".encode()),
+    *(b"[" * 100_000, b'{"a":' * 500, b"x" * 5000, b"../", b"/", b"null", b"true", b"NaN"),
+]
+LEAVES = st.sampled_from(
+    [
+        None,
+        True,
+        False,
+        0,
+        -1,
+        1.5,
+        2,
+        2**31,
+        2**64,
+        10**400,
+        float("nan"),
+        float("inf"),
+        "",
+        "x",
+        "a\nb",
+        "\0",
+        "\ud800",
+    ]
+    + ["../tiny.map", "/etc/passwd", "x" * 5000, "x" * 5000 + ".map", ".", "tiny.map", [], {}]
+)
+VALUES = st.recursive(
+    LEAVES, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=2), inner), max_leaves=4
+)
+
+
+@st.composite
+def changed_json(draw, content):
+    """Put another value in some place of a JSON file, or a key in some object, or a deep nest in one."""
+    try:
+        root = json.loads(content)
+    except (ValueError, RecursionError):
+        return content
+    box = [root]
+    places = [(box, 0)]
+    for holder, key in places:
+        held = holder[key]
+        inside = held if isinstance(held, dict) else range(len(held)) if isinstance(held, list) else ()
+        places.extend((held, part) for part in inside)
+    holder, key = draw(st.sampled_from(places))
+    change = draw(st.sampled_from(["replace", "nest", "remove", "add"]))
+    if change == "remove" and holder is not box:
+        del holder[key]
+    elif change == "add" and isinstance(holder, dict):
+        holder[draw(st.sampled_from(["x", "a\nb", "y" * 3000]) | st.text(max_size=3))] = draw(VALUES)
+    elif change == "nest":
+        for _ in range(draw(st.sampled_from([1, 30, 150]))):
+            holder[key] = [holder[key]]
+    else:
+        holder[key] = draw(VALUES)
+    return json.dumps(box[0]).encode()
+
+
+@st.composite
+def changed_bytes(draw, content):
+    """Cut, splice, repeat or replace some bytes."""
+    change = draw(st.sampled_from(["splice", "cut", "repeat", "number", "truncate"]))
+    if change == "number" and (numbers := list(NUMBER.finditer(content))):
+        number = draw(st.sampled_from(numbers))
+        return content[: number.start()] + draw(st.sampled_from(NUMBERS)) + content[number.end() :]
+    if change == "repeat":
+        lines = content.splitlines(keepends=True) or [b""]
+        line = draw(st.integers(0, len(lines) - 1))
+        return b"".join(lines[: line + 1] * draw(st.integers(1, 2)) + lines[line:])
+    first, second = sorted(draw(st.tuples(*[st.integers(0, len(content))] * 2)))
+    if change == "truncate":
+        return content[:first]
+    new = b"" if change == "cut" else draw(st.sampled_from(TOKENS) | st.binary(max_size=4))
+    return content[:first] + new + content[draw(st.sampled_from([first, first, second])) :]
+
+
+@st.composite
+def changed(draw, content, others=()):
+    """Change a file one to three times, or have any bytes or another file in its place."""
+    if draw(st.integers(0, 19)) == 0:
+        return draw(st.binary(max_size=40) | st.sampled_from([content, *others]))
+    for _ in range(draw(st.integers(1, 3))):
+        content = draw(changed_bytes(content) | changed_json(content))
+    return content
+
+
+fuzzed = settings(max_examples=100, suppress_health_check=list(HealthCheck))
+
+
+@pytest.fixture(autouse=True)
+def no_benchmark(monkeypatch):
+    monkeypatch.delenv("MAPF_PZ_BENCHMARK", raising=False)
+
+
+@pytest.mark.parametrize("case", CASES.values(), ids=list(CASES))
+def test_the_files_are_valid(case, tmp_path):
+    assert case.written(tmp_path)()
+
+
+@pytest.mark.parametrize("case", CASES.values(), ids=list(CASES))
+@fuzzed
+@given(st.data())
+def test_a_changed_file_is_read_or_refused_in_one_line(case, data):
+    name = data.draw(st.sampled_from(case.changed or sorted(case.files)))
+    content = data.draw(changed(case.files[name]))
+    with TemporaryDirectory() as folder:
+        outcome(case.written(Path(folder), {name: content}))
+
+
+# Files that claim much, or are large.
+
+
+def test_a_map_that_claims_a_thousand_million_rows(tmp_path):
+    for old, new in [(b"height 2", b"height 1000000000"), (b"width 6", b"width 999999999"), (b"2", b"9" * 10_000)]:
+        (tmp_path / "a.map").write_bytes(MAP.replace(old, new))
+        with bounded():
+            refused(lambda: load_map(tmp_path / "a.map"), r"a\.map:\d")
+
+
+@pytest.mark.parametrize("width", [6, 1_000_000])
+def test_a_map_with_a_line_of_a_million_characters(tmp_path, width):
+    (tmp_path / "a.map").write_bytes(b"type octile\nheight 1\nwidth %d\nmap\n%s\n" % (width, b"." * 1_000_000))
+    with bounded():
+        grid = outcome(lambda: load_map(tmp_path / "a.map"))
+    assert (grid is None) == (width == 6)
+
+
+def test_a_scenario_of_a_million_lines(tmp_path):
+    version, line, _ = SCEN.splitlines(keepends=True)
+    (tmp_path / "a.scen").write_bytes(version + line * 50_000)
+    with bounded(megabytes=100):
+        assert len(load_scenario(tmp_path / "a.scen")) == 50_000
+    (tmp_path / "a.scen").write_bytes(version + line * 1_000_000)
+    begun = time.monotonic()
+    assert len(load_scenario(tmp_path / "a.scen")) == 1_000_000
+    assert time.monotonic() - begun < 60
+    os.truncate(tmp_path / "a.scen", 2**40)
+    with bounded():
+        refused(lambda: load_scenario(tmp_path / "a.scen"), "expected at most 67108864 bytes")
+
+
+BOMBS = [b"[" * 100_000, b'{"a":' * 100_000, b"[" * 100_000 + b"]" * 100_000, b"9" * 10_000, b"1e999", b"[" * 5_000_000]
+JSON_READERS = {
+    "a.json": load_problem,
+    "set.mapf.json": lambda file: load_pogema(file, 1),
+    "set.maps.json": lambda file: load_pogema(file.with_name("set.mapf.json"), 1),
+    "plan.json": read_plan,
+    "mine.json": load_suite,
+}
+
+
+@pytest.mark.parametrize("name", JSON_READERS)
+@pytest.mark.parametrize("bomb", BOMBS, ids=lambda bomb: f"{bomb[:5].decode()} of {len(bomb)}")
+def test_json_bombs(tmp_path, name, bomb):
+    Case(LORR | POGEMA, load_problem).written(tmp_path)
+    for content in (bomb, b'{"teamSize": %s}' % bomb, b'{"trials": [{"num_agents": %s}]}' % bomb):
+        (tmp_path / name).write_bytes(content)
+        with bounded():
+            refused(lambda: JSON_READERS[name](tmp_path / name), re.escape(name))
+
+
+@pytest.mark.parametrize("member", ["reward", "view_size", "initial_heading", "channels", "edge_weights"])
+def test_every_depth_of_nesting(tmp_path, member):
+    for depth in [1, 40, 70, *range(700, 1000, 5)]:
+        entry = f'{{"random": [5, 5, 0.1], "num_agents": 2, "env": {{"{member}": {"[" * depth + "]" * depth}}}}}'
+        (tmp_path / "mine.json").write_text(f'{{"trials": [{entry}]}}')
+        outcome(lambda: load_suite(tmp_path / "mine.json"))
+
+
+# Files that name others.
+
+OUTSIDE = [
+    "../tiny.map",
+    "../../etc/passwd.map",
+    "in/../../tiny.map",
+    "{outside}/tiny.map",
+    "link/tiny.map",
+    "/etc/a.map",
+]
+NAMES = [*OUTSIDE, "x" * 300 + ".map", "x" * 5000 + ".map", "a\nb.map", "a\0.map", "\ud800.map", "\u2028.map"]
+
+
+@pytest.fixture
+def folders(tmp_path):
+    """A folder of files, in one with a map that no file in the first may name."""
+    outside, folder = tmp_path / "out", tmp_path / "out" / "in"
+    folder.mkdir(parents=True)
+    (outside / "tiny.map").write_bytes(MAP)
+    (folder / "link").symlink_to(outside)
+    return outside, folder
+
+
+@pytest.mark.parametrize("name", NAMES, ids=lambda name: ascii(name)[1:20])
+@pytest.mark.parametrize("with_benchmark", [False, True])
+def test_no_path_in_a_suite_leaves_its_folder(folders, monkeypatch, name, with_benchmark):
+    outside, folder = folders
+    if with_benchmark:
+        monkeypatch.setenv("MAPF_PZ_BENCHMARK", str(folder))
+    told = name.replace("{outside}", str(outside))
+    suffixes = {"map": ".map", "pogema": ".mapf.json", "lorr": ".json", "scenarios": ".scen"}
+    for member, suffix in suffixes.items():
+        file = told.replace(".map", suffix)
+        entry = {"map": "empty-8-8", member: [file]} if member == "scenarios" else {member: file}
+        content = as_json({"trials": [entry | ({} if member == "lorr" else {"num_agents": 1})]})
+        read = Case({"mine.json": content}, lambda folder: load_suite(folder / "mine.json")).written(folder)
+        refused(read, "in the folder of the JSON" if name in OUTSIDE else None)
+
+
+@pytest.mark.parametrize("name", NAMES, ids=lambda name: ascii(name)[1:20])
+@pytest.mark.parametrize("member", ["mapFile", "agentFile", "taskFile"])
+def test_no_path_in_a_problem_leaves_its_folder(folders, name, member):
+    outside, folder = folders
+    told = {member: name.replace("{outside}", str(outside))}
+    read = Case(LORR | {"a.json": as_json(PROBLEM | told)}, lambda folder: load_problem(folder / "a.json")).written(
+        folder
+    )
+    refused(read, "in the folder of the JSON" if name in OUTSIDE else None)
+
+
+def test_folders_below_and_benchmark_folders_are_inside(folders, tmp_path, monkeypatch):
+    _, folder = folders
+    (folder / "maps").mkdir()
+    (folder / "maps" / "tiny.map").write_bytes(MAP)
+    (tmp_path / "mine.json").write_bytes(as_json({"trials": [{"map": "maps/tiny.map", "num_agents": 1}]}))
+    refused(lambda: load_suite(tmp_path / "mine.json"), "no file 'maps/tiny.map'")
+    monkeypatch.setenv("MAPF_PZ_BENCHMARK", str(folder))
+    assert load_suite(tmp_path / "mine.json")[0].family == "tiny"
+    (folder / "mine.json").write_bytes((tmp_path / "mine.json").read_bytes())
+    monkeypatch.delenv("MAPF_PZ_BENCHMARK")
+    assert load_suite(folder / "mine.json")[0].family == "tiny"
+
+
+# What the changes above come upon too seldom.
+
+
+def test_names_of_several_lines_in_a_tracker_file(tmp_path):
+    (tmp_path / "p").write_bytes(TRACKER.replace(b"tiny", b'"two\nlines\xe2\x80\xa8"'))
+    refused(lambda: read_plan(tmp_path / "p", Selection(SCENARIO)), "got 2: the file has plans for two lines")
+
+
+def test_pickles_are_read_by_no_reader(tmp_path):
+    class Evil:
+        def __reduce__(self):
+            return os.mkdir, (str(tmp_path / "unpickled"),)
+
+    content = pickle.dumps(Evil())
+    for case in CASES.values():
+        for name in case.changed or case.files:
+            outcome(case.written(tmp_path, {name: content}))
+    assert not (tmp_path / "unpickled").exists()
+
+
+# What was learnt: safetensors, JSON, and archives of both.
+
+
+@pytest.fixture(scope="session")
+def trained(tmp_path_factory):
+    """A policy's two files, a checkpoint's files by their names, and a call that reads those from a file."""
+    pytest.importorskip("torchrl")
+    from mapf_pz.rl.algorithms import ALGORITHMS
+    from mapf_pz.rl.checkpoint import Checkpoints, Position, read_position, restore
+    from mapf_pz.rl.learner import Learner
+    from mapf_pz.rl.policy import CONFIG, WEIGHTS, config_as_json, save_weights
+    from tests.rl.tiny import TINY
+
+    folder = tmp_path_factory.mktemp("trained")
+    algorithm = ALGORITHMS[TINY.algorithm](TINY)
+    learner, checkpoints = Learner(algorithm, TINY), Checkpoints(folder)
+    save_weights(folder, algorithm.network)
+    checkpoints.save(learner, Position(1, 192, 0.5))
+    with zipfile.ZipFile(checkpoints.latest()) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+
+    def read_checkpoint(file):
+        restore(file, learner)
+        return read_position(file)
+
+    return {CONFIG: config_as_json(TINY), WEIGHTS: (folder / WEIGHTS).read_bytes()}, members, read_checkpoint
+
+
+def as_archive(file, members, compression=zipfile.ZIP_STORED):
+    with zipfile.ZipFile(file, "w", compression) as archive:
+        for name, content in members.items():
+            archive.writestr(zipfile.ZipInfo(name), content, compression)
+    return file
+
+
+def as_safetensors(header, data=b"", length=None):
+    header = header if isinstance(header, bytes) else as_json(header)
+    return struct.pack("<Q", len(header) if length is None else length) + header + data
+
+
+def changed_head(content):
+    """Change the header of safetensors; its length tells the truth or not."""
+    end = 8 + struct.unpack("<Q", content[:8])[0]
+    lengths = st.sampled_from([None, None, None, 0, 2**31, 2**60, 2**64 - 1])
+    return st.builds(as_safetensors, changed(content[8:end]), st.just(content[end:]), lengths)
+
+
+def changed_file(name, content):
+    return changed_head(content) | changed(content) if name.endswith("safetensors") else changed(content)
+
+
+@fuzzed
+@given(st.data())
+def test_a_changed_policy_is_read_or_refused_in_one_line(trained, data):
+    from mapf_pz.rl import load_policy
+
+    files = trained[0]
+    name = data.draw(st.sampled_from(sorted(files)))
+    content = data.draw(changed_file(name, files[name]))
+    with TemporaryDirectory() as folder:
+        outcome(Case(files, load_policy).written(Path(folder), {name: content}))
+
+
+@fuzzed
+@given(st.data())
+def test_a_changed_checkpoint_is_read_or_refused_in_one_line(trained, data):
+    _, members, read = trained
+    name = data.draw(st.sampled_from(sorted(members)))
+    content = data.draw(changed_file(name, members[name]))
+    with TemporaryDirectory() as folder:
+        outcome(partial(read, as_archive(Path(folder) / "c.torchrl", members | {name: content})))
+
+
+LIES = {
+    "length": as_safetensors({}, length=2**60),
+    "length beyond the file": as_safetensors({}, length=100),
+    "offsets": as_safetensors({"a": {"dtype": "F32", "shape": [2], "data_offsets": [0, 2**40]}}, bytes(8)),
+    "backwards": as_safetensors({"a": {"dtype": "F32", "shape": [2], "data_offsets": [8, 0]}}, bytes(8)),
+    "shape": as_safetensors({"a": {"dtype": "F32", "shape": [2**40, 2**40], "data_offsets": [0, 8]}}, bytes(8)),
+    "shape of nothing": as_safetensors({"a": {"dtype": "F32", "shape": [0, 2**63], "data_offsets": [0, 0]}}),
+    "dtype": as_safetensors({"a": {"dtype": "X", "shape": [2], "data_offsets": [0, 8]}}, bytes(8)),
+    "complex": as_safetensors({"a": {"dtype": "C64", "shape": [1], "data_offsets": [0, 8]}}, bytes(8)),
+    "deep": as_safetensors(b"[" * 100_000),
+    "empty": b"",
+    "pickle": pickle.dumps({"weights": [1.0]}),
+}
+
+
+@pytest.mark.parametrize("lie", LIES.values(), ids=list(LIES))
+def test_weights_that_lie(trained, tmp_path, lie):
+    from mapf_pz.rl import load_policy
+
+    files, members, read_checkpoint = trained
+    with bounded():
+        refused(
+            Case(files, load_policy).written(tmp_path, {"policy.safetensors": lie}), r"policy\.safetensors: not the"
+        )
+    (name,) = (name for name in members if name.endswith("safetensors"))
+    with bounded():
+        refused(lambda: read_checkpoint(as_archive(tmp_path / "c", members | {name: lie})), "not a checkpoint")
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        {"hidden": 10**9},
+        {"hidden": 10**30},
+        {"hidden": -1},
+        {"hidden": 0},
+        {"recurrent": 10**9},
+        {"head": [10**9, 10**9]},
+        {"head": [1] * 100_000},
+        {"conv_channels": []},
+        {"conv_channels": [10**12]},
+        {"encoder": "residual", "num_blocks": 10**9},
+        {"encoder": "report"},
+    ],
+    ids=lambda model: str(model)[:40],
+)
+def test_configurations_of_absurd_networks(trained, tmp_path, model):
+    from mapf_pz.rl import load_policy
+
+    config = json.loads(trained[0]["config.json"])
+    config["model"] |= model
+    with bounded():
+        refused(Case(trained[0], load_policy).written(tmp_path, {"config.json": as_json(config)}))
+
+
+def test_checkpoints_that_are_bombs_pickles_or_folders(trained, tmp_path):
+    _, members, read = trained
+    assert read(as_archive(tmp_path / "c", members)).updates == 1
+    bomb = as_archive(tmp_path / "bomb", members | {"x": bytes(10_000_000)}, zipfile.ZIP_DEFLATED)
+    (tmp_path / "pickle").write_bytes(pickle.dumps({"weights": [1.0]}))
+    for file in (bomb, tmp_path / "pickle", tmp_path):
+        with bounded():
+            refused(partial(read, file), "not a checkpoint of this run")
