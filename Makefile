@@ -2,19 +2,21 @@
 # make test    sets everything up and runs the tests
 # make bench-peers   measures the speed beside POGEMA's, which it installs in .venv-peers
 # make lint    checks style and types
-# make soak, make faults, make boundscheck, make coverage, make record-pogema   see docs/trust.md
+# make soak, make faults, make coverage, make record-pogema   see docs/trust.md
 
 PYTHON ?= python3
 BIN := .venv/bin
-KERNEL_TESTS := tests/core tests/test_simulator.py tests/test_pogema_recording.py
+COVERAGE := --cov=mapf_pz --cov=wrappers --cov-branch
+KERNEL_TESTS := $(addprefix tests/core/test_, properties.py symmetry.py collision_table.py distance.py)
 
-.PHONY: train test lint format figures reproduction bench-peers soak faults boundscheck coverage record-pogema clean
+.PHONY: train test lint format figures reproduction bench-peers soak faults coverage record-pogema clean
 
 train: .venv/installed
 	$(BIN)/mapf-pz train quickstart --output runs/quickstart
 
 test: .venv/installed
 	$(BIN)/python -m pytest -n 2
+	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest -n 2 $(KERNEL_TESTS)
 
 lint: .venv/installed
 	$(BIN)/ruff check
@@ -42,11 +44,9 @@ soak: .venv/installed
 faults: .venv/installed
 	$(BIN)/python -m tests.faults
 
-boundscheck: .venv/installed
-	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest -n 2 $(KERNEL_TESTS)
-
 coverage: .venv/installed
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 --cov=mapf_pz --cov=wrappers --cov-branch --cov-report=term-missing:skip-covered
+	$(BIN)/python -m pytest -n 2 $(COVERAGE) --cov-report=
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 $(COVERAGE) --cov-append --cov-report=term-missing:skip-covered tests/core tests/planners -k 'not ten_thousand'
 
 record-pogema: .venv-peers/installed
 	PYTHONPATH=. .venv-peers/bin/python -m tests.recordings.record_pogema tests/recordings
