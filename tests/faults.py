@@ -32,7 +32,7 @@ from tests.evaluate.test_jobs import children_of, is_alive, wait_for
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 TIMES = {"runtime", "step_ms", "agent_us"}
 """The columns of an episode that are never the same twice."""
-EVALUATE = "evaluate --policy pibt --policy random --map room-32-32-4 --num-agents 5 --max-steps 64"
+EVALUATE = "evaluate --policy pibt --policy random --map room-20-20-5 --num-agents 5 --max-steps 64"
 SMALL = "--num-envs 4 --steps-per-batch 8 --num-epochs 1 --num-agents 3 --height 7 --width 7"
 STEPS_PER_UPDATE = 4 * 8 * 3
 INTERVAL = 4 * STEPS_PER_UPDATE
