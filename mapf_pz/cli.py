@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 import tyro
 
+from mapf_pz.interrupts import interrupts_held
+
 USAGE_ERROR, INTERRUPTED = 2, 130
 TOLD = (ValueError, TypeError, OSError, RuntimeError, MemoryError, ImportError)
 """Errors that a user can cause, told in one line; any other is our mistake, and shows where."""
@@ -66,7 +68,9 @@ def _run(name: str, words: list[str]) -> None:
     module, _, function = COMMANDS[name].function.partition(":")
     config = (tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes)
     try:
-        tyro.cli(getattr(import_module(module), function), prog=f"mapf-pz {name}", args=words, config=config)
+        with interrupts_held():  # packages that are interrupted while they load may lose it
+            command = getattr(import_module(module), function)
+        tyro.cli(command, prog=f"mapf-pz {name}", args=words, config=config)
     except ModuleNotFoundError as error:
         raise ImportError(f"{error}: pip install 'mapf-pz[train,render]'") from error
 

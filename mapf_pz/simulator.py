@@ -69,6 +69,8 @@ class Simulator:
         sight, with_edges = self.layout.sight(), "edge_weights" in config.channels
         self._scene = Scene(
             sight=sight,
+            rows=tuple(range(sight.height)),
+            columns=tuple(range(sight.width)),
             stage=stage.allocate_stage(sight, self.shape, len(self._grids), self._num_threads, with_edges),
             windows=stage.allocate_windows(num_envs, self.num_agents),
             notes=allocate_notes(self._num_threads, self.num_agents, sight.height * sight.width),

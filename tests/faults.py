@@ -120,7 +120,10 @@ def kill(
         wait_for(lambda: ready(running.pid) or running.poll() is not None, 120)
         time.sleep(after)
         others = children_of(running.pid)
-        workers = workers_of(running.pid) if whom == "worker" else [running.pid]
+        workers = [running.pid]
+        if whom == "worker":  # one that is between two jobs cannot be told
+            workers = []
+            wait_for(lambda: running.poll() is not None or workers.extend(workers_of(running.pid)) or workers, 120)
         killed = running.poll() is None and bool(workers)
         if killed:
             (os.kill if whom == "worker" else os.killpg)(workers[0], sent)

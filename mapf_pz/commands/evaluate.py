@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
@@ -19,8 +18,9 @@ from tyro.conf import UseAppendAction
 from mapf_pz.config import ActionModel
 from mapf_pz.evaluate import Episode, Trial, evaluate, load_suite, markdown_table, named_policy, terminal_table
 from mapf_pz.evaluate.policies import is_trained
-from mapf_pz.evaluate.results import write_whole
 from mapf_pz.evaluate.run import Casting, Policy
+from mapf_pz.files import write_whole
+from mapf_pz.interrupts import interruptible
 
 TABLE_FILE = "evaluation.md"
 
@@ -90,17 +90,6 @@ class EvaluateOptions:
         return Trial(about, self.num_agents, keywords, episodes=64)
 
 
-@contextmanager
-def terminated_as_interrupted() -> Generator[None]:
-    """Let SIGTERM, which queues and `kill` send, do what Ctrl-C does."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
-@terminated_as_interrupted()
 def evaluate_policies(options: EvaluateOptions) -> None:
     """Let policies and planners act in the same episodes, and print the table of results."""
     if not options.policy:
@@ -117,12 +106,12 @@ def report(
     policies: dict[str, Casting | Policy | str], trials: Sequence[Trial], output: Path | None, jobs: int | str = 1
 ) -> None:
     """Evaluate, print the table, and write it and the figures to `output` if there is one."""
-    with _progress_bar() as show:
+    with interruptible() as check, _progress_bar(check) as show:
         episodes = evaluate(policies, trials, output, jobs, show)
     Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200).print(terminal_table(episodes))
     if output is None:
         return
-    write_whole(output / TABLE_FILE, markdown_table(episodes))
+    write_whole(output / TABLE_FILE, markdown_table(episodes).encode())
     print(f"table and episodes written to {output}")
     if find_spec("matplotlib") is None:
         print("no figures: pip install 'mapf-pz[train]' has what draws them")
@@ -134,14 +123,15 @@ def report(
 
 
 @contextmanager
-def _progress_bar() -> Generator[Callable[[Episode | None, int], None]]:
-    """Show a bar; yield what moves it."""
+def _progress_bar(check: Callable[[], None]) -> Generator[Callable[[Episode | None, int], None]]:
+    """Show a bar; yield what moves it, and calls `check`."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     console = Console(stderr=True)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("evaluating", total=None)
 
         def show(episode: Episode | None, left: int) -> None:
+            check()
             if episode is None:
                 bar.update(task, total=left)
             else:

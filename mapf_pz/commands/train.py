@@ -14,10 +14,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from tyro.conf import Positional, subcommand
 from tyro.extras import subcommand_type_from_defaults
 
-from mapf_pz.commands.evaluate import report, terminated_as_interrupted
+from mapf_pz.commands.evaluate import report
 from mapf_pz.commands.render import save_episode
 from mapf_pz.evaluate import load_suite, make_env
 from mapf_pz.evaluate.results import discard
+from mapf_pz.interrupts import interruptible
 from mapf_pz.rl import load_policy
 from mapf_pz.rl import train as train_policy
 from mapf_pz.rl.config import TrainConfig
@@ -66,7 +67,6 @@ else:
     Run = Begin | Annotated[ResumeOptions, subcommand("resume")]
 
 
-@terminated_as_interrupted()
 def train(run: Run) -> None:
     """Train a policy or continue its training, evaluate it on instances that it never saw, and draw an episode."""
     trials = None if run.evaluate == "none" else load_suite(run.evaluate)
@@ -85,17 +85,17 @@ def train(run: Run) -> None:
 def _learn(run: Run) -> None:
     """Train or resume with a bar of progress."""
     if isinstance(run, TrainOptions):
-        with _progress_bar(run.config.agent_steps) as show:
+        with interruptible() as check, _progress_bar(run.config.agent_steps, check) as show:
             train_policy(run.config, run.output, show)
         return
     agent_steps = load_config(run.output / CONFIG).agent_steps if run.agent_steps is None else run.agent_steps
-    with _progress_bar(agent_steps) as show:
+    with interruptible() as check, _progress_bar(agent_steps, check) as show:
         resume_policy(run.output, run.agent_steps, show)
 
 
 @contextmanager
-def _progress_bar(agent_steps: int) -> Generator[Callable[[dict[str, float]], None]]:
-    """Show a bar with the latest means over training episodes; yield what feeds it a row of progress."""
+def _progress_bar(agent_steps: int, check: Callable[[], None]) -> Generator[Callable[[dict[str, float]], None]]:
+    """Show a bar with the latest means over training episodes; yield what feeds it a row, and calls `check`."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -108,6 +108,7 @@ def _progress_bar(agent_steps: int) -> Generator[Callable[[dict[str, float]], No
         task = bar.add_task("training", total=agent_steps, means="")
 
         def show(row: dict[str, float]) -> None:
+            check()
             means = "  ".join(f"{key} {row[key]:.2f}" for key in ("CSR", "ISR", "return"))
             speed = f"{row['agent_steps_per_second']:,.0f} steps/s"
             bar.update(task, completed=row["agent_steps"], means=f"{speed}  {means}")

@@ -20,13 +20,11 @@ from mapf_pz.core.state import Array, Distances, State, World
 def observe(num_threads: int, scene: Scene, planes: Planes, image: Array) -> None:
     """Fill `image` (B, N, K, V) float32."""
     state, places = scene.state, (planes.shown, planes.drawn, planes.view_at, planes.goal_at, planes.orientation_at)
-    spans = tuple(range(scene.sight.height)), tuple(range(scene.sight.width))
-    _draw_windows(
-        num_threads, scene.sight, *spans, scene.stage, *scene.windows, *places, state.map, state.agents, image
-    )
+    geometry = (scene.sight, scene.rows, scene.columns, scene.stage, *scene.windows)
+    _draw_windows(num_threads, *geometry, *places, state.map, state.agents, image)
     if planes.look_up or not scene.sight.see_through_walls:
-        seen = (scene.notes, scene.world, scene.distances, scene.state)
-        _draw_lookups(num_threads, scene.sight, *spans, scene.stage, *scene.windows, *seen, planes, image)
+        seen = (scene.notes, scene.world, scene.distances, state)
+        _draw_lookups(num_threads, *geometry, *seen, planes, image)
 
 
 @BatchKernel

@@ -25,6 +25,8 @@ class Scene(NamedTuple):
     """Everything that can be observed."""
 
     sight: Sight
+    rows: Span
+    columns: Span
     stage: Stage
     windows: Windows
     notes: Notes

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from mapf_pz.evaluate.report import grouped, interval
 from mapf_pz.evaluate.results import Episode
+from mapf_pz.files import replacing
 
 LABELS = {
     "CSR": "all agents at their goals (CSR)",
@@ -47,7 +48,8 @@ def _draw(by_trial: dict[str, dict[str, dict[str, Points]]], folder: Path) -> It
         figure.suptitle(_plain(about))
         name = "".join(char if char.isalnum() else "-" for char in about)
         file = folder / f"{name}.png"
-        figure.savefig(file, dpi=110)
+        with replacing(file) as beside:
+            figure.savefig(beside, dpi=110)
         yield file
 
 

@@ -38,7 +38,7 @@ def _in_processes(function: Callable[[Task], Result], tasks: Sequence[Task], job
     others = set(active_children())
     with ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_begin_process) as pool:
         try:
-            with _interrupts_held():
+            with _unheard_by_children():
                 futures = [pool.submit(function, task) for task in tasks]
             for future in as_completed(futures):
                 yield future.result()
@@ -50,8 +50,8 @@ def _in_processes(function: Callable[[Task], Result], tasks: Sequence[Task], job
 
 
 @contextmanager
-def _interrupts_held() -> Generator[None]:
-    """Hold Ctrl-C back, and from processes that are begun meanwhile for good: it reaches them too, while they load."""
+def _unheard_by_children() -> Generator[None]:
+    """Block Ctrl-C in processes that are begun meanwhile: it reaches them too, while they load, and they would tell."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         yield

@@ -5,8 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Generator, Iterable
-from contextlib import contextmanager
+import os
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
@@ -16,6 +16,7 @@ import numpy as np
 
 from mapf_pz.config import EnvConfig
 from mapf_pz.evaluate.trial import Trial
+from mapf_pz.files import naming, write_whole
 from mapf_pz.instances import load_map
 from mapf_pz.instances.textfile import read_text
 from mapf_pz.types import FormatError
@@ -37,6 +38,8 @@ METRICS = (
 """All metrics, in the order of the file's columns; an episode has those that its mode knows."""
 COLUMNS = ("policy", "about", "num_agents", "episode", *METRICS)
 EPISODES_FILE, TRIALS_FILE = "episodes.csv", "trials.json"
+MAX_BYTES, MAX_ROW_BYTES = 2**30, 2**20
+"""Of the file of episodes, some ten million of them, and of a row in it."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,7 @@ class Results:
         told = json.dumps([_description(trial) for trial in trials], indent=1)
         before = folder / TRIALS_FILE
         if not before.exists():
-            write_whole(before, told)
+            write_whole(before, told.encode())
         elif before.read_bytes() != told.encode():
             raise ValueError(f"{folder}: holds an evaluation of other trials; expected another folder")
         if self._file.exists():
@@ -102,14 +105,6 @@ def discard(folder: Path) -> None:
         (folder / name).unlink(missing_ok=True)
 
 
-def write_whole(file: Path, text: str) -> None:
-    """Write a file so that it is never seen half-written: what was there before stays until all is written."""
-    beside = file.with_name(f".{file.name}.new")
-    with _named(file):
-        beside.write_text(text, "utf-8")
-        beside.replace(file)
-
-
 def _description(trial: Trial) -> dict[str, Any]:
     """Return what must be the same for episodes to be comparable; the number of episodes need not be."""
     keywords = {name: repr(value) for name, value in sorted(trial.keywords.items()) if name not in ("map", "source")}
@@ -131,17 +126,8 @@ def _digest(trial: Trial) -> str:
 
 
 def _write_rows(file: Path, mode: str, rows: Iterable[Iterable[object]]) -> None:
-    with _named(file), file.open(mode, newline="", encoding="utf-8") as out:
+    with naming(file), file.open(mode, newline="", encoding="utf-8") as out:
         csv.writer(out, lineterminator="\n").writerows(rows)
-
-
-@contextmanager
-def _named(file: Path) -> Generator[None]:
-    """Let an error while the file is written say which file it is: that of a full disk does not."""
-    try:
-        yield
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(file)) from None
 
 
 def _read(file: Path) -> list[Episode]:
@@ -149,7 +135,7 @@ def _read(file: Path) -> list[Episode]:
     header = ",".join(COLUMNS) + "\n"
     if file.is_file():
         _cut_torn_line(file, header.encode())
-    text = read_text(file)
+    text = read_text(file, MAX_BYTES)
     if text and not text.startswith(header):
         raise FormatError(file, f"expected the columns {', '.join(COLUMNS)}", 1)
     rows = csv.reader(io.StringIO(text, newline=""), strict=True)
@@ -162,11 +148,13 @@ def _read(file: Path) -> list[Episode]:
 
 def _cut_torn_line(file: Path, header: bytes) -> None:
     """Take off a last line without an end, which may be cut within a character, where the file is one of ours."""
-    data = file.read_bytes()
-    whole = data.rfind(b"\n") + 1
-    if whole < len(data) and (data.startswith(header) or header.startswith(data)):
-        with file.open("r+b") as out:
-            out.truncate(whole)
+    with file.open("r+b") as out:
+        begins = out.read(len(header))
+        size = out.seek(0, os.SEEK_END)
+        first = out.seek(max(0, size - MAX_ROW_BYTES))
+        end = out.read()
+        if header.startswith(begins) and not end.endswith(b"\n") and (b"\n" in end or not first):
+            out.truncate(first + end.rfind(b"\n") + 1)
 
 
 def _episode(row: list[str], line: int, file: Path) -> Episode:

@@ -12,12 +12,12 @@ MAX_FILE_BYTES = 64 * 2**20
 """Larger files are refused."""
 
 
-def read_text(path: str | Path) -> str:
+def read_text(path: str | Path, max_bytes: int = MAX_FILE_BYTES) -> str:
     """Return the text of a UTF-8 file, without a byte order mark and with its line ends as they are.
 
     Raises:
         FileNotFoundError: There is no such file.
-        FormatError: It is a folder or device, is larger than `MAX_FILE_BYTES`, or is not UTF-8.
+        FormatError: It is a folder or device, is larger than `max_bytes`, or is not UTF-8.
     """
     # A device or pipe could block or never end.
     if not os.path.isfile(path):
@@ -25,9 +25,9 @@ def read_text(path: str | Path) -> str:
             raise FormatError(path, "expected a file, got a folder or device")
         raise FileNotFoundError(f"{path}: no such file")
     with open(path, "rb") as file:
-        data = file.read(MAX_FILE_BYTES + 1)
-    if len(data) > MAX_FILE_BYTES:
-        raise FormatError(path, f"expected at most {MAX_FILE_BYTES} bytes")
+        data = file.read(max_bytes + 1)
+    if len(data) > max_bytes:
+        raise FormatError(path, f"expected at most {max_bytes} bytes")
     data = data.removeprefix(codecs.BOM_UTF8)
     try:
         return data.decode()

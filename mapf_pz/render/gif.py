@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Generator, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mapf_pz.files import replacing
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -35,7 +35,7 @@ def save_gif(frames: Iterable[NDArray[np.uint8]], path: str | Path, fps: float =
     first = next(images, None)
     if first is None:
         raise ValueError("no frames to save")
-    with _replacing(Path(path)) as file:
+    with replacing(Path(path)) as file:
         first.save(file, format="GIF", save_all=True, append_images=images, duration=round(1000 / fps), loop=0)
 
 
@@ -46,7 +46,7 @@ def save_png(frame: NDArray[np.uint8], path: str | Path) -> None:
         ImportError: If Pillow is missing.
     """
     image = _image(frame)
-    with _replacing(Path(path)) as file:
+    with replacing(Path(path)) as file:
         image.save(file, format="PNG")
 
 
@@ -67,14 +67,3 @@ def _image(frame: NDArray[np.uint8]) -> Image.Image:
     except ImportError as error:
         raise ImportError("saving pictures needs Pillow: pip install 'mapf-pz[render]'") from error
     return Image.fromarray(frame)
-
-
-@contextmanager
-def _replacing(path: Path) -> Generator[Path, None, None]:
-    """Give a file beside `path` to write, which takes its place at the end and is removed on an error."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        yield temporary
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)

@@ -15,7 +15,7 @@ from zipfile import ZIP_STORED, BadZipFile, ZipFile
 
 from pydantic import TypeAdapter
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file, save
 from torchrl.checkpoint import Checkpoint, CheckpointAdapter, CheckpointRotation
 
 from mapf_pz.rl.learner import Learner
@@ -94,7 +94,7 @@ class _LearnerAdapter(CheckpointAdapter):
 
     def save(self, component: Learner, path: Path, *, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> None:
         path.mkdir(parents=True)
-        save_file(component.tensors(), path / TENSORS)
+        (path / TENSORS).write_bytes(save(component.tensors()))
 
     def load(self, component: Learner, path: Path, **_: Any) -> None:
         component.restore(load_file(path / TENSORS))

@@ -10,10 +10,11 @@ import numpy as np
 import torch
 from pydantic import TypeAdapter, ValidationError
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
 from mapf_pz.action_modes import ACTION_MODES
+from mapf_pz.files import write_whole
 from mapf_pz.instances.textfile import read_text
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.config import AlgorithmName, TrainConfig
@@ -145,9 +146,7 @@ POLICIES: dict[AlgorithmName, type[LearnedPolicy]] = {
 
 def save_weights(folder: Path, network: nn.Module) -> None:
     """Write the network's weights to `folder`, beside the configuration that the run wrote when it began."""
-    beside = folder / f".{WEIGHTS}.new"
-    save_file({name: weight.contiguous() for name, weight in network.state_dict().items()}, beside)
-    beside.replace(folder / WEIGHTS)
+    write_whole(folder / WEIGHTS, save({name: weight.contiguous() for name, weight in network.state_dict().items()}))
 
 
 def config_as_json(config: TrainConfig) -> bytes:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import math
-import os
 import shutil
 from itertools import islice
 from pathlib import Path
@@ -12,6 +11,7 @@ from pathlib import Path
 from torch import nn
 from torchrl.record.loggers.tensorboard import TensorboardLogger
 
+from mapf_pz.files import replacing, write_whole
 from mapf_pz.rl.checkpoint import Checkpoints, Position, read_position, restore
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.learner import Learner
@@ -40,7 +40,7 @@ class RunFolder:
         self.checkpoints.clear()
         for name in (PROGRESS, CURVE, WEIGHTS):
             (self.path / name).unlink(missing_ok=True)
-        _replace(self.path / CONFIG, config_as_json(config))
+        write_whole(self.path / CONFIG, config_as_json(config))
         self._begin_tensorboard()
 
     def resume(self, checkpoint: Path, learner: Learner, config: TrainConfig) -> None:
@@ -52,8 +52,8 @@ class RunFolder:
         self._saved = read_position(checkpoint)
         self._rows = _read_rows(self.path / PROGRESS, self._saved)
         self.checkpoints.sweep()
-        _replace(self.path / PROGRESS, "".join(map(_line, [list(self._rows[0]), *map(_texts, self._rows)])).encode())
-        _replace(self.path / CONFIG, config_as_json(config))
+        write_whole(self.path / PROGRESS, "".join(map(_line, [list(self._rows[0]), *map(_texts, self._rows)])).encode())
+        write_whole(self.path / CONFIG, config_as_json(config))
         self._begin_tensorboard()
 
     @property
@@ -121,7 +121,8 @@ class RunFolder:
         returns.set_ylabel("return of an agent's episode", color="0.5")
         rates.set(xlabel="million agent steps", ylabel="share of training episodes", ylim=(0, 1.02))
         rates.legend(loc="lower right")
-        figure.savefig(self.path / CURVE, dpi=150)
+        with replacing(self.path / CURVE) as beside:
+            figure.savefig(beside, dpi=150)
 
 
 def _read_rows(file: Path, position: Position) -> list[dict[str, float]]:
@@ -145,10 +146,3 @@ def _texts(row: dict[str, float]) -> list[str]:
 
 def _line(cells: list[str]) -> str:
     return ",".join(cells) + "\r\n"
-
-
-def _replace(file: Path, content: bytes) -> None:
-    """Write a file so that it is never seen half-written."""
-    beside = file.with_name(f".{file.name}.new")
-    beside.write_bytes(content)
-    os.replace(beside, file)

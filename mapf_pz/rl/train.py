@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors import SafetensorError
 
+from mapf_pz.files import naming
 from mapf_pz.rl.algorithms import ALGORITHMS, Algorithm
 from mapf_pz.rl.checkpoint import read_position
 from mapf_pz.rl.collect import collecting
@@ -98,7 +97,7 @@ def _run(
         algorithm = make(config)
     learner = Learner(algorithm, config)
     done = 0
-    with _named(run.path):
+    with naming(run.path):
         if checkpoint is None:
             run.begin(config)
         else:
@@ -106,34 +105,21 @@ def _run(
             run.resume(checkpoint, learner, config)
     try:
         for row in _updates(config, algorithm, learner, done, run.seconds):
-            with _named(run.path):
+            with naming(run.path):
                 run.log(row)
                 run.save(learner, config.checkpoint_interval)
             if on_progress is not None:
                 on_progress(row)
-        with _named(run.path):
+        with naming(run.path):
             run.save(learner)
     except KeyboardInterrupt:
-        with _named(run.path):
+        with naming(run.path):
             run.save(learner)
         raise
     finally:
-        with _named(run.path):
+        with naming(run.path):
             run.finish(algorithm.network)
     return run.path
-
-
-@contextmanager
-def _named(folder: Path) -> Generator[None]:
-    """Let an error while a run is written be an `OSError` that says where: those of full disks do not."""
-    try:
-        yield
-    except SafetensorError as error:
-        raise OSError(f"{folder}: {error}") from None
-    except OSError as error:
-        if error.filename is not None:
-            raise
-        raise OSError(error.errno, error.strerror, str(folder)) from None
 
 
 def _device(config: TrainConfig) -> torch.device:
