@@ -1,91 +1,27 @@
 """Whatever the bytes in a file: it is read, or refused in one line, soon, and without much memory."""
 
-import json
 import os
 import pickle
 import re
-import struct
 import time
-import tracemalloc
-import zipfile
-from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mapf_pz.evaluate import Trial, load_suite
 from mapf_pz.evaluate.results import COLUMNS, Results
 from mapf_pz.instances import load_instance, load_map, load_pogema, load_problem, load_scenario
 from mapf_pz.planners.files import Selection, read_plan
-from mapf_pz.types import FormatError, Grid, Scenario
+from mapf_pz.types import Grid, Scenario
+from tests.spoiling import Case, as_json, bounded, changed, fuzzed, outcome, refused
 
 GRID = Grid([[True] * 6, [True] * 3 + [False] * 3], "tiny")
 SCENARIO = Scenario([[0, 0], [1, 0]], [[0, 5], [1, 2]])
 TRIALS = [Trial("drawn", 1)]
-MEGABYTE = 2**20
-REFUSALS = (FormatError, ValueError, FileNotFoundError)
-
-
-def outcome(read):
-    """Return what is read, or None where it is refused in one line by an error that a reader may raise."""
-    try:
-        return read()
-    except REFUSALS as caught:
-        error = caught
-    message = str(error)
-    assert type(error) in REFUSALS, repr(error)
-    assert len(message.splitlines()) == 1, repr(message)
-    assert len(message) < 1500, message
-    return None
-
-
-def refused(read, pattern=None):
-    """Check that a file is refused in one line, which `pattern` is found in."""
-    with pytest.raises(REFUSALS, match=pattern):
-        read()
-    assert outcome(read) is None
-
-
-@contextmanager
-def bounded(megabytes=200, seconds=20.0):
-    """Check that what is done inside takes little memory and time."""
-    tracemalloc.start()
-    begun = time.monotonic()
-    try:
-        yield
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert peak < megabytes * MEGABYTE, f"{peak / MEGABYTE:.0f} MB"
-    assert time.monotonic() - begun < seconds
-
-
 # Valid files, a reader of each kind, and what may be changed.
-
-
-@dataclass(frozen=True)
-class Case:
-    """Files by name, those of them that are changed, and how they are read."""
-
-    files: dict
-    read: object
-    changed: tuple = ()
-
-    def written(self, folder, changes=()):
-        """Write the files, with others in place of some, and return a call that reads them."""
-        for name, content in (self.files | dict(changes)).items():
-            (folder / name).write_bytes(content)
-        return partial(self.read, folder)
-
-
-def as_json(value):
-    return json.dumps(value).encode()
-
 
 MAP = b"type octile\nheight 2\nwidth 6\nmap\n......\n...@@@\n"
 SCEN = b"version 1\n1\ttiny.map\t6\t2\t0\t0\t5\t0\t5.00000000\n0\ttiny.map\t6\t2\t0\t1\t2\t1\t2.00000000\n"
@@ -197,100 +133,6 @@ CASES = {
     ),
     "episodes": Case({"episodes.csv": EPISODES}, episodes),
 }
-
-# Changes of bytes.
-
-NUMBER = re.compile(rb"-?\d+(?:\.\d+)?")
-NUMBERS = [b"", b"0", b"-1", b"1.5", b"nan", b"-inf", b"1e999", b"%d" % 2**31, b"%d" % 2**63, b"9" * 9, b"9" * 10_000]
-TOKENS = [
-    *NUMBERS,
-    *(b"\0", b"\n", b"\r", b"\r\n", b"\t", b" ", b",", b'"', b"[", b"{", b"}", b"\\", b"\xef\xbb\xbf", b"\xff"),
-    *("\ud800".encode("utf-8", "surrogatepass"), "\u2028".encode(), "\u0663".encode(), "Straße".encode()),
-    *(b"[" * 100_000, b'{"a":' * 500, b"x" * 5000, b"../", b"/", b"null", b"true", b"NaN"),
-]
-LEAVES = st.sampled_from(
-    [
-        None,
-        True,
-        False,
-        0,
-        -1,
-        1.5,
-        2,
-        2**31,
-        2**64,
-        10**400,
-        float("nan"),
-        float("inf"),
-        "",
-        "x",
-        "a\nb",
-        "\0",
-        "\ud800",
-    ]
-    + ["../tiny.map", "/etc/passwd", "x" * 5000, "x" * 5000 + ".map", ".", "tiny.map", [], {}]
-)
-VALUES = st.recursive(
-    LEAVES, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=2), inner), max_leaves=4
-)
-
-
-@st.composite
-def changed_json(draw, content):
-    """Put another value in some place of a JSON file, or a key in some object, or a deep nest in one."""
-    try:
-        root = json.loads(content)
-    except (ValueError, RecursionError):
-        return content
-    box = [root]
-    places = [(box, 0)]
-    for holder, key in places:
-        held = holder[key]
-        inside = held if isinstance(held, dict) else range(len(held)) if isinstance(held, list) else ()
-        places.extend((held, part) for part in inside)
-    holder, key = draw(st.sampled_from(places))
-    change = draw(st.sampled_from(["replace", "nest", "remove", "add"]))
-    if change == "remove" and holder is not box:
-        del holder[key]
-    elif change == "add" and isinstance(holder, dict):
-        holder[draw(st.sampled_from(["x", "a\nb", "y" * 3000]) | st.text(max_size=3))] = draw(VALUES)
-    elif change == "nest":
-        for _ in range(draw(st.sampled_from([1, 30, 150]))):
-            holder[key] = [holder[key]]
-    else:
-        holder[key] = draw(VALUES)
-    return json.dumps(box[0]).encode()
-
-
-@st.composite
-def changed_bytes(draw, content):
-    """Cut, splice, repeat or replace some bytes."""
-    change = draw(st.sampled_from(["splice", "cut", "repeat", "number", "truncate"]))
-    if change == "number" and (numbers := list(NUMBER.finditer(content))):
-        number = draw(st.sampled_from(numbers))
-        return content[: number.start()] + draw(st.sampled_from(NUMBERS)) + content[number.end() :]
-    if change == "repeat":
-        lines = content.splitlines(keepends=True) or [b""]
-        line = draw(st.integers(0, len(lines) - 1))
-        return b"".join(lines[: line + 1] * draw(st.integers(1, 2)) + lines[line:])
-    first, second = sorted(draw(st.tuples(*[st.integers(0, len(content))] * 2)))
-    if change == "truncate":
-        return content[:first]
-    new = b"" if change == "cut" else draw(st.sampled_from(TOKENS) | st.binary(max_size=4))
-    return content[:first] + new + content[draw(st.sampled_from([first, first, second])) :]
-
-
-@st.composite
-def changed(draw, content, others=()):
-    """Change a file one to three times, or have any bytes or another file in its place."""
-    if draw(st.integers(0, 19)) == 0:
-        return draw(st.binary(max_size=40) | st.sampled_from([content, *others]))
-    for _ in range(draw(st.integers(1, 3))):
-        content = draw(changed_bytes(content) | changed_json(content))
-    return content
-
-
-fuzzed = settings(max_examples=100, suppress_health_check=list(HealthCheck))
 
 
 @pytest.fixture(autouse=True)
@@ -454,141 +296,3 @@ def test_pickles_are_read_by_no_reader(tmp_path):
         for name in case.changed or case.files:
             outcome(case.written(tmp_path, {name: content}))
     assert not (tmp_path / "unpickled").exists()
-
-
-# What was learnt: safetensors, JSON, and archives of both.
-
-
-@pytest.fixture(scope="session")
-def trained(tmp_path_factory):
-    """A policy's two files, a checkpoint's files by their names, and a call that reads those from a file."""
-    pytest.importorskip("torchrl")
-    from mapf_pz.rl.algorithms import ALGORITHMS
-    from mapf_pz.rl.checkpoint import Checkpoints, Position, read_position, restore
-    from mapf_pz.rl.learner import Learner
-    from mapf_pz.rl.policy import CONFIG, WEIGHTS, config_as_json, save_weights
-    from tests.rl.tiny import TINY
-
-    folder = tmp_path_factory.mktemp("trained")
-    algorithm = ALGORITHMS[TINY.algorithm](TINY)
-    learner, checkpoints = Learner(algorithm, TINY), Checkpoints(folder)
-    save_weights(folder, algorithm.network)
-    checkpoints.save(learner, Position(1, 192, 0.5))
-    with zipfile.ZipFile(checkpoints.latest()) as archive:
-        members = {name: archive.read(name) for name in archive.namelist()}
-
-    def read_checkpoint(file):
-        restore(file, learner)
-        return read_position(file)
-
-    return {CONFIG: config_as_json(TINY), WEIGHTS: (folder / WEIGHTS).read_bytes()}, members, read_checkpoint
-
-
-def as_archive(file, members, compression=zipfile.ZIP_STORED):
-    with zipfile.ZipFile(file, "w", compression) as archive:
-        for name, content in members.items():
-            archive.writestr(zipfile.ZipInfo(name), content, compression)
-    return file
-
-
-def as_safetensors(header, data=b"", length=None):
-    header = header if isinstance(header, bytes) else as_json(header)
-    return struct.pack("<Q", len(header) if length is None else length) + header + data
-
-
-def changed_head(content):
-    """Change the header of safetensors; its length tells the truth or not."""
-    end = 8 + struct.unpack("<Q", content[:8])[0]
-    lengths = st.sampled_from([None, None, None, 0, 2**31, 2**60, 2**64 - 1])
-    return st.builds(as_safetensors, changed(content[8:end]), st.just(content[end:]), lengths)
-
-
-def changed_file(name, content):
-    return changed_head(content) | changed(content) if name.endswith("safetensors") else changed(content)
-
-
-@fuzzed
-@given(st.data())
-def test_a_changed_policy_is_read_or_refused_in_one_line(trained, data):
-    from mapf_pz.rl import load_policy
-
-    files = trained[0]
-    name = data.draw(st.sampled_from(sorted(files)))
-    content = data.draw(changed_file(name, files[name]))
-    with TemporaryDirectory() as folder:
-        outcome(Case(files, load_policy).written(Path(folder), {name: content}))
-
-
-@fuzzed
-@given(st.data())
-def test_a_changed_checkpoint_is_read_or_refused_in_one_line(trained, data):
-    _, members, read = trained
-    name = data.draw(st.sampled_from(sorted(members)))
-    content = data.draw(changed_file(name, members[name]))
-    with TemporaryDirectory() as folder:
-        outcome(partial(read, as_archive(Path(folder) / "c.torchrl", members | {name: content})))
-
-
-LIES = {
-    "length": as_safetensors({}, length=2**60),
-    "length beyond the file": as_safetensors({}, length=100),
-    "offsets": as_safetensors({"a": {"dtype": "F32", "shape": [2], "data_offsets": [0, 2**40]}}, bytes(8)),
-    "backwards": as_safetensors({"a": {"dtype": "F32", "shape": [2], "data_offsets": [8, 0]}}, bytes(8)),
-    "shape": as_safetensors({"a": {"dtype": "F32", "shape": [2**40, 2**40], "data_offsets": [0, 8]}}, bytes(8)),
-    "shape of nothing": as_safetensors({"a": {"dtype": "F32", "shape": [0, 2**63], "data_offsets": [0, 0]}}),
-    "dtype": as_safetensors({"a": {"dtype": "X", "shape": [2], "data_offsets": [0, 8]}}, bytes(8)),
-    "complex": as_safetensors({"a": {"dtype": "C64", "shape": [1], "data_offsets": [0, 8]}}, bytes(8)),
-    "deep": as_safetensors(b"[" * 100_000),
-    "empty": b"",
-    "pickle": pickle.dumps({"weights": [1.0]}),
-}
-
-
-@pytest.mark.parametrize("lie", LIES.values(), ids=list(LIES))
-def test_weights_that_lie(trained, tmp_path, lie):
-    from mapf_pz.rl import load_policy
-
-    files, members, read_checkpoint = trained
-    with bounded():
-        refused(
-            Case(files, load_policy).written(tmp_path, {"policy.safetensors": lie}), r"policy\.safetensors: not the"
-        )
-    (name,) = (name for name in members if name.endswith("safetensors"))
-    with bounded():
-        refused(lambda: read_checkpoint(as_archive(tmp_path / "c", members | {name: lie})), "not a checkpoint")
-
-
-@pytest.mark.parametrize(
-    "model",
-    [
-        {"hidden": 10**9},
-        {"hidden": 10**30},
-        {"hidden": -1},
-        {"hidden": 0},
-        {"recurrent": 10**9},
-        {"head": [10**9, 10**9]},
-        {"head": [1] * 100_000},
-        {"conv_channels": []},
-        {"conv_channels": [10**12]},
-        {"encoder": "residual", "num_blocks": 10**9},
-        {"encoder": "report"},
-    ],
-    ids=lambda model: str(model)[:40],
-)
-def test_configurations_of_absurd_networks(trained, tmp_path, model):
-    from mapf_pz.rl import load_policy
-
-    config = json.loads(trained[0]["config.json"])
-    config["model"] |= model
-    with bounded():
-        refused(Case(trained[0], load_policy).written(tmp_path, {"config.json": as_json(config)}))
-
-
-def test_checkpoints_that_are_bombs_pickles_or_folders(trained, tmp_path):
-    _, members, read = trained
-    assert read(as_archive(tmp_path / "c", members)).updates == 1
-    bomb = as_archive(tmp_path / "bomb", members | {"x": bytes(10_000_000)}, zipfile.ZIP_DEFLATED)
-    (tmp_path / "pickle").write_bytes(pickle.dumps({"weights": [1.0]}))
-    for file in (bomb, tmp_path / "pickle", tmp_path):
-        with bounded():
-            refused(partial(read, file), "not a checkpoint of this run")

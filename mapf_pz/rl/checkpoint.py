@@ -101,10 +101,10 @@ class _LearnerAdapter(CheckpointAdapter):
 
 
 def _check_stored(file: Path) -> None:
-    """Raise `ValueError` for an archive with compressed files, which could be of any size; ours are stored as is."""
+    """Raise `ValueError` for an archive of compressed files, which could be of any size, or of files outside itself."""
     with ZipFile(file) as archive:
-        if any(member.compress_type != ZIP_STORED for member in archive.infolist()):
-            raise ValueError("expected an archive of files that are not compressed")
+        if any(member.compress_type != ZIP_STORED or member.header_offset < 0 for member in archive.infolist()):
+            raise ValueError("expected an archive of files that are stored in it as they are")
 
 
 def _archive(learner: Learner) -> Checkpoint:
