@@ -2,14 +2,16 @@
 # make test    sets everything up and runs the tests
 # make bench-peers   measures the speed beside POGEMA's, which it installs in .venv-peers
 # make lint    checks style and types
-# make soak, make faults, make coverage, make record-pogema   see docs/trust.md
+# make docs    builds the documentation: site/index.html
+# make soak, make faults, make coverage, make mutation, make record-pogema   see docs/trust.md
 
 PYTHON ?= python3
 BIN := .venv/bin
 COVERAGE := --cov=mapf_pz --cov=wrappers --cov-branch
+PLAIN_TESTS := tests/core $(addprefix tests/planners/test_, pibt.py epibt.py shield.py prioritized.py refine.py lacam.py)
 KERNEL_TESTS := $(addprefix tests/core/test_, properties.py symmetry.py collision_table.py distance.py)
 
-.PHONY: train test lint format figures reproduction bench-peers soak faults coverage record-pogema clean
+.PHONY: train test lint format docs figures reproduction bench-peers soak faults coverage mutation record-pogema clean
 
 train: .venv/installed
 	$(BIN)/mapf-pz train quickstart --output runs/quickstart
@@ -26,6 +28,9 @@ lint: .venv/installed
 format: .venv/installed
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
+
+docs: .venv/installed
+	$(BIN)/mkdocs build --strict
 
 figures: .venv/installed
 	$(BIN)/python docs/figures.py
@@ -46,7 +51,22 @@ faults: .venv/installed
 
 coverage: .venv/installed
 	$(BIN)/python -m pytest -n 2 $(COVERAGE) --cov-report=
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 $(COVERAGE) --cov-append --cov-report=term-missing:skip-covered tests/core tests/planners -k 'not ten_thousand'
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 $(COVERAGE) --cov-append --cov-report=term-missing:skip-covered \
+		--hypothesis-profile=quick -W ignore:overflow:RuntimeWarning $(PLAIN_TESTS) -k 'not ten_thousand and not benchmark and not turned'
+
+# Mutants are made in a copy; what is done is kept, and the next run goes on.
+mutation: .venv/installed .venv-mutation/installed
+	git worktree add --force --detach runs/mutation
+	cp tests/mutation.toml runs/mutation.toml
+	cd runs/mutation && ../../.venv-mutation/bin/cosmic-ray init ../mutation.toml ../mutation.sqlite
+	cd runs/mutation && ../../.venv-mutation/bin/cr-filter-operators ../mutation.sqlite ../mutation.toml
+	cd runs/mutation && MAPF_PZ_PYTHON=$(CURDIR)/$(BIN)/python ../../.venv-mutation/bin/cosmic-ray exec ../mutation.toml ../mutation.sqlite
+	.venv-mutation/bin/cr-report --surviving-only --show-diff runs/mutation.sqlite
+
+.venv-mutation/installed:
+	$(PYTHON) -m venv .venv-mutation
+	.venv-mutation/bin/pip install --quiet --disable-pip-version-check 'cosmic-ray==8.4.*'
+	touch $@
 
 record-pogema: .venv-peers/installed
 	PYTHONPATH=. .venv-peers/bin/python -m tests.recordings.record_pogema tests/recordings

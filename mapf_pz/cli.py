@@ -31,7 +31,8 @@ COMMANDS: dict[str, Command] = {
         "mapf_pz.commands.evaluate:evaluate_policies", "compare policies and planners on the same instances"
     ),
     "maps": Command("mapf_pz.commands.maps:maps", "list the bundled maps, or write their files"),
-    "render": Command("mapf_pz.commands.render:render", "play an episode and save it as GIF or PNG"),
+    "play": Command("mapf_pz.commands.play:play", "steer an agent with the keyboard, among others"),
+    "render": Command("mapf_pz.commands.render:render", "save an episode or a plan as page, film or picture"),
     "solve": Command("mapf_pz.commands.solve:solve", "let a planner solve an instance, and write its plan"),
     "train": Command("mapf_pz.commands.train:train", "train a policy, and evaluate it"),
     "validate": Command("mapf_pz.commands.validate:validate_plan", "check a plan file, and count its costs"),

@@ -19,7 +19,7 @@ CollisionSystem = Literal["soft", "priority", "block_both"]
 OnTarget = Literal["nothing", "finish", "restart"]
 View = Literal["front", "centered"]
 Frame = Literal["egocentric", "map"]
-RenderMode = Literal["rgb_array", "ansi"]
+RenderMode = Literal["human", "rgb_array", "ansi"]
 WeightsName = Literal["uniform", "random", "crisscross"]
 HeadingName = Literal["random", "east"]
 _OTHERWISE = ("edge_weights", "reward", "initial_heading")  # fields that need not be a name
@@ -118,7 +118,7 @@ class EnvConfig:
     distance_bytes: int = 2**30
     """The most memory that cached cost-to-go tables may take."""
     render_mode: RenderMode | None = None
-    """What `render()` returns: `rgb_array` a (rows, cols, 3) uint8 picture, `ansi` a text."""
+    """What `render()` gives: `rgb_array` a (rows, cols, 3) uint8 picture, `ansi` a text; `human` shows a window."""
 
     def __post_init__(self) -> None:
         """Check every field that can be checked without the map, and resolve the defaults that depend on others."""

@@ -42,7 +42,7 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
 
     metadata: dict[str, Any] = {  # noqa: RUF012 (PettingZoo declares it so)
         "name": "mapf_v0",
-        "render_modes": ["rgb_array", "ansi"],
+        "render_modes": ["human", "rgb_array", "ansi"],
         "render_fps": 4,
         "is_parallelizable": True,
     }
@@ -64,6 +64,7 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         self.state_space = spaces.Box(-1, 1, (len(STATE_PLANES), *self.simulator.shape), np.float32)
         self._began = False
         self._canvas: Any = None
+        self._window: Any = None
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         """Return the space of the agent's observations: the same object for all agents and calls."""
@@ -94,6 +95,8 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         )
         self.agents = self.possible_agents.copy()
         self._began = True
+        if self.render_mode == "human":
+            self.render()
         return self._observe()
 
     def step(self, actions: Mapping[str, SupportsIndex]) -> StepResult:
@@ -113,6 +116,8 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         )
         if any(terminations.values()) or any(truncations.values()):
             self.agents = [agent for agent in self.agents if not (terminations[agent] or truncations[agent])]
+        if self.render_mode == "human":
+            self.render()
         return observations, rewards, terminations, truncations, infos
 
     def _numbers(self, actions: Mapping[str, SupportsIndex]) -> Ints:
@@ -206,24 +211,41 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         return self.simulator.metrics(0)
 
     def render(self) -> NDArray[np.uint8] | str | None:
-        """Return a picture (rows, cols, 3) uint8 or a text, by `render_mode`; None without one."""
+        """Return a picture (rows, cols, 3) uint8 or a text, by `render_mode`; None without one.
+
+        With `human` it is shown in a window, also after each reset and step, at `render_fps` and no faster.
+        """
+        if self.render_mode is None:
+            return None
         free = self.simulator.grid(0).free
-        rotates = self.config.action_model == "rotate"
-        scene = (self.positions, self.headings if rotates else None, self.goals, self._crew["active"])
         if self.render_mode == "ansi":
             from mapf_pz.render import ansi
 
-            return ansi.draw(free, *scene)
-        if self.render_mode == "rgb_array":
-            from mapf_pz.render.rgb import Canvas
+            return ansi.draw(free, *self.scene())
+        from mapf_pz.render.rgb import Canvas
 
-            if self._canvas is None or self._canvas.free is not free:
-                self._canvas = Canvas(free, self.simulator.num_agents)
-            return self._canvas.draw(*scene)
+        if self._canvas is None or self._canvas.free is not free:
+            self._canvas = Canvas(free, self.simulator.num_agents)
+        picture = self._canvas.draw(*self.scene())
+        if self.render_mode == "rgb_array":
+            return picture
+        if self._window is None:
+            from mapf_pz.render.window import Window
+
+            self._window = Window(self.simulator.grid(0).name or "mapf-pz", self.metadata["render_fps"])
+        self._window.show(picture, f"step {self.step_count}")
         return None
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Close the window, if there is one; nothing else is held open."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+    def scene(self) -> tuple[Ints, Ints | None, Ints, Bools]:
+        """Return what pictures show: positions (N, 2), headings (N,) or None, goals (N, 2), who is active (N,)."""
+        headings = self.headings if self.config.action_model == "rotate" else None
+        return self.positions, headings, self.goals, self._crew["active"].copy()
 
     @property
     def positions(self) -> Ints:

@@ -158,6 +158,10 @@ class Simulator:
             raise RuntimeError("call reset() first")
         return grid
 
+    def move_weights(self, b: int) -> Floats:
+        """Return what leaving each cell of environment `b` in each direction costs, (4, H, W); `inf` where blocked."""
+        return self.world.weight[self.state.map[b], :4, :-1].reshape(4, *self.shape)
+
     def metrics(self, b: int) -> dict[str, float]:
         """Return the metrics of environment `b` as if its episode ended now: see `mapf_pz.metrics`."""
         crew = self.state.agents[b]

@@ -49,7 +49,7 @@ def refuses(error, message, make):
         ({"view": "back"}, ValueError, "view='back': expected one of 'front', 'centered', None"),
         ({"frame": "map"}, ValueError, "frame='map': allowed only with view='centered'"),
         ({"action_model": "cardinal", "view": "front"}, ValueError, "action_model='cardinal': agents have no front.*"),
-        ({"render_mode": "human"}, ValueError, "render_mode='human': expected one of 'rgb_array', 'ansi', None"),
+        ({"render_mode": "screen"}, ValueError, "render_mode='screen': expected one of 'human', 'rgb_array'.*"),
         ({"reward": "rich"}, ValueError, "reward='rich': expected one of 'paper', 'progress'"),
         ({"reward": 3}, ValueError, "reward=3: expected a name or a RewardConfig"),
         ({"edge_weights": "heavy"}, ValueError, "edge_weights='heavy': expected one of 'uniform', .*"),

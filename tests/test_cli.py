@@ -41,7 +41,9 @@ def test_overview(capsys, words):
     assert err == []
 
 
-@pytest.mark.parametrize("words", [[name] for name in COMMANDS] + [["maps", "list"], ["maps", "generate"]])
+@pytest.mark.parametrize(
+    "words", [[name] for name in COMMANDS] + [["maps", "list"], ["maps", "generate"], ["maps", "download"]]
+)
 def test_help_of_a_command(capsys, words):
     status, out, _ = run(capsys, *words, "--help")
     assert status == 0
@@ -215,6 +217,35 @@ def test_render_a_planner(capsys, tmp_path, policy):
         assert f": {gif.n_frames - 1} steps, " in out[0]
 
 
+def test_render_a_page(capsys, tmp_path):
+    file = tmp_path / "a.html"
+    options = ["--policy", "pibt", "--num-agents", 3, "--edge-weights", "crisscross", "--seed", 4]
+    status, out, err = run(capsys, "render", file, *options)
+    assert (status, err) == (0, [])
+    page = file.read_text()
+    assert "<title>pibt: empty-8-8, 3 agents</title>" in page
+    metrics = dict(part.split() for part in out[0].split(", ")[1:])
+    for name, value in {"policy": "pibt", "seed": "4", **metrics}.items():
+        assert f'"{name}": "{value}"' in page
+    assert '"weights": "' in page
+
+
+def test_render_a_plan(capsys, tmp_path):
+    plan, file = tmp_path / "plan.json", tmp_path / "a.html"
+    assert run(capsys, "solve", plan, "--num-agents", 3)[0] == 0
+    status, out, err = run(capsys, "render", file, "--plan", plan, "--map", "empty-8-8")
+    assert (status, err) == (0, [])
+    assert out[0].endswith(" steps, legal")
+    assert '"legal": "yes"' in file.read_text()
+    told = json.loads(plan.read_text())
+    told["actualPaths"][0] = told["actualPaths"][0].replace("F", "W", 1)  # all that comes after is one cell off
+    plan.write_text(json.dumps(told))
+    status, out, err = run(capsys, "render", file, "--plan", plan, "--map", "empty-8-8")
+    assert (status, err) == (0, [])
+    assert "steps, step " in out[0]
+    assert '"legal": "no: step ' in file.read_text()
+
+
 @pytest.mark.parametrize("on_target", ["nothing", "finish", "restart"])
 def test_render_is_reproducible(capsys, tmp_path, on_target):
     pytest.importorskip("PIL")
@@ -233,7 +264,10 @@ def test_render_is_reproducible(capsys, tmp_path, on_target):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["a.jpg"], "a.jpg: expected a file that ends in .gif or .png"),
+        (["a.jpg"], "a.jpg: expected a file that ends in .html, .svg, .gif, .mp4, .png"),
+        (["a.gif", "--plan", "nowhere.json"], "expected either --map or --problem"),
+        (["a.gif", "--plan", "nowhere.json", "--map", "empty-8-8"], "nowhere.json: no such file"),
+        (["a.gif", "--problem", "nowhere.json"], "--problem: expected --plan"),
         (["a.gif", "--map", "nowhere"], "no .map file is named 'nowhere'"),
         (["a.gif", "--map", "nowhere.map"], "nowhere.map"),
         (["a.gif", "--num-agents", "1000"], "1000"),

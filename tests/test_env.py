@@ -56,11 +56,33 @@ def test_aec_seeds(keywords):
     seed_test(lambda: mapf_pz.env(**keywords), num_cycles=200)
 
 
-def test_aec_render(keywords):
-    """It also asks for a window, which there is none of."""
-    render_test(
-        lambda render_mode: mapf_pz.env(**keywords, render_mode=None if render_mode == "human" else render_mode)
-    )
+def test_aec_render(keywords, monkeypatch):
+    pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    render_test(lambda render_mode: mapf_pz.env(**keywords, render_mode=render_mode))
+
+
+def test_people_see_every_step(monkeypatch):
+    window = pytest.importorskip("mapf_pz.render.window")
+    pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    shown = []
+    monkeypatch.setattr(window.Window, "show", lambda _, picture, title: shown.append((picture, title)))
+    options = {"map": "empty-8-8", "num_agents": 2}
+    env = mapf_pz.parallel_env(**options, render_mode="human")
+    twin = mapf_pz.parallel_env(**options, render_mode="rgb_array")
+    for each in (env, twin):
+        each.reset(seed=0)
+    for step in range(3):
+        picture, title = shown[step]
+        assert title == f"step {step}"
+        np.testing.assert_array_equal(picture, twin.render())
+        for each in (env, twin):
+            each.step(dict.fromkeys(each.agents, Action.ROTATE_LEFT))
+    assert env.render() is None
+    assert len(shown) == 5
+    env.close()
+    env.close()
 
 
 def test_state_space(keywords):

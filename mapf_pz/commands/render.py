@@ -1,41 +1,40 @@
-"""The command `mapf-pz render`: play an episode and save it as a picture, moving or still."""
+"""The command `mapf-pz render`: play an episode, or take a plan file, and save it as page, film or picture."""
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
 from tyro.conf import Positional
 
-from mapf_pz.config import ActionModel, CollisionSystem, EnvConfig, OnTarget
+from mapf_pz.commands.planfile import load_plan
+from mapf_pz.config import ActionModel, CollisionSystem, EnvConfig, OnTarget, WeightsName
 from mapf_pz.evaluate.policies import named_policy
 from mapf_pz.evaluate.run import AnyEnv, Policy, play
-from mapf_pz.render.gif import save_gif, save_png
-
-Frames = Iterable[NDArray[np.uint8]]
+from mapf_pz.planners import record_plan, validate
+from mapf_pz.render import Recording, save_recording
+from mapf_pz.render.save import check_output
+from mapf_pz.wrappers import Record
 
 
 @dataclass(frozen=True)
 class EpisodeOptions:
-    """Which episode, and where its picture goes."""
+    """Which episode or plan, and what becomes of it."""
 
     output: Positional[Path]
-    """The file: `.gif` shows the whole episode, `.png` its end."""
+    """The file: `.html` is a page to play, step and look closely; `.svg`, `.gif` and `.mp4` move; `.png` shows the
+    end."""
     policy: str = "random"
     """`random`, a planner, or a trained policy: its name, if it comes with the package, or the folder of a run."""
-    map: str = str(EnvConfig.map)
-    """A map's name or the path of a `.map` file."""
+    map: str | None = None
+    """A map's name or the path of a `.map` file; None: an empty map."""
     scenario: str | None = None
-    """The path of a `.scen` file; None draws starts and goals."""
-    num_agents: int = EnvConfig.num_agents
-    """The number of agents."""
+    """The path of a `.scen` file; None draws starts and goals, or takes those of the plan."""
+    num_agents: int | None = None
+    """The number of agents; None: those of the plan, or ten."""
     max_steps: int = EnvConfig.max_steps
     """The episode is truncated after this many steps."""
     action_model: ActionModel | None = None
@@ -44,49 +43,66 @@ class EpisodeOptions:
     """How conflicting moves are settled."""
     on_target: OnTarget = EnvConfig.on_target
     """What an agent does at its goal."""
+    edge_weights: WeightsName = "uniform"
+    """The guidance graph; pages show it."""
     seed: int = 0
     """Decides the episode."""
+    plan: Path | None = None
+    """A plan file, in place of a policy: League of Robot Runners JSON, MAPF tracker CSV, text of PIBT and LaCAM."""
+    problem: Path | None = None
+    """The League of Robot Runners problem that the plan is for, in place of a map."""
     fps: float = 4
     """Steps per second."""
 
     def keywords(self) -> dict[str, Any]:
         """Return the keywords of `parallel_env` that are set."""
-        names = ("map", "scenario", "num_agents", "max_steps", "action_model", "collision_system", "on_target")
+        names = (
+            *("map", "scenario", "num_agents", "max_steps", "action_model"),
+            *("collision_system", "on_target", "edge_weights"),
+        )
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
 
 def render(episode: EpisodeOptions) -> None:
-    """Play an episode and save it as a picture, moving or still."""
-    ending = episode.output.suffix.lower()
-    if ending not in SAVERS:
-        raise ValueError(f"{episode.output}: expected a file that ends in {' or '.join(SAVERS)}")
-    env, policy = named_policy(episode.policy, episode.seed)(episode.keywords() | {"render_mode": "rgb_array"})
-    save_episode(env, policy, episode.seed, episode.output, episode.fps)
+    """Play an episode, or take a plan file, and save it as page, film or picture."""
+    check_output(episode.output, episode.fps)
+    if episode.plan is not None:
+        _save_plan(episode, episode.plan)
+        return
+    if episode.problem is not None:
+        raise ValueError("--problem: expected --plan, too")
+    env, policy = named_policy(episode.policy, episode.seed)(episode.keywords())
+    save_episode(env, policy, episode.seed, episode.output, episode.fps, episode.policy)
 
 
-def save_episode(env: AnyEnv, policy: Policy, seed: int, output: Path, fps: float) -> None:
-    """Play an episode of `env`, which renders pictures, save it to `output`, and print its metrics."""
+def save_episode(env: AnyEnv, policy: Policy, seed: int, output: Path, fps: float, who: str) -> None:
+    """Play an episode of `env`, save it to `output`, and print its metrics; `who` is the policy's name."""
+    recording = _record(env, policy, seed)
+    metrics = {name: f"{value:.4g}" for name, value in env.metrics().items()}
+    facts = {"policy": who, "seed": str(seed)} | metrics
+    _save(replace(recording, title=f"{who}: {recording.title}", facts=facts), output, fps)
+    print(f"{output}: {env.step_count} steps, {', '.join(f'{name} {value}' for name, value in metrics.items())}")
+
+
+def _save_plan(episode: EpisodeOptions, plan: Path) -> None:
+    file, instance, _, has_goals = load_plan(plan, episode.map, episode.scenario, episode.num_agents, episode.problem)
+    violation = validate(instance, file.plan)
+    facts = {"plan": plan.name, "legal": "yes" if violation is None else f"no: {violation}"}
+    recording = record_plan(instance, file.plan, has_goals)
+    _save(replace(recording, title=f"{plan.name}: {recording.title}", facts=facts), episode.output, episode.fps)
+    print(f"{episode.output}: {file.plan.num_steps} steps, {'legal' if violation is None else violation}")
+
+
+def _save(recording: Recording, output: Path, fps: float) -> None:
     output.parent.mkdir(parents=True, exist_ok=True)
-    pictures = _with_progress(_pictures(env, policy, seed), env.config.max_steps)
-    SAVERS[output.suffix.lower()](pictures, output, fps)
-    metrics = ", ".join(f"{name} {value:.4g}" for name, value in env.metrics().items())
-    print(f"{output}: {env.step_count} steps, {metrics}")
+    save_recording(recording, output, fps)
 
 
-def _save_last(frames: Frames, path: Path, fps: float) -> None:
-    save_png(deque(frames, maxlen=1).pop(), path)
-
-
-SAVERS: dict[str, Callable[[Frames, Path, float], None]] = {".gif": save_gif, ".png": _save_last}
-"""What writes frames to a file, by the file's ending."""
-
-
-def _pictures(env: AnyEnv, policy: Policy, seed: int) -> Iterator[NDArray[np.uint8]]:
-    """Yield a picture (rows, cols, 3) of the beginning of an episode, and one after each step."""
-    for _ in play(env, policy, seed):
-        yield cast("NDArray[np.uint8]", env.render())
-
-
-def _with_progress(frames: Frames, max_steps: int) -> Frames:
-    console = Console(stderr=True)
-    return track(frames, "Playing", max_steps + 1, console=console, transient=True, disable=not console.is_terminal)
+def _record(env: AnyEnv, policy: Policy, seed: int) -> Recording:
+    """Play an episode with a bar of progress, and return what happened."""
+    console, recorded = Console(stderr=True), Record(env)
+    steps = play(recorded, policy, seed)
+    hidden = not console.is_terminal
+    for _ in track(steps, "Playing", env.config.max_steps + 1, console=console, transient=True, disable=hidden):
+        pass
+    return recorded.recording

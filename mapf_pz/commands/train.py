@@ -78,8 +78,8 @@ def train(run: Run) -> None:
     policy = load_policy(run.output)
     discard(run.output)  # of the policy as it was before
     report({run.output.name: policy}, trials, run.output)
-    env = make_env(policy, **trials[-1].env_keywords(0), render_mode="rgb_array")
-    save_episode(env, policy, trials[-1].seed, run.output / EPISODE_FILE, fps=8)
+    env = make_env(policy, **trials[-1].env_keywords(0))
+    save_episode(env, policy, trials[-1].seed, run.output / EPISODE_FILE, fps=8, who=run.output.name)
 
 
 def _learn(run: Run) -> None:

@@ -6,6 +6,7 @@ from mapf_pz.planners.lacam import LaCAM
 from mapf_pz.planners.pibt import PIBT
 from mapf_pz.planners.plan import Plan, Violation, validate
 from mapf_pz.planners.prioritized import PrioritizedSIPP
+from mapf_pz.planners.record import record_plan
 from mapf_pz.planners.shield import Shield
 
 PLANNERS: dict[str, type[Planner]] = {
@@ -26,5 +27,6 @@ __all__ = [
     "PrioritizedSIPP",
     "Shield",
     "Violation",
+    "record_plan",
     "validate",
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapf_pz.files import replacing
+from mapf_pz.render.frames import alike, check_fps
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -29,12 +30,9 @@ def save_gif(frames: Iterable[NDArray[np.uint8]], path: str | Path, fps: float =
         ValueError: If there are no frames, they differ in size, or `fps` is not in 0 to 100 (0 excluded).
         ImportError: If Pillow is missing.
     """
-    if not 0 < fps <= 100:
-        raise ValueError(f"fps={fps}: expected more than 0, and 100 at most")
-    images = _palette_images(frames)
-    first = next(images, None)
-    if first is None:
-        raise ValueError("no frames to save")
+    check_fps(fps)
+    images = (_palette_image(frame) for frame in alike(frames))
+    first = next(images)
     with replacing(Path(path)) as file:
         first.save(file, format="GIF", save_all=True, append_images=images, duration=round(1000 / fps), loop=0)
 
@@ -50,15 +48,9 @@ def save_png(frame: NDArray[np.uint8], path: str | Path) -> None:
         image.save(file, format="PNG")
 
 
-def _palette_images(frames: Iterable[NDArray[np.uint8]]) -> Iterator[Image.Image]:
-    """Give each frame its own best colours: Pillow's default would dither, and speckle even areas."""
-    size = None
-    for frame in frames:
-        image = _image(frame)
-        size = size or image.size
-        if image.size != size:
-            raise ValueError(f"frames differ in size: {image.size} after {size} (columns, rows)")
-        yield image.quantize(COLOURS)
+def _palette_image(frame: NDArray[np.uint8]) -> Image.Image:
+    """Give a frame its own best colours: Pillow's default would dither, and speckle even areas."""
+    return _image(frame).quantize(COLOURS)
 
 
 def _image(frame: NDArray[np.uint8]) -> Image.Image:

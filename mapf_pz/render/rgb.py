@@ -15,6 +15,7 @@ FREE = (251, 250, 247)
 OBSTACLE = (70, 77, 92)
 GRID_LINE = (233, 231, 225)
 HEADING_MARK = (255, 255, 255)
+CHOSEN = (20, 22, 28)
 
 LARGEST_PICTURE = 1400  # px of the longer side, where the smallest cell allows it
 SMALLEST_CELL, LARGEST_CELL = 6, 48  # px
@@ -67,14 +68,31 @@ class Canvas:
         self._disc = _coverage(self.cell_size, lambda row, col: row**2 + col**2 <= radius**2)
         self._marks = _heading_marks(self.cell_size, radius)
         self._goal = _goal_mask(self.cell_size)
+        self._square = np.ones((self.cell_size, self.cell_size), np.float32)
+        self._frame = _coverage(self.cell_size, lambda row, col: np.maximum(np.abs(row), np.abs(col)) >= 0.38)
 
-    def draw(self, positions: Ints, headings: Ints | None, goals: Ints, active: Bools | None = None) -> Picture:
-        """Draw one picture; arguments and result as in the function `draw`."""
+    def draw(
+        self,
+        positions: Ints,
+        headings: Ints | None,
+        goals: Ints,
+        active: Bools | None = None,
+        chosen: int | None = None,
+    ) -> Picture:
+        """Draw one picture; arguments and result as in the function `draw`.
+
+        `chosen`: an agent that has a frame around its cell and a full square at its goal.
+        """
         picture = self._background.copy()
         shown = np.arange(len(positions)) if active is None else np.flatnonzero(active)
         colours = self._colours[shown]
         self._blend(picture, goals[shown], colours, self._goal)
         self._blend(picture, positions[shown], colours, self._disc)
+        if chosen is not None:
+            here, there = positions[chosen : chosen + 1], goals[chosen : chosen + 1]
+            self._blend(picture, there, self._colours[[chosen]], self._square)
+            self._blend(picture, here, np.array(CHOSEN, np.float32), self._frame)
+            self._blend(picture, here, self._colours[[chosen]], self._disc)
         if headings is not None:
             self._blend(picture, positions[shown], np.array(HEADING_MARK, np.float32), self._marks[headings[shown]])
         return picture
@@ -121,6 +139,11 @@ def agent_colours(num_agents: int) -> Floats:
     linear = np.clip((to_linear @ cones**3).T, 0, 1)
     gamma = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     return (255 * gamma).astype(np.float32)
+
+
+def colour_codes(num_agents: int) -> list[str]:
+    """Return the agents' colours as web pages write them."""
+    return ["#{:02x}{:02x}{:02x}".format(*map(round, colour)) for colour in agent_colours(num_agents).tolist()]
 
 
 def _background(free: Bools, size: int) -> Picture:

@@ -1,0 +1,92 @@
+"""Plan files with what they are for: a map and a scenario, or a problem of the League of Robot Runners."""
+
+from __future__ import annotations
+
+from itertools import cycle
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from mapf_pz.instances import load_instance, load_map, read_map
+from mapf_pz.instances.lorr import LORR_PASSABLE, ROUND_ROBIN, LorrProblem, load_problem
+from mapf_pz.planners.files import PlanFile, Selection, read_plan
+from mapf_pz.planners.plan import reached
+from mapf_pz.types import Grid, Heading, Instance, Ints, Scenario
+
+
+class LoadedPlan(NamedTuple):
+    """A plan file, and what it is for."""
+
+    file: PlanFile
+    instance: Instance
+    finished: int | None
+    """How many tasks it finishes where goals come one after the other, and that can be told."""
+    has_goals: bool
+    """Whether the instance's goals are the agents': otherwise a schedule tells them."""
+
+
+def load_plan(
+    plan: Path,
+    map: str | None = None,
+    scenario: str | None = None,
+    num_agents: int | None = None,
+    problem: Path | None = None,
+) -> LoadedPlan:
+    """Read a plan file: League of Robot Runners JSON, MAPF tracker CSV, or text of the PIBT and LaCAM tools.
+
+    Args:
+        plan: the file.
+        map: a map's name or the path of a `.map` file.
+        scenario: the path of a `.scen` file for that map; None: starts, goals and tasks are as the plan file tells.
+        num_agents: the first agents of the scenario; None: as many as the plan has.
+        problem: the JSON file of a League of Robot Runners problem, in place of a map.
+
+    Raises:
+        ValueError: these do not go together.
+        FileNotFoundError, FormatError: a file is absent or malformed.
+    """
+    if (map is None) == (problem is None):
+        raise ValueError("expected either --map or --problem")
+    if map is None and scenario is not None:
+        raise ValueError("--scenario: expected --map, too")
+    if scenario is None and num_agents is not None:
+        raise ValueError("--num-agents: expected --scenario, too")
+    if problem is not None:
+        loaded = load_problem(problem)
+        return _of_problem(read_plan(plan), loaded)
+    return _of_map(plan, str(map), scenario, num_agents)
+
+
+def _of_problem(file: PlanFile, problem: LorrProblem) -> LoadedPlan:
+    if problem.strategy == ROUND_ROBIN:
+        instance = problem.instance()
+        paths = file.plan.cells.swapaxes(0, 1)
+        arrivals = [reached(path, cycle(goals)) for path, goals in zip(paths, instance.scenario.goals, strict=False)]
+        return LoadedPlan(file, instance, sum(map(len, arrivals)), True)
+    headings = np.full(problem.team_size, Heading.EAST)
+    instance = _without_goals(problem.grid, problem.starts, headings)
+    finished = None if file.schedule is None else file.schedule.finished(file.plan, problem.task)
+    return LoadedPlan(file, instance, finished, False)
+
+
+def _of_map(path: Path, name: str, scenario: str | None, num_agents: int | None) -> LoadedPlan:
+    grid = read_map(name, LORR_PASSABLE) if name.endswith(".map") else load_map(name)
+    if scenario is None:
+        file = read_plan(path)
+        plan = file.plan
+        headings = None if plan.headings is None else plan.headings[0]
+        if file.goals is not None:
+            return LoadedPlan(file, Instance(grid, Scenario(plan.cells[0], file.goals), headings), None, True)
+        finished = None if file.schedule is None else file.schedule.finished(plan)
+        return LoadedPlan(file, _without_goals(grid, plan.cells[0], headings), finished, False)
+    everyone = load_instance(grid, scenario)
+    file = read_plan(path, Selection(everyone.scenario, num_agents, Path(scenario).stem))
+    count = num_agents or file.plan.num_agents
+    action_model = "cardinal" if file.plan.headings is None else "rotate"
+    return LoadedPlan(file, load_instance(grid, scenario, count, action_model), None, True)
+
+
+def _without_goals(grid: Grid, starts: Ints, headings: Ints | None) -> Instance:
+    """Return a lifelong instance for a plan in which a schedule tells the goals: those here are asked of nobody."""
+    return Instance(grid, Scenario(starts, starts[:, None]), headings)

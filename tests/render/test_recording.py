@@ -1,0 +1,48 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mapf_pz.render import save_recording
+from mapf_pz.render.rgb import draw
+from tests.render.drawings import ACTIVE, FREE, GOALS, HEADINGS, POSITIONS, RECORDING
+
+
+def test_pictures_show_each_step():
+    pictures = list(RECORDING.pictures(cell_size=16))
+    assert len(pictures) == 4
+    for step, picture in enumerate(pictures):
+        expected = draw(FREE, POSITIONS[step], HEADINGS[step], GOALS[step], ACTIVE[step], cell_size=16)
+        np.testing.assert_array_equal(picture, expected)
+
+
+def test_what_is_not_known_is_not_drawn():
+    bare = replace(RECORDING, goals=None, headings=None, active=None)
+    (first, *_) = bare.pictures(cell_size=16)
+    np.testing.assert_array_equal(first, draw(FREE, POSITIONS[0], None, POSITIONS[0], cell_size=16))
+
+
+@pytest.mark.parametrize("name", ["goals", "headings", "active", "blocked"])
+def test_wrong_shapes_are_refused(name):
+    with pytest.raises(ValueError, match=f"expected {name} of shape"):
+        replace(RECORDING, **{name: getattr(RECORDING, name)[1:]})
+
+
+def test_a_name_is_needed_for_each_plane():
+    with pytest.raises(ValueError, match="expected 1 planes observed"):
+        replace(RECORDING, planes=("view",))
+
+
+@pytest.mark.parametrize(("name", "fps", "message"), [("a.bmp", 4, "a.bmp: expected"), ("a.svg", 0, "fps=0")])
+def test_what_cannot_be_saved(tmp_path, name, fps, message):
+    with pytest.raises(ValueError, match=message):
+        save_recording(RECORDING, tmp_path / name, fps)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["a.HTML", "b.svg", "c.gif", "d.mp4", "e.png"])
+def test_the_ending_decides(tmp_path, name):
+    save_recording(RECORDING, tmp_path / name)
+    begins = {"a": b"<!doctype html>", "b": b"<svg ", "c": b"GIF89a", "d": b"\x00\x00\x00", "e": b"\x89PNG"}[name[0]]
+    assert (tmp_path / name).read_bytes().startswith(begins)
+    assert [file.name for file in tmp_path.iterdir()] == [name]
