@@ -30,10 +30,12 @@ format: .venv/installed
 	$(BIN)/ruff format
 
 docs: .venv/installed
-	$(BIN)/mkdocs build --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 figures: .venv/installed
 	$(BIN)/python docs/figures.py
+	$(BIN)/python docs/concept_figures.py
+	$(BIN)/python docs/screenshots.py
 
 reproduction: .venv/installed
 	$(BIN)/python docs/reproduction.py
@@ -54,18 +56,19 @@ coverage: .venv/installed
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 $(COVERAGE) --cov-append --cov-report=term-missing:skip-covered \
 		--hypothesis-profile=quick -W ignore:overflow:RuntimeWarning $(PLAIN_TESTS) -k 'not ten_thousand and not benchmark and not turned'
 
-# Mutants are made in a copy; what is done is kept, and the next run goes on.
+# Mutants are made in a copy. What is done is kept in runs/mutation.sqlite, and the next run goes on.
+MUTATION := cd runs/mutation && export PATH=$(CURDIR)/.venv-mutation/bin:$$PATH MAPF_PZ_PYTHON=$(CURDIR)/$(BIN)/python &&
 mutation: .venv/installed .venv-mutation/installed
-	git worktree add --force --detach runs/mutation
-	cp tests/mutation.toml runs/mutation.toml
-	cd runs/mutation && ../../.venv-mutation/bin/cosmic-ray init ../mutation.toml ../mutation.sqlite
-	cd runs/mutation && ../../.venv-mutation/bin/cr-filter-operators ../mutation.sqlite ../mutation.toml
-	cd runs/mutation && MAPF_PZ_PYTHON=$(CURDIR)/$(BIN)/python ../../.venv-mutation/bin/cosmic-ray exec ../mutation.toml ../mutation.sqlite
+	mkdir -p runs/mutation
+	git archive HEAD | tar -x -C runs/mutation
+	$(MUTATION) { test -e ../mutation.sqlite || { cosmic-ray init tests/mutation.toml ../mutation.sqlite && \
+		cr-filter-operators ../mutation.sqlite tests/mutation.toml; }; }
+	$(MUTATION) cosmic-ray exec tests/mutation.toml ../mutation.sqlite
 	.venv-mutation/bin/cr-report --surviving-only --show-diff runs/mutation.sqlite
 
 .venv-mutation/installed:
 	$(PYTHON) -m venv .venv-mutation
-	.venv-mutation/bin/pip install --quiet --disable-pip-version-check 'cosmic-ray==8.4.*'
+	.venv-mutation/bin/pip install --quiet --disable-pip-version-check 'cosmic-ray==8.7.*'
 	touch $@
 
 record-pogema: .venv-peers/installed
@@ -80,4 +83,4 @@ bench-peers: .venv/installed .venv-peers/installed
 	touch $@
 
 clean:
-	rm -rf .venv .venv-peers runs
+	rm -rf .venv .venv-peers .venv-mutation runs site

@@ -34,7 +34,7 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
     | Agents | `agent_0 ... agent_{N-1}` |
     | Actions | `Discrete(4)`: forward, rotate left, rotate right, wait; or the 5 of `CardinalAction` |
     | Observations | `Box(-1, 1, (K, h, w), float32)`; with `features`, `Dict(image=Box, features=Box(-1, 1, (F,)))` |
-    | Infos | `action_mask` (A,) int8, `at_goal`, `arrived`, `blocked`, `moved` (0.0 or 1.0), `arrivals` (a count) |
+    | Infos | `action_mask` (A,) int8, `at_goal`, `arrived`, `blocked`, `moved` (0 or 1), `arrivals` (a count) |
     | State | `(7, H, W)` float32: obstacle, agent, heading (sine, cosine), goal, distance to go, time |
 
     Version history: v0, the first.

@@ -1,0 +1,198 @@
+"""The documentation: its programs run, and its site is built without a network and loads nothing from one.
+
+All blocks of a page run in order, in one folder that is empty at first: `python` in one namespace; commands of
+`mapf-pz` in tutorials; a block with `title="NAME"` is written to that file. A comment `<!-- not run: WHY -->` just
+above a block leaves it out.
+"""
+
+import dataclasses
+import os
+import re
+import shlex
+import subprocess
+import sys
+from dataclasses import dataclass
+from html.parser import HTMLParser
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from mapf_pz.cli import main
+from mapf_pz.config import EnvConfig
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+SHELL_PAGES = {DOCS / "getting-started.md", *(DOCS / "tutorials").glob("*.md")}
+
+FENCE = re.compile(
+    r"^(?P<mark><!-- not run: [^\n]+ -->\n)?```(?P<language>\w+)(?P<rest>[^\n]*)\n(?P<code>.*?)^```$", re.M | re.S
+)
+TITLE = re.compile(r'title="([\w.-]+)"')
+NEEDS_TORCH = re.compile(r"mapf_pz\.rl|mapf-pz train|--policy (mappo|ippo|central)")
+TRAINS = re.compile(r"mapf-pz train|\btrain\(")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block of code."""
+
+    page: Path
+    line: int
+    language: str
+    code: str
+    title: str | None
+
+    def run(self, namespace, folder):
+        if self.title is not None:
+            (folder / self.title).write_text(self.code, "utf-8")
+        elif self.language == "python":
+            # Empty lines before it: a traceback tells the page's own line.
+            exec(compile("\n" * self.line + self.code, self.page, "exec"), namespace)
+        else:
+            # In this process, where torch is loaded once.
+            for command in self.code.replace("\\\n", " ").splitlines():
+                program, *words = shlex.split(command, comments=True)
+                assert program == "mapf-pz", f"{self.page.name}:{self.line + 1}: expected mapf-pz or a mark"
+                assert main(words) == 0, f"{self.page.name}:{self.line + 1}: {command}"
+
+
+def blocks(page):
+    """Return what of a page is run."""
+    text = page.read_text("utf-8")
+    found = []
+    for fence in FENCE.finditer(text):
+        language, title = fence["language"], TITLE.search(fence["rest"])
+        runs = title is not None or language == "python" or (language == "sh" and page in SHELL_PAGES)
+        if runs and fence["mark"] is None:
+            line = text[: fence.start("code")].count("\n")
+            found.append(Block(page, line, language, fence["code"], title and title[1]))
+    return found
+
+
+PAGES = {str(page.relative_to(DOCS)): found for page in sorted(DOCS.rglob("*.md")) if (found := blocks(page))}
+PAGES["README.md"] = blocks(ROOT / "README.md")
+
+
+def told(name):
+    return "".join(block.code for block in PAGES[name])
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if TRAINS.search(told(name)) else []) for name in PAGES]
+)
+def test_page(name, tmp_path, monkeypatch):
+    if NEEDS_TORCH.search(told(name)):
+        pytest.importorskip("torchrl")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    files = {Path(block.title).stem for block in PAGES[name] if block.title}
+    namespace = {"__name__": f"docs.{Path(name).stem}"}
+    try:
+        for block in PAGES[name]:
+            block.run(namespace, tmp_path)
+    finally:
+        for module in files:
+            sys.modules.pop(module, None)
+
+
+def test_every_fence_is_understood():
+    for page in DOCS.rglob("*.md"):
+        text = page.read_text("utf-8")
+        fences = re.findall(r"(?m)^ *```", text)
+        assert len(fences) == 2 * len(FENCE.findall(text)), f"{page}: a fence that is not understood"
+
+
+def test_pages_that_must_run_do():
+    assert {"index.md", "getting-started.md", "environment.md", "coming-from-pogema.md", "README.md"} <= PAGES.keys()
+    assert {f"tutorials/{page.name}" for page in (DOCS / "tutorials").glob("*.md")} <= PAGES.keys()
+
+
+def test_the_table_of_keywords_is_true():
+    table = (DOCS / "environment.md").read_text("utf-8").partition("## Arguments")[2]
+    rows = re.findall(r"(?m)^\| `(\w+)` \| `([^`]+)`", table)
+    fields = [(field.name, field.default) for field in dataclasses.fields(EnvConfig)]
+    assert [(name, eval(default)) for name, default in rows] == fields
+
+
+NO_NETWORK = """
+import socket
+
+def refuse(*_, **__):
+    raise OSError("the site must be built without a network")
+
+socket.socket.connect = socket.getaddrinfo = refuse
+"""
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The site, built without a network."""
+    pytest.importorskip("material")
+    pytest.importorskip("mkdocstrings")
+    folder = tmp_path_factory.mktemp("docs")
+    (folder / "sitecustomize.py").write_text(NO_NETWORK)
+    environment = os.environ | {"PYTHONPATH": str(folder), "NO_MKDOCS_2_WARNING": "1"}
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder / "site")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=environment)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder / "site"
+
+
+class Loads(HTMLParser):
+    """Notes what a page makes a browser load: all but links to click on."""
+
+    def __init__(self):
+        super().__init__()
+        self.addresses = []
+
+    def handle_starttag(self, tag, attributes):
+        told = dict(attributes)
+        relations = set((told.get("rel") or "").split())
+        if tag != "link" or not relations & {"canonical", "prev", "next", "edit"}:
+            names = ("src", "srcset", "data", "poster") + (("href",) if tag == "link" else ())
+            self.addresses += [told[name] for name in names if told.get(name)]
+        if told.get("style"):
+            self.addresses += addresses_of_style(told["style"])
+
+
+def addresses_of_style(text):
+    return re.findall(r"""(?:url\(\s*['"]?|@import\s+['"])([^'")]+)""", text)
+
+
+def is_elsewhere(address):
+    return address.strip().startswith(("http:", "https:", "//"))
+
+
+def test_the_site_loads_nothing_from_elsewhere(site):
+    pages, styles = sorted(site.rglob("*.html")), sorted(site.rglob("*.css"))
+    assert len(pages) >= 25
+    assert styles
+    for page in pages:
+        loads = Loads()
+        text = page.read_text("utf-8")
+        loads.feed(text)
+        assert any(address.endswith(".css") for address in loads.addresses)
+        inside = "".join(re.findall(r"(?s)<style[^>]*>(.*?)</style>", text))
+        for address in loads.addresses + addresses_of_style(inside):
+            assert not is_elsewhere(address), f"{page.relative_to(site)} loads {address}"
+    for style in styles:
+        for address in addresses_of_style(style.read_text("utf-8")):
+            assert not is_elsewhere(address), f"{style.relative_to(site)} loads {address}"
+
+
+PARTS = ("", "evaluate", "instances", "planners", "render", "rl", "wrappers")
+
+
+@pytest.mark.parametrize("module", [f"mapf_pz.{part}".rstrip(".") for part in PARTS])
+def test_the_site_has_all_public_names(site, module):
+    if module == "mapf_pz.rl":
+        pytest.importorskip("torchrl")
+    text = "".join(page.read_text("utf-8") for page in (site / "api").glob("*.html"))
+    for name in import_module(module).__all__:
+        homes = re.findall(rf'id="mapf_pz[\w.]*\.{name}"', text)
+        assert homes, f"{module}.{name} is on no page of docs/api/"
+
+
+def test_the_site_has_no_python_files(site):
+    assert not list(site.rglob("*.py"))
