@@ -1,4 +1,5 @@
 import signal
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
@@ -6,10 +7,19 @@ from hypothesis import settings
 
 # The first call of a kernel compiles it.
 settings.register_profile("mapf_pz", deadline=None)
+settings.register_profile("quick", deadline=None, max_examples=10)  # for kernels that are not compiled
 settings.load_profile("mapf_pz")
 
 # What a shell starts in the background ignores Ctrl-C, and so would all that the tests start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _no_downloads(tmp_path_factory: pytest.TempPathFactory) -> Generator[None]:
+    """Hide what the user has downloaded."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MAPF_PZ_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
 
 
 @pytest.fixture(scope="session")

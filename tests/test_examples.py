@@ -1,4 +1,5 @@
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -46,3 +47,19 @@ def test_training(tmp_path, name, told):
 def test_stable_baselines():
     pytest.importorskip("stable_baselines3")
     assert "CSR on 2 unseen maps" in run("centralized_sb3.py", "--steps", "2048", "--episodes", "2")
+
+
+def test_one_policy_of_stable_baselines_for_all():
+    pytest.importorskip("stable_baselines3")
+    pytest.importorskip("supersuit")
+    assert "CSR on 2 unseen maps" in run("shared_sb3.py", "--steps", "2048", "--episodes", "2")
+
+
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_gymnasium_vector(mode):
+    options = ["--num-envs", "2", "--steps", "202", "--vectorization-mode", mode]
+    found = re.fullmatch(r"(\d+) episodes: CSR (.+), ISR (.+), ep_length (.+)\n", run("gymnasium_vector.py", *options))
+    episodes, csr, isr, length = map(float, found.groups())
+    assert episodes >= 4
+    assert 0 <= csr <= isr <= 1
+    assert 1 <= length <= 100

@@ -5,16 +5,24 @@ from __future__ import annotations
 import difflib
 import os
 import textwrap
+from collections.abc import Iterable, Iterator
 from importlib import resources
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
+from mapf_pz.instances.download import cache_folder
 from mapf_pz.instances.movingai import parse_cells, read_map, read_scenario
 from mapf_pz.types import Bools, Grid, Scenario
 
 BENCHMARK_VARIABLE = "MAPF_PZ_BENCHMARK"
 """The environment variable that names folders of benchmark data, as `PATH` does: for `maps/`, `scens/` and others."""
+ADVICE = (
+    "for the files of the MovingAI benchmark, run mapf-pz maps download, or set "
+    f"{BENCHMARK_VARIABLE} to a folder with its maps/ and scens/"
+)
+"""What to do about a name that is not known."""
 
 
 def load_map(map: str | Path | Bools | Grid) -> Grid:
@@ -27,7 +35,8 @@ def load_map(map: str | Path | Bools | Grid) -> Grid:
             a str with a line end: a drawing, `.` free and any of `#@OTW` blocked; indentation and empty lines around
             it do not count;
             a str that ends in `.map`: a file's path;
-            any other str: a name of `map_names()`, or of a map in the folder `$MAPF_PZ_BENCHMARK/maps`.
+            any other str: a name of `map_names()`, of a map in the folder `$MAPF_PZ_BENCHMARK/maps`, or of one that
+            `mapf-pz maps download` has downloaded.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -40,7 +49,7 @@ def load_map(map: str | Path | Bools | Grid) -> Grid:
     if isinstance(map, str) and "\n" in map:
         return _parse_drawing(map)
     if isinstance(map, (str, Path)):
-        return read_map(_resolve(map, ".map", [_bundled(), *_benchmark("maps")]))
+        return read_map(_resolve(map, ".map", chain([_bundled()], _benchmark("maps"))))
     return _from_array(map)
 
 
@@ -49,7 +58,7 @@ def load_scenario(scenario: str | Path | Scenario, grid: Grid | None = None) -> 
 
     Args:
         scenario: A `Scenario`, returned as it is; a `Path` or a str that ends in `.scen`: a file; any other str: a
-            name in the folder `$MAPF_PZ_BENCHMARK/scens`, such as `den312d-random-1`.
+            name in the folder `$MAPF_PZ_BENCHMARK/scens` or among the downloaded ones, such as `den312d-random-1`.
         grid: The map; a file that does not fit it is refused.
 
     Raises:
@@ -77,15 +86,18 @@ def benchmark_file(name: str) -> Path:
     for file in _benchmark(name):
         if os.path.isfile(file):
             return file
-    raise FileNotFoundError(f"no file {name!r} in the folders that {BENCHMARK_VARIABLE} names")
+    raise FileNotFoundError(f"no file {name!r} in the folders of benchmark data: {ADVICE}")
 
 
-def _benchmark(name: str) -> list[Path]:
-    """Return this relative path in each of the folders of benchmark data."""
-    return [Path(root) / name for root in os.environ.get(BENCHMARK_VARIABLE, "").split(os.pathsep) if root]
+def _benchmark(name: str) -> Iterator[Path]:
+    """Yield this relative path in each of the folders of benchmark data; that of downloads is the last."""
+    for folder in os.environ.get(BENCHMARK_VARIABLE, "").split(os.pathsep):
+        if folder:
+            yield Path(folder) / name
+    yield cache_folder() / name
 
 
-def _resolve(source: object, ending: str, folders: list[Path]) -> Path:
+def _resolve(source: object, ending: str, folders: Iterable[Path]) -> Path:
     """Return the file that a path or a name stands for; the first of `folders` that has a name wins."""
     if isinstance(source, Path):
         return source
@@ -93,16 +105,15 @@ def _resolve(source: object, ending: str, folders: list[Path]) -> Path:
         raise TypeError(f"expected a name or the path of a {ending} file, got {type(source).__name__}")
     if source.endswith(ending):
         return Path(source)
-    files = [file for folder in folders for file in sorted(folder.glob(f"*{ending}"))]
-    for file in files:
-        if file.stem == source:
-            return file
-    near = difflib.get_close_matches(source, dict.fromkeys(file.stem for file in files))
+    names: list[str] = []
+    for folder in folders:
+        for file in sorted(folder.glob(f"*{ending}")):
+            if file.stem == source:
+                return file
+            names.append(file.stem)
+    near = difflib.get_close_matches(source, dict.fromkeys(names))
     hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
-    raise ValueError(
-        f"no {ending} file is named {source!r}: {hint}A path ends in {ending}; for the names of the benchmark, set "
-        f"{BENCHMARK_VARIABLE} to a folder with its maps/ and scens/ (https://movingai.com/benchmarks/mapf.html)"
-    )
+    raise ValueError(f"no {ending} file is named {source!r}: {hint}A path ends in {ending}; {ADVICE}")
 
 
 def _from_array(array: Bools) -> Grid:

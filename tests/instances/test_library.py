@@ -99,7 +99,7 @@ def test_what_is_no_scenario_is_refused_in_one_line(named):
 
 
 def test_without_a_benchmark_folder_names_are_of_bundled_maps_only():
-    with pytest.raises(ValueError, match="set MAPF_PZ_BENCHMARK"):
+    with pytest.raises(ValueError, match="run mapf-pz maps download, or set MAPF_PZ_BENCHMARK"):
         load_map("tiny")
     with pytest.raises(ValueError, match="set MAPF_PZ_BENCHMARK"):
         load_scenario("tiny-random-1")

@@ -1,0 +1,69 @@
+"""A BenchMARL task, and MAPPO on it. It needs an older TorchRL than `mapf_pz.rl`: give it a virtual environment.
+
+`pip install -r examples/benchmarl-requirements.txt -e .`
+"""
+# pyright: reportMissingImports=false, reportUntypedBaseClass=false
+
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import tyro
+from benchmarl.algorithms import MappoConfig
+from benchmarl.environments.pettingzoo.common import PettingZooClass
+from benchmarl.experiment import Experiment, ExperimentConfig
+from benchmarl.models import MlpConfig
+from torchrl.envs import FlattenObservation, PettingZooWrapper, TransformedEnv
+
+import mapf_pz
+from mapf_pz.instances import RandomObstacles
+
+
+@dataclass(frozen=True)
+class Example:
+    """Two agents on small random maps; `collection_CSR.csv` tells how they learn."""
+
+    iterations: int = 30
+    """How often to collect 2,000 steps of the team and to learn from them."""
+    output: Path = Path("runs/example-benchmarl")
+    """Where BenchMARL writes what it logs."""
+
+
+class Mapf(PettingZooClass):
+    """A task; its configuration are the keywords of `parallel_env`."""
+
+    def get_env_fun(self, num_envs: int, continuous_actions: bool, seed: int | None, device: Any) -> Any:
+        """Return what makes one environment; BenchMARL's networks take vectors."""
+        flatten = partial(FlattenObservation, -3, -1, in_keys=[("agent", "observation", "image")])
+        wrap = partial(PettingZooWrapper, categorical_actions=True, seed=seed, device=device)
+        return lambda: TransformedEnv(wrap(mapf_pz.parallel_env(**self.config)), flatten())
+
+    def supports_discrete_actions(self) -> bool:
+        """Say so: `Discrete(4)`."""
+        return True
+
+    def max_steps(self, env: Any) -> int:
+        """Return the length of an episode."""
+        return self.config["max_steps"]
+
+    @staticmethod
+    def log_info(batch: Any) -> dict[str, float]:
+        """Return the share of episodes that ended with all agents on their goals."""
+        return {"collection/CSR": batch["next", "terminated"][batch["next", "done"]].float().mean().item()}
+
+
+def main(example: Example) -> None:
+    """Train."""
+    maps = RandomObstacles(height=6, width=6, density=0.1, num_agents=2)
+    seen = {"channels": ("view", "cost_to_go", "others_next"), "features": ("action_advantage",)}
+    task = Mapf("mapf", {"source": maps, "max_steps": 32, "reward": "progress", **seen})
+    config = replace(ExperimentConfig.get_from_yaml(), lr=3e-4, gamma=0.98, evaluation=False, loggers=["csv"])
+    config.max_n_iters, config.on_policy_collected_frames_per_batch = example.iterations, 2000
+    config.max_n_frames, config.on_policy_n_minibatch_iters, config.save_folder = None, 10, example.output
+    example.output.mkdir(parents=True, exist_ok=True)
+    Experiment(task, MappoConfig.get_from_yaml(), MlpConfig.get_from_yaml(), seed=0, config=config).run()
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Example))
