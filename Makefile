@@ -3,15 +3,17 @@
 # make bench-peers   measures the speed beside POGEMA's, which it installs in .venv-peers
 # make lint    checks style and types
 # make docs    builds the documentation: site/index.html
+# make wheel   builds the source archive and the wheel, and tries them outside of this tree
 # make soak, make faults, make coverage, make mutation, make record-pogema   see docs/trust.md
 
 PYTHON ?= python3
 BIN := .venv/bin
 COVERAGE := --cov=mapf_pz --cov=wrappers --cov-branch
 PLAIN_TESTS := tests/core $(addprefix tests/planners/test_, pibt.py epibt.py shield.py prioritized.py refine.py lacam.py)
+OUTSIDE_TESTS := tests/test_env.py tests/wrappers tests/instances/test_library.py tests/render
 KERNEL_TESTS := $(addprefix tests/core/test_, properties.py symmetry.py collision_table.py distance.py)
 
-.PHONY: train test lint format docs figures reproduction bench-peers soak faults coverage mutation record-pogema clean
+.PHONY: train test lint format docs figures reproduction bench-peers soak faults coverage mutation record-pogema wheel clean
 
 train: .venv/installed
 	$(BIN)/mapf-pz train quickstart --output runs/quickstart
@@ -82,5 +84,8 @@ bench-peers: .venv/installed .venv-peers/installed
 	.venv-peers/bin/pip install --quiet --disable-pip-version-check 'pogema==1.4.0' 'pydantic<2'
 	touch $@
 
+wheel: .venv/installed
+	tests/wheel.sh $(OUTSIDE_TESTS)
+
 clean:
-	rm -rf .venv .venv-peers .venv-mutation runs site
+	rm -rf .venv .venv-peers .venv-mutation runs site dist

@@ -1,3 +1,4 @@
+import os
 import signal
 from collections.abc import Generator
 from pathlib import Path
@@ -12,6 +13,9 @@ settings.load_profile("mapf_pz")
 
 # What a shell starts in the background ignores Ctrl-C, and so would all that the tests start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# Windows open where nobody sees them.
+os.environ["SDL_VIDEODRIVER"] = "dummy"
 
 
 @pytest.fixture(scope="session", autouse=True)

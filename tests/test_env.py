@@ -56,16 +56,14 @@ def test_aec_seeds(keywords):
     seed_test(lambda: mapf_pz.env(**keywords), num_cycles=200)
 
 
-def test_aec_render(keywords, monkeypatch):
+def test_aec_render(keywords):
     pytest.importorskip("pygame")
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     render_test(lambda render_mode: mapf_pz.env(**keywords, render_mode=render_mode))
 
 
 def test_people_see_every_step(monkeypatch):
     window = pytest.importorskip("mapf_pz.render.window")
     pytest.importorskip("pygame")
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     shown = []
     monkeypatch.setattr(window.Window, "show", lambda _, picture, title: shown.append((picture, title)))
     options = {"map": "empty-8-8", "num_agents": 2}

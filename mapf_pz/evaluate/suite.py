@@ -30,7 +30,7 @@ class Entry:
     """One of the entries of a suite's file: a trial, or one for each of several numbers of agents.
 
     Exactly one of `map`, `random`, `pogema` and `lorr` says where episodes come from. Files are sought beside the
-    suite's own file first, then in the folders that the variable `MAPF_PZ_BENCHMARK` names.
+    suite's own file first, then in the folders that the variable `MAPF_PZ_BENCHMARK` names, then among downloads.
     """
 
     map: str | None = None

@@ -14,7 +14,6 @@ pytest.importorskip("pygame")
 @pytest.fixture
 def keyboard(monkeypatch):
     """Return what sets the keys that are pressed, and all that is shown: pictures, and the title above."""
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     shown = []
 
     def pressed(*keys):

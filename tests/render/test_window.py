@@ -9,8 +9,7 @@ pygame = pytest.importorskip("pygame")
 
 
 @pytest.fixture
-def window(monkeypatch):
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+def window():
     opened = Window("title", fps=1000)
     yield opened
     opened.close()

@@ -45,6 +45,7 @@ def test_gymnasium_check(mode, keywords):
 
 @pytest.mark.parametrize("render_mode", [None, "rgb_array", "ansi"])
 def test_gymnasium_make(render_mode):
+    pytest.importorskip("pygame")  # Gymnasium tries all render modes, whichever was asked for
     env = gymnasium.make(
         "mapf_pz:Mapf-Centralized-v0",
         map="random-12-12-15",
