@@ -30,7 +30,7 @@ COMMANDS: dict[str, Command] = {
     "evaluate": Command(
         "mapf_pz.commands.evaluate:evaluate_policies", "compare policies and planners on the same instances"
     ),
-    "maps": Command("mapf_pz.commands.maps:maps", "list the bundled maps, write their files, or download the benchmark"),
+    "maps": Command("mapf_pz.commands.maps:maps", "list the bundled maps, write them, or download the benchmark"),
     "play": Command("mapf_pz.commands.play:play", "steer an agent with the keyboard, among others"),
     "render": Command("mapf_pz.commands.render:render", "save an episode or a plan as page, film or picture"),
     "solve": Command("mapf_pz.commands.solve:solve", "let a planner solve an instance, and write its plan"),
