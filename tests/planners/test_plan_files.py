@@ -181,6 +181,9 @@ def test_what_cannot_be_written_is_refused():
     jump = Plan(np.array([[(0, 0)], [(0, 2)]]))
     with pytest.raises(ValueError, match="plan: step 1 of agent 0 is no step that can be written"):
         format_plan(jump, "a.json", lifelong)
+    comma = Instance(Grid(GRID.free, "a,b"), Scenario([[0, 0]], [[0, 1]]))
+    with pytest.raises(ValueError, match="map name 'a,b': a tracker CSV file cannot hold it"):
+        format_plan(still, "a.csv", comma)
     with pytest.raises(ValueError, match="plan: 2 agents, but the instance has 1"):
         format_plan(Plan(np.zeros((1, 2, 2))), "a.json", lifelong)
 
@@ -368,6 +371,13 @@ def test_malformed_ticks(path, message):
     assert message_of(lorr(agentMaxCounter=3, actualPaths=[path, path])).startswith(message)
 
 
+def test_ticks_of_agents_that_do_not_turn():
+    path = "[(0,0,0,0,0):(F 2)]"
+    expected = "p: expected the model MAPF_T where paths are in ticks, got MAPF"
+    told = lorr(actionModel="MAPF", start=[[0, 0, "N/A"]] * 2, agentMaxCounter=3, actualPaths=[path, path])
+    assert message_of(told) == expected
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -385,6 +395,12 @@ def test_hostile_json(monkeypatch):
     assert message_of('{"a": ' + "[" * 50_000) == "p: expected JSON that is not nested deeply"
     monkeypatch.setattr("mapf_pz.instances.jsonfile.MAX_LISTS", 5)
     assert message_of(lorr()) == "p: expected at most 5 lists and objects"
+
+
+def test_a_schedule_of_other_agents():
+    schedule, plan = parse_plan(lorr(), "p").schedule, Plan(np.zeros((2, 3, 2)))
+    with pytest.raises(ValueError, match="schedule: expected 3 agents, got 2"):
+        schedule.finished(plan)
 
 
 def test_an_assigned_task_that_the_file_lacks():

@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from safetensors.torch import load_file, save_file
 
 from mapf_pz.rl import load_policy
 from mapf_pz.rl.algorithms import ALGORITHMS
@@ -109,6 +110,14 @@ LIES = {
     "empty": b"",
     "pickle": pickle.dumps({"weights": [1.0]}),
 }
+
+
+def test_the_weights_file_stands_for_its_folder_and_has_numbers_of_32_bits(trained, tmp_path):
+    Case(trained[0], load_policy).written(tmp_path)()
+    assert load_policy(tmp_path / WEIGHTS).config == TINY
+    weights = {name: weight.double() for name, weight in load_file(tmp_path / WEIGHTS).items()}
+    save_file(weights, tmp_path / WEIGHTS)
+    refused(partial(load_policy, tmp_path), "expected numbers of 32 bits")
 
 
 @pytest.mark.parametrize("lie", LIES.values(), ids=list(LIES))
