@@ -318,6 +318,8 @@ def do_rounds() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the random moments")
     options = parser.parse_args()
     trainings = options.rounds // 5 if options.trainings is None else options.trainings
+    # What a shell starts in the background ignores Ctrl-C, and so would all that is started here.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     began, draw, tally = time.monotonic(), random.Random(options.seed), Tally()
     try:
         while (left := options.rounds - trainings - tally.of("evaluation")) > 0:
