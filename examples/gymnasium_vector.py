@@ -1,4 +1,4 @@
-"""Gymnasium's vector environments: several centralized environments stepped together, in this process or in others."""
+"""Gymnasium's vector environments: teams that are stepped together, as one batch, one by one, or in processes."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -18,8 +18,8 @@ class Example:
     """Environments that are stepped together."""
     steps: int = 500
     """Steps of each of them; an episode that ends begins anew by itself."""
-    vectorization_mode: Literal["sync", "async"] = "async"
-    """One after the other, or each in a process of its own."""
+    vectorization_mode: Literal["vector_entry_point", "sync", "async"] = "vector_entry_point"
+    """The batch of this package, which is the fastest; one after the other; or each in a process of its own."""
     seed: int = 0
     """Decides instances and actions."""
 

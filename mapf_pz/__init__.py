@@ -65,4 +65,8 @@ def __dir__() -> list[str]:
 
 pettingzoo.register("parallel", "mapf_pz/Mapf-v0", entry_point="mapf_pz.environment:parallel_env")
 pettingzoo.register("aec", "mapf_pz/Mapf-v0", entry_point="mapf_pz.environment:env")
-gymnasium.register("Mapf-Centralized-v0", entry_point="mapf_pz.wrappers.centralized:centralized_env")
+gymnasium.register(
+    "Mapf-Centralized-v0",
+    entry_point="mapf_pz.wrappers.centralized:centralized_env",
+    vector_entry_point="mapf_pz.wrappers.centralized_vector:CentralizedVectorEnv",
+)

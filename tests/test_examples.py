@@ -55,7 +55,7 @@ def test_one_policy_of_stable_baselines_for_all():
     assert "CSR on 2 unseen maps" in run("shared_sb3.py", "--steps", "2048", "--episodes", "2")
 
 
-@pytest.mark.parametrize("mode", ["sync", "async"])
+@pytest.mark.parametrize("mode", ["vector_entry_point", "sync", "async"])
 def test_gymnasium_vector(mode):
     options = ["--num-envs", "2", "--steps", "202", "--vectorization-mode", mode]
     found = re.fullmatch(r"(\d+) episodes: CSR (.+), ISR (.+), ep_length (.+)\n", run("gymnasium_vector.py", *options))

@@ -3,6 +3,7 @@
 from mapf_pz.action_modes import ACTION_MODES, ActionMode
 from mapf_pz.wrappers.action_vector import ActionVector
 from mapf_pz.wrappers.centralized import CentralizedEnv, TeamReward, centralized_env
+from mapf_pz.wrappers.centralized_vector import CentralizedVectorEnv
 from mapf_pz.wrappers.history import History
 from mapf_pz.wrappers.record import Record
 from mapf_pz.wrappers.sharing import Sharing
@@ -12,6 +13,7 @@ __all__ = [
     "ActionMode",
     "ActionVector",
     "CentralizedEnv",
+    "CentralizedVectorEnv",
     "History",
     "Record",
     "Sharing",

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from pettingzoo import ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper
 
-from mapf_pz.action_modes import ACTION_MODES, ActionMode
+from mapf_pz.action_modes import ACTION_MODES, ActionMode, Decoder
 from mapf_pz.environment import AgentInfo, AgentObservation, MapfEnv, StepResult
 from mapf_pz.types import Floats
 
@@ -35,10 +35,8 @@ class ActionVector(BaseParallelWrapper[str, AgentObservation, Any]):
             ValueError: There is no such mode.
         """
         discrete = _discrete_space(env)
-        if action_mode not in ACTION_MODES:
-            raise ValueError(f"action_mode={action_mode!r}: expected one of {', '.join(map(repr, ACTION_MODES))}")
+        self._decode = decoder(action_mode)
         super().__init__(env)
-        self._decode = ACTION_MODES[action_mode]
         self._rng = np.random.default_rng()
         self.num_actions = int(discrete.n)  # A
         self.action_spaces = dict.fromkeys(env.possible_agents, spaces.Box(-1, 1, (self.num_actions,), np.float32))
@@ -52,8 +50,7 @@ class ActionVector(BaseParallelWrapper[str, AgentObservation, Any]):
     ) -> tuple[dict[str, AgentObservation], dict[str, AgentInfo]]:
         """Begin an episode, as `MapfEnv.reset`."""
         if seed is not None:
-            # Another stream than the simulator's, which is seeded with the same number.
-            self._rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
+            self._rng = generator(seed)
         return self.env.reset(seed=seed, options=options)
 
     def step(self, actions: dict[str, ArrayLike]) -> StepResult:
@@ -74,6 +71,18 @@ class ActionVector(BaseParallelWrapper[str, AgentObservation, Any]):
         if np.isnan(values).any():
             raise ValueError(f"action of {agent!r}: expected numbers, got {values.tolist()}")
         return values.clip(-1, 1)
+
+
+def decoder(action_mode: ActionMode) -> Decoder:
+    """Return the decoder of this name; raises `ValueError`."""
+    if action_mode not in ACTION_MODES:
+        raise ValueError(f"action_mode={action_mode!r}: expected one of {', '.join(map(repr, ACTION_MODES))}")
+    return ACTION_MODES[action_mode]
+
+
+def generator(seed: int) -> np.random.Generator:
+    """Return what actions are drawn from: another stream than the simulator's, which is seeded with the same number."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
 
 
 def _discrete_space(env: object) -> spaces.Discrete:

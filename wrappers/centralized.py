@@ -20,7 +20,9 @@ TeamReward = Literal["sum", "mean"]
 TeamObservation: TypeAlias = "NDArray[np.float32] | dict[str, NDArray[np.float32]]"
 Info: TypeAlias = dict[str, Any]
 
-TEAM_REWARDS: dict[TeamReward, Callable[[NDArray[np.float64]], np.float64]] = {"sum": np.sum, "mean": np.mean}
+TeamSum: TypeAlias = Callable[..., Any]
+
+TEAM_REWARDS: dict[TeamReward, TeamSum] = {"sum": np.sum, "mean": np.mean}
 """How N rewards become one."""
 
 
@@ -63,15 +65,12 @@ class CentralizedEnv(gymnasium.Env[TeamObservation, ArrayLike]):
             TypeError: `env` is something else.
             ValueError: There is no such mode or team reward.
         """
-        if team_reward not in TEAM_REWARDS:
-            raise ValueError(f"team_reward={team_reward!r}: expected one of {', '.join(map(repr, TEAM_REWARDS))}")
+        self._team_reward = team_reward_function(team_reward)
         self.env = ActionVector(env, action_mode)
         self.render_mode = self.env.render_mode
         self._names = self.env.possible_agents
-        self._team_reward = TEAM_REWARDS[team_reward]
         seen = self.env.observation_space(self._names[0])
-        self.observation_space = stacked_space(seen, len(self._names))
-        self.action_space = spaces.Box(-1, 1, (len(self._names), self.env.num_actions), np.float32)
+        self.observation_space, self.action_space = team_spaces(seen, len(self._names), self.env.num_actions)
         self._nothing = zeros(seen)
         self._no_metrics: dict[str, float] = {}
 
@@ -111,6 +110,18 @@ class CentralizedEnv(gymnasium.Env[TeamObservation, ArrayLike]):
     def _join(self, observations: dict[str, AgentObservation]) -> TeamObservation:
         """Put the agents' observations one after the other, in new arrays; zeros for those who have left."""
         return stacked([observations.get(name, self._nothing) for name in self._names])
+
+
+def team_reward_function(name: TeamReward) -> TeamSum:
+    """Return what makes N rewards one; raises `ValueError` where there is none of that name."""
+    if name not in TEAM_REWARDS:
+        raise ValueError(f"team_reward={name!r}: expected one of {', '.join(map(repr, TEAM_REWARDS))}")
+    return TEAM_REWARDS[name]
+
+
+def team_spaces(seen: spaces.Space[Any], num_agents: int, num_actions: int) -> tuple[spaces.Space[Any], spaces.Box]:
+    """Return the spaces of a team's observations and actions, by what each agent sees."""
+    return stacked_space(seen, num_agents), spaces.Box(-1, 1, (num_agents, num_actions), np.float32)
 
 
 def centralized_env(

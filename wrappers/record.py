@@ -26,7 +26,11 @@ class Record(BaseParallelWrapper[str, AgentObservation, Any]):
         Args:
             env: the environment.
             observed: of how many agents, the first ones, observations are kept; None: as many as fit into 8 MiB.
+
+        Raises `ValueError` where `observed` is negative.
         """
+        if observed is not None and observed < 0:
+            raise ValueError(f"observed={observed}: expected 0 or more")
         super().__init__(env)
         self._inner = cast("MapfEnv", env.unwrapped)
         self._planes = _plane_names(self._inner)

@@ -74,6 +74,11 @@ def test_how_many_agents_observations_are_kept(observed, shape):
     assert env.recording.observed.shape[1] == shape
 
 
+def test_fewer_than_none():
+    with pytest.raises(ValueError, match="observed=-1: expected 0 or more"):
+        Record(drawn(), -1)
+
+
 def test_only_as_many_as_fit():
     env = Record(mapf_pz.parallel_env(map="empty-32-32", num_agents=60, max_steps=8192, view_size=(7, 7)))
     env.reset(seed=0)

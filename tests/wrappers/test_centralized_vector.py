@@ -1,0 +1,81 @@
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import SyncVectorEnv
+
+from mapf_pz.wrappers import CentralizedVectorEnv, centralized_env
+
+SMALL = {"map": ".....\n..@..\n.....\n", "num_agents": 3, "max_steps": 7, "view_size": (3, 3)}
+
+
+def assert_same(ours, theirs):
+    for mine, other in zip(ours, theirs, strict=True):
+        if isinstance(mine, dict):
+            assert mine.keys() == other.keys()
+            assert_same([mine[name] for name in other], other.values())
+        else:
+            np.testing.assert_array_equal(mine, other)
+
+
+@pytest.mark.parametrize("on_target", ["nothing", "finish", "restart"])
+@pytest.mark.parametrize(
+    ("action_mode", "team_reward", "keywords"),
+    [
+        ("argmax", "sum", {}),
+        ("softmax", "mean", {"features": ("goal_vector", "time"), "reward": "progress"}),
+        ("affine", "sum", {"action_model": "cardinal", "view": "centered"}),
+    ],
+)
+def test_the_same_episodes_as_one_after_the_other(on_target, action_mode, team_reward, keywords):
+    options = {**SMALL, "on_target": on_target, "action_mode": action_mode, "team_reward": team_reward, **keywords}
+    ours = CentralizedVectorEnv(num_envs=4, **options)
+    theirs = SyncVectorEnv([lambda: centralized_env(**options)] * 4)
+    assert ours.single_observation_space == theirs.single_observation_space
+    assert ours.observation_space == theirs.observation_space
+    assert ours.action_space == theirs.action_space
+    assert ours.metadata["autoreset_mode"] == theirs.metadata["autoreset_mode"]
+    assert_same(ours.reset(seed=5), theirs.reset(seed=5))
+    ours.action_space.seed(0)
+    for _ in range(40):
+        actions = ours.action_space.sample()
+        assert_same(ours.step(actions), theirs.step(actions))
+    assert_same(ours.reset(seed=[3, None, 4, None]), theirs.reset(seed=[3, None, 4, None]))
+    assert_same(ours.reset(), theirs.reset())
+
+
+def test_make_vec():
+    envs = gymnasium.make_vec("mapf_pz:Mapf-Centralized-v0", num_envs=3, num_threads=2, **SMALL)
+    assert isinstance(envs.unwrapped, CentralizedVectorEnv)
+    observations, infos = envs.reset(seed=0)
+    assert observations.shape == (3, 3 * 7, 3, 3)
+    assert envs.observation_space.contains(observations)
+    assert infos["_is_success"].all()
+    envs.close()
+
+
+def test_observations_are_never_reused():
+    envs = CentralizedVectorEnv(2, **SMALL)
+    first, _ = envs.reset(seed=0)
+    kept = first.copy()
+    second, *_ = envs.step(envs.action_space.sample())
+    second[:] = 9
+    assert (first == kept).all()
+
+
+def test_what_is_refused():
+    with pytest.raises(ValueError, match="team_reward='most': expected one of 'sum', 'mean'"):
+        CentralizedVectorEnv(2, team_reward="most", **SMALL)
+    with pytest.raises(ValueError, match="action_mode='best': expected one of 'argmax'"):
+        CentralizedVectorEnv(2, action_mode="best", **SMALL)
+    envs = CentralizedVectorEnv(2, **SMALL)
+    with pytest.raises(RuntimeError, match=r"call reset\(\) before step"):
+        envs.step(envs.action_space.sample())
+    with pytest.raises(ValueError, match="seed: expected 2 of them, got 1"):
+        envs.reset(seed=[1])
+    with pytest.raises(ValueError, match="options="):
+        envs.reset(options={"instance": 3})
+    envs.reset(seed=0)
+    with pytest.raises(ValueError, match=r"actions: expected the shape \(2, 3, 4\), got \(3, 4\)"):
+        envs.step(np.zeros((3, 4)))
+    with pytest.raises(ValueError, match="expected numbers"):
+        envs.step(np.full((2, 3, 4), np.nan))

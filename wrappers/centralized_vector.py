@@ -1,0 +1,139 @@
+"""`CentralizedVectorEnv`: B teams that are stepped together, each as one agent of Gymnasium."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from mapf_pz.action_modes import ActionMode
+from mapf_pz.config import EnvConfig
+from mapf_pz.simulator import Simulator
+from mapf_pz.types import Bools, Floats, Ints
+from mapf_pz.wrappers.action_vector import decoder, generator
+from mapf_pz.wrappers.centralized import TeamObservation, TeamReward, team_reward_function, team_spaces
+
+Infos = dict[str, NDArray[Any]]
+
+
+class CentralizedVectorEnv(VectorEnv[TeamObservation, ArrayLike, NDArray[Any]]):
+    """The batch of `CentralizedEnv`s: Gymnasium's `SyncVectorEnv` of B of them gives the same episodes, to the bit.
+
+    Environment `b` of a batch that is seeded with `s` is the single one seeded with `s + b`. One that is over is reset
+    by the step after (`AutoresetMode.NEXT_STEP`), in which its action does not count and it earns nothing.
+
+    `gymnasium.make_vec("mapf_pz:Mapf-Centralized-v0", num_envs=B, ...)` makes it.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        action_mode: ActionMode = "argmax",
+        team_reward: TeamReward = "sum",
+        num_threads: int = 1,
+        **keywords: Any,
+    ) -> None:
+        """Make the environments.
+
+        Args:
+            num_envs: B.
+            action_mode: as in `ActionVector`.
+            team_reward: `sum` or `mean`.
+            num_threads: threads of the kernels.
+            **keywords: those of `parallel_env`, which raise as there.
+
+        Raises `ValueError` where there is no such mode or team reward.
+        """
+        self._decode, self._team_reward = decoder(action_mode), team_reward_function(team_reward)
+        self.simulator = Simulator(EnvConfig.from_keywords(**keywords), num_envs, num_threads)
+        self.num_envs = num_envs
+        self.metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}
+        num_agents, num_actions = self.simulator.num_agents, self.simulator.num_actions
+        self.single_observation_space, self.single_action_space = team_spaces(
+            self.simulator.layout.space(), num_agents, num_actions
+        )
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._rngs = [np.random.default_rng() for _ in range(num_envs)]
+        self._over = np.zeros(num_envs, np.bool_)
+        self._began = False
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[TeamObservation, Infos]:
+        """Begin new episodes everywhere.
+
+        Args:
+            seed: the first environment's, the others' follow; or one for each, None for those that go on.
+            options: there are none.
+
+        Raises `ValueError` for options, and for a wrong number of seeds.
+        """
+        if options:
+            raise ValueError(f"options={options!r}: expected none")
+        seeds = [None if seed is None else seed + b for b in range(self.num_envs)] if _is_one(seed) else list(seed)
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"seed: expected {self.num_envs} of them, got {len(seeds)}")
+        given = {b: int(number) for b, number in enumerate(seeds) if number is not None}
+        for b, number in given.items():
+            self._rngs[b] = generator(number)
+        self.simulator.reset(seeds=given)
+        self._over[:] = False
+        self._began = True
+        return self._observed(), self._infos(self._over)
+
+    def step(self, actions: ArrayLike) -> tuple[TeamObservation, Floats, Bools, Bools, Infos]:
+        """Take one step with values (B, N, A).
+
+        Returns observations, rewards (B,) float64, terminated and truncated (B,) bool, infos. Raises `ValueError` for
+        another shape or values that are not numbers, `RuntimeError` before `reset()`.
+        """
+        if not self._began:
+            raise RuntimeError("call reset() before step()")
+        values = np.asarray(actions, np.float64)
+        if values.shape != self.action_space.shape:
+            raise ValueError(f"actions: expected the shape {self.action_space.shape}, got {values.shape}")
+        if np.isnan(values).any():
+            raise ValueError("actions: expected numbers, got some that are none")
+        again, state = self._over, self.simulator.state
+        self.simulator.step(self._decoded(values.clip(-1, 1)))
+        if again.any():
+            self.simulator.reset(np.flatnonzero(again).tolist())
+        rewards = np.where(again, 0.0, self._team_reward(state.agents["reward"].astype(np.float64), axis=1))
+        terminated = state.terminated & ~again
+        truncated = state.truncated & ~state.terminated & ~again
+        self._over = terminated | truncated
+        return self._observed(), rewards, terminated, truncated, self._infos(self._over)
+
+    def _decoded(self, values: Floats) -> Ints:
+        """Return the actions (B, N); draws are each environment's own, for the agents that are left."""
+        active = self.simulator.state.agents["active"]
+        numbers = np.zeros(values.shape[:2], np.int64)
+        for b in np.flatnonzero(~self._over):
+            numbers[b, active[b]] = self._decode(values[b, active[b]], self._rngs[b])
+        return numbers
+
+    def _observed(self) -> TeamObservation:
+        """Return images (B, N * K, h, w) and, where there are any, features (B, N * F), in new arrays."""
+        seen = self.simulator.observe()
+        image = seen.image.reshape(self.num_envs, -1, *seen.image.shape[-2:])
+        if not self.simulator.layout.num_features:
+            return image
+        return {"image": image, "features": seen.features.reshape(self.num_envs, -1)}
+
+    def _infos(self, over: Bools) -> Infos:
+        """Return the infos of `CentralizedEnv`, each with a mask of the environments that tell it: all do."""
+        told = {name: np.zeros(self.num_envs) for name in self.simulator.metrics(0)}
+        for b in np.flatnonzero(over):
+            for name, value in self.simulator.metrics(b).items():
+                told[name][b] = value
+        infos: Infos = {"is_success": self.simulator.state.terminated & over, **told}
+        return infos | {f"_{name}": np.ones(self.num_envs, np.bool_) for name in infos}
+
+
+def _is_one(seed: int | Sequence[int | None] | None) -> bool:
+    return seed is None or isinstance(seed, (int, np.integer))
