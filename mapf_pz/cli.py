@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import tyro
 
-from mapf_pz.interrupts import interrupts_held
+from mapf_pz.interrupts import interrupts_deferred
 
 USAGE_ERROR, INTERRUPTED = 2, 130
 TOLD = (ValueError, TypeError, OSError, RuntimeError, MemoryError, ImportError)
@@ -69,8 +69,9 @@ def _run(name: str, words: list[str]) -> None:
     module, _, function = COMMANDS[name].function.partition(":")
     config = (tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes)
     try:
-        with interrupts_held():  # packages that are interrupted while they load may lose it
+        with interrupts_deferred() as check:  # packages that are interrupted while they load may lose it
             command = getattr(import_module(module), function)
+            check()
         tyro.cli(command, prog=f"mapf-pz {name}", args=words, config=config)
     except ModuleNotFoundError as error:
         raise ImportError(f"{error}: pip install 'mapf-pz[train,render]'") from error

@@ -30,13 +30,36 @@ def interruptible() -> Generator[Callable[[], None]]:
 
 
 @contextmanager
-def interrupts_held() -> Generator[None]:
-    """Hold Ctrl-C back until the end."""
-    heard: list[int] = []
-    with _handling(lambda number, frame: heard.append(number), signal.SIGINT):
+def interrupts_deferred() -> Generator[Callable[[], None]]:
+    """Hold Ctrl-C and SIGTERM back until the check that is yielded is called; only a second one comes at once.
+
+    Libraries may turn an interrupt in their midst into another error, or be left in a state in which they wait for
+    something that never comes.
+    """
+    heard = 0
+
+    def note(number: int, frame: object) -> None:
+        nonlocal heard
+        heard += 1
+        if heard > 1:
+            raise KeyboardInterrupt
+
+    def check() -> None:
+        if heard:
+            raise KeyboardInterrupt
+
+    with _handling(note, signal.SIGTERM, signal.SIGINT):
+        yield check
+
+
+@contextmanager
+def unheard_by_children() -> Generator[None]:
+    """Block Ctrl-C in processes that are begun meanwhile: a terminal sends it to them, too."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
         yield
-    if heard:
-        raise KeyboardInterrupt
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

@@ -2,18 +2,20 @@
 
 import os
 import signal
+import subprocess
 import sys
 
 import pytest
 
-from mapf_pz.interrupts import interruptible, interrupts_held
+from mapf_pz.interrupts import interruptible, interrupts_deferred, unheard_by_children
 
 
-def send(number):
-    """Send this process a signal; its handler is called between two of Python's instructions."""
-    os.kill(os.getpid(), number)
-    for _ in range(1000):
-        pass
+def send(*numbers):
+    """Send this process signals; their handlers are called between two of Python's instructions."""
+    for number in numbers:
+        os.kill(os.getpid(), number)
+        for _ in range(1000):
+            pass
 
 
 class Fragile:
@@ -53,14 +55,30 @@ def test_who_ignores_ctrl_c_goes_on_ignoring_it():
         signal.signal(signal.SIGINT, before)
 
 
-def test_an_interrupt_that_is_held_comes_afterwards():
+def test_an_interrupt_that_is_deferred_comes_with_the_check():
     reached = []
 
-    def wait():
-        with interrupts_held():
-            send(signal.SIGINT)
-            reached.append("the end")
+    def work():
+        with interrupts_deferred() as check:
+            check()
+            send(signal.SIGTERM)
+            reached.append("the check")
+            check()
 
     with pytest.raises(KeyboardInterrupt):
-        wait()
+        work()
     assert reached
+
+
+def test_a_second_interrupt_comes_at_once():
+    with pytest.raises(KeyboardInterrupt), interrupts_deferred():
+        send(signal.SIGINT, signal.SIGTERM)
+
+
+def test_children_do_not_hear_what_is_not_for_them():
+    wait = [sys.executable, "-c", "import time; print('ready', flush=True); time.sleep(1); print('end')"]
+    with unheard_by_children():
+        child = subprocess.Popen(wait, stdout=subprocess.PIPE, text=True)
+    assert child.stdout.readline() == "ready\n"
+    child.send_signal(signal.SIGINT)
+    assert child.communicate() == ("end\n", None)

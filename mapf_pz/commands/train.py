@@ -69,6 +69,11 @@ else:
 
 def train(run: Run) -> None:
     """Train a policy or continue its training, evaluate it on instances that it never saw, and draw an episode."""
+    with interruptible():
+        _train(run)
+
+
+def _train(run: Run) -> None:
     trials = None if run.evaluate == "none" else load_suite(run.evaluate)
     logging.getLogger("torchrl").setLevel(logging.WARNING)  # it reports every buffer that it makes
     _learn(run)
@@ -85,17 +90,17 @@ def train(run: Run) -> None:
 def _learn(run: Run) -> None:
     """Train or resume with a bar of progress."""
     if isinstance(run, TrainOptions):
-        with interruptible() as check, _progress_bar(run.config.agent_steps, check) as show:
+        with _progress_bar(run.config.agent_steps) as show:
             train_policy(run.config, run.output, show)
         return
     agent_steps = load_config(run.output / CONFIG).agent_steps if run.agent_steps is None else run.agent_steps
-    with interruptible() as check, _progress_bar(agent_steps, check) as show:
+    with _progress_bar(agent_steps) as show:
         resume_policy(run.output, run.agent_steps, show)
 
 
 @contextmanager
-def _progress_bar(agent_steps: int, check: Callable[[], None]) -> Generator[Callable[[dict[str, float]], None]]:
-    """Show a bar with the latest means over training episodes; yield what feeds it a row, and calls `check`."""
+def _progress_bar(agent_steps: int) -> Generator[Callable[[dict[str, float]], None]]:
+    """Show a bar with the latest means over training episodes; yield what feeds it a row of progress."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -108,7 +113,6 @@ def _progress_bar(agent_steps: int, check: Callable[[], None]) -> Generator[Call
         task = bar.add_task("training", total=agent_steps, means="")
 
         def show(row: dict[str, float]) -> None:
-            check()
             means = "  ".join(f"{key} {row[key]:.2f}" for key in ("CSR", "ISR", "return"))
             speed = f"{row['agent_steps_per_second']:,.0f} steps/s"
             bar.update(task, completed=row["agent_steps"], means=f"{speed}  {means}")

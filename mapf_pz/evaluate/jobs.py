@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import signal
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
 from multiprocessing import active_children, get_context, parent_process
 from threading import Thread
 from typing import TypeVar
+
+from mapf_pz.interrupts import unheard_by_children
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -38,7 +38,7 @@ def _in_processes(function: Callable[[Task], Result], tasks: Sequence[Task], job
     others = set(active_children())
     with ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_begin_process) as pool:
         try:
-            with _unheard_by_children():
+            with unheard_by_children():  # who would tell of it, while they load
                 futures = [pool.submit(function, task) for task in tasks]
             for future in as_completed(futures):
                 yield future.result()
@@ -47,16 +47,6 @@ def _in_processes(function: Callable[[Task], Result], tasks: Sequence[Task], job
                 process.terminate()
             pool.shutdown(cancel_futures=True)
             raise
-
-
-@contextmanager
-def _unheard_by_children() -> Generator[None]:
-    """Block Ctrl-C in processes that are begun meanwhile: it reaches them too, while they load, and they would tell."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _begin_process() -> None:

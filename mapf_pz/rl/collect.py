@@ -15,6 +15,7 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.collectors import BaseCollector, Collector, MultiSyncCollector
 from torchrl.envs import Compose, EnvBase, PettingZooWrapper, RewardSum, TransformedEnv
 
+from mapf_pz.interrupts import unheard_by_children
 from mapf_pz.rl.algorithms import Algorithm
 from mapf_pz.rl.batched_env import BatchedMapfEnv
 from mapf_pz.rl.config import CollectorName, TrainConfig
@@ -68,7 +69,8 @@ def collecting(algorithm: Algorithm, config: TrainConfig, seed: int, updates: in
         ImportError: Ray is asked for and not installed.
     """
     with ExitStack() as afterwards:
-        collector = _COLLECTORS[config.collector](algorithm, config, seed, updates, afterwards)
+        with unheard_by_children():  # workers go on until the update is done
+            collector = _COLLECTORS[config.collector](algorithm, config, seed, updates, afterwards)
         afterwards.callback(collector.shutdown)
         yield collector
 

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 from mapf_pz.files import naming
+from mapf_pz.interrupts import interrupts_deferred
 from mapf_pz.rl.algorithms import ALGORITHMS, Algorithm
 from mapf_pz.rl.checkpoint import read_position
 from mapf_pz.rl.collect import collecting
@@ -45,8 +46,8 @@ def train(
         make_algorithm: makes the algorithm, where it is not the one that the configuration names; a policy that
             `load_policy` loads has the network of the named one.
 
-    An interrupt (Ctrl-C) ends the run early: what was learnt until then is saved before it is raised again, and
-    `resume` continues from there.
+    An interrupt (Ctrl-C, SIGTERM) ends the run after the update that is going on, a second one at once: what was learnt
+    until then is saved before it is raised, and `resume` continues from there.
     """
     return _run(config, RunFolder(output), None, on_progress, make_algorithm)
 
@@ -103,22 +104,24 @@ def _run(
         else:
             done = read_position(checkpoint).updates
             run.resume(checkpoint, learner, config)
-    try:
-        for row in _updates(config, algorithm, learner, done, run.seconds):
+    with interrupts_deferred() as check:
+        try:
+            for row in _updates(config, algorithm, learner, done, run.seconds):
+                with naming(run.path):
+                    run.log(row)
+                    run.save(learner, config.checkpoint_interval)
+                if on_progress is not None:
+                    on_progress(row)
+                check()
             with naming(run.path):
-                run.log(row)
-                run.save(learner, config.checkpoint_interval)
-            if on_progress is not None:
-                on_progress(row)
-        with naming(run.path):
-            run.save(learner)
-    except KeyboardInterrupt:
-        with naming(run.path):
-            run.save(learner)
-        raise
-    finally:
-        with naming(run.path):
-            run.finish(algorithm.network)
+                run.save(learner)
+        except KeyboardInterrupt:
+            with naming(run.path):
+                run.save(learner)
+            raise
+        finally:
+            with naming(run.path):
+                run.finish(algorithm.network)
     return run.path
 
 
