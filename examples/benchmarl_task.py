@@ -1,7 +1,7 @@
 """A BenchMARL task, and MAPPO on it. It needs an older TorchRL than `mapf_pz.rl`: give it a virtual environment.
 
-`pip install -r examples/benchmarl-requirements.txt -e .`; a torchvision that cannot be imported beside torch's CPU build
-may be uninstalled. Its CSR was 0.96 and 0.90 in the last two of 30 iterations, after eleven minutes on a busy core.
+`pip install -r examples/benchmarl-requirements.txt -e .`; where torchvision cannot be imported beside torch's CPU build,
+uninstall it. CSR was 0.96 and 0.90 in the last two of 30 iterations, which took eleven minutes on a busy core.
 """
 # pyright: reportMissingImports=false, reportUntypedBaseClass=false
 
