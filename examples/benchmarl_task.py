@@ -1,6 +1,6 @@
 """A BenchMARL task, and MAPPO on it. It needs an older TorchRL than `mapf_pz.rl`: give it a virtual environment.
 
-`pip install -r examples/benchmarl-requirements.txt -e .`; where torchvision cannot be imported beside torch's CPU build,
+`pip install -r examples/benchmarl-requirements.txt -e .`; where torchvision cannot load beside torch's CPU build,
 uninstall it. CSR was 0.96 and 0.90 in the last two of 30 iterations, which took eleven minutes on a busy core.
 """
 # pyright: reportMissingImports=false, reportUntypedBaseClass=false
