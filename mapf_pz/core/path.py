@@ -35,9 +35,9 @@ def advantage(
     towards = direction(cardinal, heading, action)
     facing = heading & (to_go.shape[1] - 1)  # D is 1 or 4, and to divide by it takes longer than all else
     own = to_go[cell, facing]
-    if own == np.inf or (towards != NO_MOVE and leads_to[towards, cell] == cell):
+    if own == np.inf:
         return -1.0
-    if towards != NO_MOVE:
+    if towards != NO_MOVE:  # a blocked move costs infinitely much
         after = weight[towards, cell] + to_go[leads_to[towards, cell], facing]
     elif cardinal or turned(heading, action) == heading:
         after = own + (0.0 if cell == agent.goal else weight[WAIT_WEIGHT, cell])  # resting on the goal is free
