@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # The tests that a mutant must fail, those that see most first, with the kernels as plain Python and without plugins.
+set -e
 export NUMBA_DISABLE_JIT=1 PYTHONDONTWRITEBYTECODE=1 PYTEST_DISABLE_PLUGIN_AUTOLOAD=1
 reference=tests/core/test_against_reference.py
-exec "$MAPF_PZ_PYTHON" -m pytest -x -p no:cacheprovider \
-    "$reference::test_observations[rotate-soft-restart]" "$reference::test_observations[cardinal-priority-nothing]" \
-    tests/core/test_collision_table.py tests/test_env.py tests/core/test_distance.py "$reference" \
+tests() { "$MAPF_PZ_PYTHON" -m pytest -x -p no:cacheprovider "$@"; }
+tests "$reference::test_observations[rotate-soft-restart]" "$reference::test_observations[cardinal-priority-nothing]"
+tests tests/core/test_collision_table.py tests/test_env.py tests/core/test_distance.py "$reference" \
     -k "not ten_thousand and not api and not registries and not seeds and not aec and not reproducible"
