@@ -4,52 +4,25 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from threading import current_thread, main_thread
 
 
-@contextmanager
-def interruptible() -> Generator[Callable[[], None]]:
-    """Let SIGTERM, which queues and `kill` send, do what Ctrl-C does; yield a check to call now and then.
+def interruptible() -> AbstractContextManager[Callable[[], None]]:
+    """Let SIGTERM, which queues and `kill` send, do what Ctrl-C does; give a check to call now and then.
 
     Python drops a `KeyboardInterrupt` that comes while an object is deleted or C calls back; the check raises it again.
     """
-    heard = False
-
-    def interrupt(number: int, frame: object) -> None:
-        nonlocal heard
-        heard = True
-        raise KeyboardInterrupt
-
-    def check() -> None:
-        if heard:
-            raise KeyboardInterrupt
-
-    with _handling(interrupt, signal.SIGTERM, signal.SIGINT):
-        yield check
+    return _interrupts(patience=0)
 
 
-@contextmanager
-def interrupts_deferred() -> Generator[Callable[[], None]]:
-    """Hold Ctrl-C and SIGTERM back until the check that is yielded is called; only a second one comes at once.
+def interrupts_deferred() -> AbstractContextManager[Callable[[], None]]:
+    """Hold Ctrl-C and SIGTERM back until the check that is given is called; only a second one comes at once.
 
     Libraries may turn an interrupt in their midst into another error, or be left in a state in which they wait for
     something that never comes.
     """
-    heard = 0
-
-    def note(number: int, frame: object) -> None:
-        nonlocal heard
-        heard += 1
-        if heard > 1:
-            raise KeyboardInterrupt
-
-    def check() -> None:
-        if heard:
-            raise KeyboardInterrupt
-
-    with _handling(note, signal.SIGTERM, signal.SIGINT):
-        yield check
+    return _interrupts(patience=1)
 
 
 @contextmanager
@@ -60,6 +33,25 @@ def unheard_by_children() -> Generator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _interrupts(patience: int) -> Generator[Callable[[], None]]:
+    """Note interrupts, and raise those after the first `patience` at once; yield a check that raises what was noted."""
+    heard = 0
+
+    def hear(number: int, frame: object) -> None:
+        nonlocal heard
+        heard += 1
+        if heard > patience:
+            raise KeyboardInterrupt
+
+    def check() -> None:
+        if heard:
+            raise KeyboardInterrupt
+
+    with _handling(hear, signal.SIGTERM, signal.SIGINT):
+        yield check
 
 
 @contextmanager

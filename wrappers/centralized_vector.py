@@ -60,7 +60,7 @@ class CentralizedVectorEnv(VectorEnv[TeamObservation, ArrayLike, NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._rngs = [np.random.default_rng() for _ in range(num_envs)]
         self._over = np.zeros(num_envs, np.bool_)
-        self._began = False
+        self._metric_names: tuple[str, ...] = ()  # there are none before the first reset
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -83,7 +83,7 @@ class CentralizedVectorEnv(VectorEnv[TeamObservation, ArrayLike, NDArray[Any]]):
             self._rngs[b] = generator(number)
         self.simulator.reset(seeds=given)
         self._over[:] = False
-        self._began = True
+        self._metric_names = tuple(self.simulator.metrics(0))
         return self._observed(), self._infos(self._over)
 
     def step(self, actions: ArrayLike) -> tuple[TeamObservation, Floats, Bools, Bools, Infos]:
@@ -92,7 +92,7 @@ class CentralizedVectorEnv(VectorEnv[TeamObservation, ArrayLike, NDArray[Any]]):
         Returns observations, rewards (B,) float64, terminated and truncated (B,) bool, infos. Raises `ValueError` for
         another shape or values that are not numbers, `RuntimeError` before `reset()`.
         """
-        if not self._began:
+        if not self._metric_names:
             raise RuntimeError("call reset() before step()")
         values = np.asarray(actions, np.float64)
         if values.shape != self.action_space.shape:
@@ -127,7 +127,7 @@ class CentralizedVectorEnv(VectorEnv[TeamObservation, ArrayLike, NDArray[Any]]):
 
     def _infos(self, over: Bools) -> Infos:
         """Return the infos of `CentralizedEnv`, each with a mask of the environments that tell it: all do."""
-        told = {name: np.zeros(self.num_envs) for name in self.simulator.metrics(0)}
+        told = {name: np.zeros(self.num_envs) for name in self._metric_names}
         for b in np.flatnonzero(over):
             for name, value in self.simulator.metrics(b).items():
                 told[name][b] = value
