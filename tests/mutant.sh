@@ -3,10 +3,10 @@
 set -e
 export NUMBA_DISABLE_JIT=1 PYTHONDONTWRITEBYTECODE=1 PYTEST_DISABLE_PLUGIN_AUTOLOAD=1
 reference=tests/core/test_against_reference.py
-tests() { "$MAPF_PZ_PYTHON" -m pytest -x -p no:cacheprovider "$@"; }
-tests "$reference::test_observations[rotate-soft-restart]" "$reference::test_observations[cardinal-priority-nothing]"
+tests() { timeout "$1" "$MAPF_PZ_PYTHON" -m pytest -x -p no:cacheprovider "${@:2}"; }
+tests 30 "$reference::test_observations[rotate-soft-restart]" "$reference::test_observations[cardinal-priority-nothing]"
 # Of the slowest, half.
-tests tests/core/test_collision_table.py tests/test_env.py tests/core/test_distance.py "$reference" \
+tests 90 tests/core/test_collision_table.py tests/test_env.py tests/core/test_distance.py "$reference" \
     -k "not ten_thousand and not api and not registries and not seeds and not aec and not reproducible \
         and not nothing-many and not restart-one and not (observations and (cardinal-soft-nothing or cardinal-soft-finish \
         or rotate-priority or rotate-block_both-finish or rotate-block_both-restart or cardinal-block_both-nothing \

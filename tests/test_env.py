@@ -16,6 +16,7 @@ from pettingzoo.test import (
 import mapf_pz
 from mapf_pz import Action, CardinalAction, Grid, Instance, RewardConfig, Scenario
 from mapf_pz.instances import RandomObstacles
+from mapf_pz.metrics import EpisodeRecord, episode_metrics
 
 EAST, SOUTH, WEST, NORTH = range(4)
 FORWARD, LEFT, RIGHT, WAIT = map(int, Action)
@@ -287,6 +288,15 @@ def test_finish_takes_agents_away_one_by_one():
     assert terminations == {"agent_0": True}
     assert env.agents == []
     assert env.metrics() == {"CSR": 1, "ISR": 1, "SoC": 5, "makespan": 4, "ep_length": 2.5, "SoC_ratio": 1.25}
+
+
+def test_a_goal_out_of_reach_costs_all_steps_and_nothing_in_the_lower_bound():
+    """Sources of one's own may have such goals."""
+    record = EpisodeRecord(
+        "nothing", 3, 3, settled=np.array([1, -1]), arrivals=np.array([1, 0]), shortest=np.array([2, -1])
+    )
+    metrics = {"CSR": 0, "ISR": 0.5, "SoC": 4, "makespan": 3, "ep_length": 3, "SoC_ratio": 2}
+    assert episode_metrics(record) == metrics
 
 
 def test_restart_gives_new_goals_until_the_time_is_up():
