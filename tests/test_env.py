@@ -259,6 +259,7 @@ def test_a_drawn_cardinal_step():
 
 def test_nothing_ends_for_all_at_once():
     env, *_ = drawn("....\n", [(0, 0), (0, 3)], [EAST, WEST], [(0, 1), (0, 2)], max_steps=9)
+    assert set(env.metrics().values()) == {0}  # before the first step
     _, _, terminations, truncations, infos = go(env, FORWARD, WAIT)
     assert not any(terminations.values())
     assert not any(truncations.values())

@@ -174,22 +174,24 @@ def test_memory_for_no_table_still_holds_one():
     assert simulator.tables.arrays.slot[0, goal @ (8, 1)] == 0
 
 
+@pytest.mark.parametrize("num_agents", [1, 2])
 @pytest.mark.parametrize("action_model", MODELS)
-def test_shortest_steps_ignore_weights(action_model):
+def test_shortest_steps_ignore_weights(action_model, num_agents):
     """`SoC_ratio` counts steps, whatever the guidance graph."""
     free = np.ones((3, 3), np.bool_)
     grid = Grid(free)
     config = EnvConfig(
         map=grid,
-        num_agents=2,
+        num_agents=num_agents,
         edge_weights=GuidanceGraph.random(free, np.random.default_rng(4)),
         action_model=action_model,
         view_size=(1, 1),
         max_steps=9,
     )
     simulator = Simulator(config)
-    simulator.reset(instances={0: Instance(grid, Scenario([(2, 2), (0, 0)], [(2, 1), (0, 2)]), [0, 0])})
+    starts, goals = [(2, 2), (0, 0)][:num_agents], [(2, 1), (0, 2)][:num_agents]
+    simulator.reset(instances={0: Instance(grid, Scenario(starts, goals), [0, 0][:num_agents])})
     wait = {"rotate": 3, "cardinal": 0}[action_model]
-    simulator.step(np.full((1, 2), wait))
-    shortest = {"rotate": 3 + 2, "cardinal": 1 + 2}[action_model]  # two turns and a move, and two moves
-    assert simulator.metrics(0)["SoC_ratio"] == pytest.approx(2 / shortest)
+    simulator.step(np.full((1, num_agents), wait))
+    shortest = sum({"rotate": (3, 2), "cardinal": (1, 2)}[action_model][:num_agents])  # two turns and a move; two moves
+    assert simulator.metrics(0)["SoC_ratio"] == pytest.approx(num_agents / shortest)
