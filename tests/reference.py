@@ -67,6 +67,8 @@ class Reference(Rules):
         return [(row, col) for row in range(self.view_size[0]) for col in range(self.view_size[1])]
 
     def is_seen(self, agent: int, view_cell: Cell) -> bool:
+        if self.see_through_walls:
+            return True
         rows, cols = view_cell[0] - self.centre[0], view_cell[1] - self.centre[1]
         length = max(abs(rows), abs(cols))
         between = [
@@ -76,7 +78,7 @@ class Reference(Rules):
             )
             for k in range(1, length)
         ]
-        return self.see_through_walls or all(self.is_free(self.map_cell(agent, cell)) for cell in between)
+        return all(self.is_free(self.map_cell(agent, cell)) for cell in between)
 
     def seen_others(self, agent: int) -> list[int]:
         seen = [self.map_cell(agent, cell) for cell in self.view_cells() if self.is_seen(agent, cell)]

@@ -10,7 +10,7 @@ from mapf_pz.config import RewardConfig
 from mapf_pz.types import Action, CardinalAction, Heading
 
 Cell = tuple[int, int]
-STEP = {Heading.EAST: (0, 1), Heading.SOUTH: (1, 0), Heading.WEST: (0, -1), Heading.NORTH: (-1, 0)}
+STEP: dict[int, Cell] = {Heading.EAST: (0, 1), Heading.SOUTH: (1, 0), Heading.WEST: (0, -1), Heading.NORTH: (-1, 0)}
 CARDINAL_DIRECTION = {
     CardinalAction.UP: Heading.NORTH,
     CardinalAction.DOWN: Heading.SOUTH,
@@ -21,7 +21,7 @@ TURN = {Action.ROTATE_LEFT: -1, Action.ROTATE_RIGHT: 1}
 
 
 def ahead(cell: Cell, direction: int, distance: int = 1) -> Cell:
-    row, col = STEP[Heading(direction % 4)]
+    row, col = STEP[direction % 4]
     return cell[0] + distance * row, cell[1] + distance * col
 
 
