@@ -254,6 +254,26 @@ def test_a_drawn_cardinal_step():
     assert env.render() == picture("oo", "@x")
 
 
+@pytest.mark.parametrize(("action_model", "heading"), [("rotate", NORTH), ("rotate", SOUTH), ("cardinal", NORTH)])
+def test_of_two_equal_ways_others_are_shown_to_take_the_right_one(action_model, heading):
+    """Right of the way that it looks; cardinal agents: east before west."""
+    watcher, goal = (1, 2 if heading == NORTH else 0), (0 if heading == NORTH else 2, 1)
+    _, observations, _ = drawn(
+        "...\n.@.\n...\n",
+        [watcher, (2 - goal[0], 1)],
+        [NORTH, heading],
+        [watcher, goal],
+        action_model=action_model,
+        view_size=(3, 3),
+        view="centered",
+        frame="map",
+        channels=("others_next",),
+    )
+    expected = np.zeros((1, 3, 3))
+    expected[0, 2 - goal[0], 1] = 1
+    np.testing.assert_array_equal(observations["agent_0"], expected)
+
+
 # Life cycles.
 
 
@@ -291,12 +311,16 @@ def test_finish_takes_agents_away_one_by_one():
     assert env.metrics() == {"CSR": 1, "ISR": 1, "SoC": 5, "makespan": 4, "ep_length": 2.5, "SoC_ratio": 1.25}
 
 
-def test_a_goal_out_of_reach_costs_all_steps_and_nothing_in_the_lower_bound():
+@pytest.mark.parametrize(
+    ("settled", "shortest", "metrics"),
+    [
+        ([1, -1], [2, -1], {"CSR": 0, "ISR": 0.5, "SoC": 4, "makespan": 3, "ep_length": 3, "SoC_ratio": 2}),
+        ([0, 0], [0, 0], {"CSR": 1, "ISR": 1, "SoC": 0, "makespan": 0, "ep_length": 3, "SoC_ratio": 1}),
+    ],
+)
+def test_metrics_of_goals_out_of_reach_and_at_the_start(settled, shortest, metrics):
     """Sources of one's own may have such goals."""
-    record = EpisodeRecord(
-        "nothing", 3, 3, settled=np.array([1, -1]), arrivals=np.array([1, 0]), shortest=np.array([2, -1])
-    )
-    metrics = {"CSR": 0, "ISR": 0.5, "SoC": 4, "makespan": 3, "ep_length": 3, "SoC_ratio": 2}
+    record = EpisodeRecord("nothing", 3, 3, np.array(settled), arrivals=np.ones(2, int), shortest=np.array(shortest))
     assert episode_metrics(record) == metrics
 
 

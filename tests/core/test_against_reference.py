@@ -258,6 +258,21 @@ def test_observations(action_model, collision_system, on_target):
             lockstep.compare_observations()
 
 
+@pytest.mark.parametrize("width", [3, 4, 5, 8, 12, 13, 17, 21])
+def test_views_of_every_width(width):
+    """Rows of views are copied in blocks of eight, four and one."""
+    rng = np.random.default_rng(width)
+    config = EnvConfig(
+        source=Disorder(rng, (2, 25), 12, num_maps=1, density=0.3),
+        view_size=(2, width),
+        view="centered",
+        action_model="cardinal",
+        channels=("view", "edge_weights"),
+        edge_weights="random",
+    )
+    Lockstep(config, num_envs=1, seed=width).compare_observations()
+
+
 @pytest.mark.parametrize(COMBINATION_NAMES, COMBINATIONS)
 def test_the_environment_hands_out_the_same(action_model, collision_system, on_target):
     """`MapfEnv` gives each agent what is its own: few steps, all dictionaries."""
