@@ -166,6 +166,20 @@ def test_too_little_memory_is_told_in_one_line():
         simulator.reset(seeds={0: 0})
 
 
+def test_tables_that_are_in_use_count_where_memory_is_too_little():
+    simulator = Simulator(EnvConfig(num_agents=4, channels=("cost_to_go",), distance_bytes=6 * 4 * 65 * 5), num_envs=2)
+    simulator.reset([0], seeds={0: 0})
+    with pytest.raises(MemoryError, match=r" takes 10400 bytes, more than allowed$"):
+        simulator.reset([1], seeds={1: 1})
+
+
+def test_there_is_room_for_all_goals_of_all_maps():
+    source = RandomObstacles(2, 2, density=0, num_agents=4)
+    simulator = Simulator(EnvConfig(source=source, channels=("cost_to_go",), view_size=(1, 1)), num_envs=3)
+    simulator.reset(seeds={b: b for b in range(3)})
+    assert len(simulator.tables.arrays.to_go) == (simulator.tables.arrays.slot >= 0).sum() == 3 * 4
+
+
 def test_memory_for_no_table_still_holds_one():
     simulator = Simulator(EnvConfig(num_agents=1, channels=("cost_to_go",), distance_bytes=0))
     for seed in range(5):
