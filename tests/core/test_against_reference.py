@@ -240,7 +240,7 @@ def test_observations(action_model, collision_system, on_target):
             action_model=action_model,
             collision_system=collision_system,
             on_target=on_target,
-            max_steps=12,
+            max_steps=13,
             view_size=(int(rng.integers(1, shape[0] + 1)), shape[1] if k == 0 else int(rng.integers(1, shape[1] + 1))),
             view=str(view),
             frame="map" if map_frame else "egocentric",
@@ -253,7 +253,7 @@ def test_observations(action_model, collision_system, on_target):
         )
         lockstep = Lockstep(config, num_envs=2, seed=int(rng.integers(2**32)))
         lockstep.compare_observations()
-        for _ in range(13):
+        for _ in range(14):
             lockstep.step()
             lockstep.compare_observations()
 
@@ -283,7 +283,7 @@ def test_the_environment_hands_out_the_same(action_model, collision_system, on_t
         action_model=action_model,
         collision_system=collision_system,
         on_target=on_target,
-        max_steps=10,
+        max_steps=9,
         view_size=(3, 3),
         features=("goal_vector", "time"),
     )
@@ -293,7 +293,7 @@ def test_the_environment_hands_out_the_same(action_model, collision_system, on_t
         instance = source.drawn[-1]
         game = Reference(
             instance.grid.free.tolist(), instance.scenario.starts.tolist(), instance.headings.tolist(),
-            instance.scenario.goals.tolist(), features=config.features, max_steps=10, view_size=(3, 3),
+            instance.scenario.goals.tolist(), features=config.features, max_steps=9, view_size=(3, 3),
             view=config.view, frame=config.frame, action_model=action_model, collision_system=collision_system,
             on_target=on_target,
         )  # fmt: skip
