@@ -185,7 +185,7 @@ def any_reward(rng):
         return rng.choice(list(REWARDS))
     names = ("forward", "rotate", "wait", "goal", "progress", "step_cost", "blocked", "team_goal")
     return RewardConfig(
-        **{name: rng.normal() for name in names},
+        **{name: float(rng.choice([0, 1, rng.normal()], p=(0.1, 0.2, 0.7))) for name in names},
         pay_blocked_forward=rng.random() < 0.5,
         share=rng.choice([0.0, 0.5]),
         share_radius=int(rng.integers(4)),
