@@ -56,7 +56,7 @@ faults: .venv/installed
 coverage: .venv/installed
 	$(BIN)/python -m pytest -n 2 $(COVERAGE) --cov-report=
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 $(COVERAGE) --cov-append --cov-report=term-missing:skip-covered \
-		--hypothesis-profile=quick -W ignore:overflow:RuntimeWarning $(PLAIN_TESTS) -k 'not ten_thousand and not benchmark and not turned'
+		--hypothesis-profile=quick -W ignore:overflow:RuntimeWarning $(PLAIN_TESTS) -k 'not (ten_thousand or benchmark or turned or time_makes)'
 
 # Mutants are made in a copy. What is done is kept in runs/mutation.sqlite, and the next run goes on.
 MUTATION := cd runs/mutation && export PATH=$(CURDIR)/.venv-mutation/bin:$$PATH MAPF_PZ_PYTHON=$(CURDIR)/$(BIN)/python &&
