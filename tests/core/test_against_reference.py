@@ -62,6 +62,7 @@ class Lockstep:
         self.config.source.drawn.clear()
         self.simulator.reset(envs, seeds)
         for b, instance in zip(envs, self.config.source.drawn, strict=True):
+            assert not self.simulator.over[b]
             self.games[b] = self._reference(b, instance)
             np.testing.assert_array_equal(self.simulator.positions(b), instance.scenario.starts)
             self._compare(b)
@@ -187,7 +188,7 @@ def any_reward(rng):
     return RewardConfig(
         **{name: float(rng.choice([0, 1, rng.normal()], p=(0.1, 0.2, 0.7))) for name in names},
         pay_blocked_forward=rng.random() < 0.5,
-        share=rng.choice([0.0, 0.5]),
+        share=rng.choice([0.0, 0.5, 1.0, -1.0]),
         share_radius=int(rng.integers(4)),
     )
 
@@ -256,6 +257,18 @@ def test_observations(action_model, collision_system, on_target):
         for _ in range(14):
             lockstep.step()
             lockstep.compare_observations()
+
+
+@pytest.mark.parametrize("see_through_walls", [True, False])
+@pytest.mark.parametrize("channel", CHANNELS)
+def test_each_channel_alone(channel, see_through_walls):
+    """Nothing is drawn that was not asked for, and walls hide whatever else there is."""
+    source = Disorder(np.random.default_rng(5), (5, 5), 8, num_maps=2)
+    config = EnvConfig(source=source, max_steps=5, channels=(channel,), see_through_walls=see_through_walls)
+    lockstep = Lockstep(config, num_envs=2, seed=5)
+    for _ in range(8):
+        lockstep.compare_observations()
+        lockstep.step()
 
 
 @pytest.mark.parametrize("width", [3, 4, 5, 8, 12, 13, 17, 21])

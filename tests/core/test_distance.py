@@ -23,6 +23,10 @@ GRAPHS = {
     "uniform": lambda free, rng: GuidanceGraph.uniform(free),
     "equal": lambda free, rng: GuidanceGraph(GuidanceGraph.uniform(free).move * 0.7, np.full(free.shape, 0.7)),
     "random": GuidanceGraph.random,
+    "uneven": lambda free, rng: GuidanceGraph(
+        np.where(open_edges(free), rng.choice([0.01, 1, 5], (4, *free.shape)), np.inf),
+        rng.choice([0.01, 1, 5], free.shape),
+    ),
     "crisscross": lambda free, rng: GuidanceGraph.crisscross(free),
     "one-way": one_way_graph,
     "uniform one-way": lambda free, rng: GuidanceGraph(
@@ -77,7 +81,7 @@ def cost_to_go(free, weights, goals, action_model):
 @pytest.mark.parametrize("name", GRAPHS)
 def test_equals_dijkstra_on_the_explicit_graph(name, action_model):
     rng = np.random.default_rng(1)
-    for shape in ((1, 7), (6, 5), (9, 8)):
+    for shape in ((1, 7), (6, 5), (9, 8), (15, 16)):
         free = connected_map(rng, shape)
         weights = GRAPHS[name](free, rng)
         goals = np.argwhere(free)[rng.integers(free.sum(), size=3)]
