@@ -78,5 +78,5 @@ def _lay_out(
                         max(largest, price),
                         min(smallest, price),
                     )
-    mean_weight[0] = total / count if count else 1.0
+    mean_weight[0] = total / count  # there is a free cell, or nobody could stand anywhere
     equal_weight[0] = largest if largest == smallest and not one_way else 0.0
