@@ -186,7 +186,7 @@ def any_reward(rng):
         return rng.choice(list(REWARDS))
     names = ("forward", "rotate", "wait", "goal", "progress", "step_cost", "blocked", "team_goal")
     return RewardConfig(
-        **{name: float(rng.choice([0, 1, rng.normal()], p=(0.1, 0.2, 0.7))) for name in names},
+        **{name: float(rng.choice([0, 1, -1, rng.normal()], p=(0.1, 0.1, 0.1, 0.7))) for name in names},
         pay_blocked_forward=rng.random() < 0.5,
         share=rng.choice([0.0, 0.5, 1.0, -1.0]),
         share_radius=int(rng.integers(4)),
@@ -263,9 +263,18 @@ def test_observations(action_model, collision_system, on_target):
 @pytest.mark.parametrize("channel", CHANNELS)
 def test_each_channel_alone(channel, see_through_walls):
     """Nothing is drawn that was not asked for, and walls hide whatever else there is."""
+    observe_alone(channels=(channel,), see_through_walls=see_through_walls)
+
+
+@pytest.mark.parametrize("feature", FEATURES)
+def test_each_feature_alone(feature):
+    """It has what it is computed from."""
+    observe_alone(channels=("goal",), features=(feature,))
+
+
+def observe_alone(**keywords):
     source = Disorder(np.random.default_rng(5), (5, 5), 8, num_maps=2)
-    config = EnvConfig(source=source, max_steps=5, channels=(channel,), see_through_walls=see_through_walls)
-    lockstep = Lockstep(config, num_envs=2, seed=5)
+    lockstep = Lockstep(EnvConfig(source=source, max_steps=5, **keywords), num_envs=2, seed=5)
     for _ in range(8):
         lockstep.compare_observations()
         lockstep.step()
