@@ -294,7 +294,8 @@ class Rules:
         else:
             solved = self.at_goal
             times = [self._settled(agent) for agent in self.agents]
-        bound = sum(self.lower_bound(agent) for agent in self.agents)
+        shortest = [self.lower_bound(agent) for agent in self.agents]
+        bound = sum(length for length in shortest if isfinite(length))
         return {
             "CSR": float(all(solved)),
             "ISR": sum(solved) / len(solved),

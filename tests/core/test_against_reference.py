@@ -153,8 +153,6 @@ class Lockstep:
 
     def _compare_metrics(self, b):
         expected, got = self.games[b].metrics(), self.simulator.metrics(b)
-        if not np.isfinite([self.games[b].lower_bound(agent) for agent in self.games[b].agents]).all():
-            expected.pop("SoC_ratio", None), got.pop("SoC_ratio", None)  # where a goal is out of reach
         assert got == pytest.approx(expected)
 
     def compare_observations(self):
@@ -280,7 +278,7 @@ def observe_alone(**keywords):
         lockstep.step()
 
 
-@pytest.mark.parametrize("width", [3, 4, 5, 8, 12, 13, 17, 21])
+@pytest.mark.parametrize("width", [3, 4, 5, 7, 8, 12, 17, 23])
 def test_views_of_every_width(width):
     """Rows of views are copied in blocks of eight, four and one."""
     rng = np.random.default_rng(width)
