@@ -190,6 +190,7 @@ def test_memory_for_no_table_still_holds_one():
         simulator.reset(seeds={0: seed})
     goal = simulator.goals(0)[0]
     assert simulator.tables.arrays.slot[0, goal @ (8, 1)] == 0
+    assert len(simulator.tables.arrays.to_go) == 1
 
 
 @pytest.mark.parametrize("num_agents", [1, 2])
