@@ -171,10 +171,13 @@ def test_too_little_memory_is_told_in_one_line():
 
 
 def test_tables_that_are_in_use_count_where_memory_is_too_little():
-    simulator = Simulator(EnvConfig(num_agents=4, channels=("cost_to_go",), distance_bytes=6 * 4 * 65 * 5), num_envs=2)
-    simulator.reset([0], seeds={0: 0})
-    with pytest.raises(MemoryError, match=r" takes 10400 bytes, more than allowed$"):
-        simulator.reset([1], seeds={1: 1})
+    grid, starts = Grid(np.ones((8, 8), np.bool_)), [(0, 0), (0, 1)]
+    one_goal, two_goals = (Instance(grid, Scenario(starts, goals)) for goals in ([(0, 2)] * 2, [(5, 5), (6, 6)]))
+    config = EnvConfig(map=grid, num_agents=2, channels=("cost_to_go",), distance_bytes=2 * 4 * 65 * 5)
+    simulator = Simulator(config, num_envs=2)
+    simulator.reset(instances={0: one_goal, 1: one_goal})
+    with pytest.raises(MemoryError, match=r" takes 3900 bytes, more than allowed$"):
+        simulator.reset([1], instances={1: two_goals})
 
 
 def test_there_is_room_for_all_goals_of_all_maps():
