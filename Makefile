@@ -58,11 +58,11 @@ coverage: .venv/installed
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 $(COVERAGE) --cov-append --cov-report=term-missing:skip-covered \
 		--hypothesis-profile=quick -W ignore:overflow:RuntimeWarning $(PLAIN_TESTS) -k 'not (ten_thousand or benchmark or turned or time_makes)'
 
-# Mutants are made in a copy. What is done is kept in runs/mutation.sqlite, and the next run goes on.
+# Mutants are made in a clone. What is done is kept in runs/mutation.sqlite, and the next run goes on.
 MUTATION := cd runs/mutation && export PATH=$(CURDIR)/.venv-mutation/bin:$$PATH MAPF_PZ_PYTHON=$(CURDIR)/$(BIN)/python &&
 mutation: .venv/installed .venv-mutation/installed
-	mkdir -p runs/mutation
-	git archive HEAD | tar -x -C runs/mutation
+	rm -rf runs/mutation
+	git clone --quiet . runs/mutation
 	$(MUTATION) { test -e ../mutation.sqlite || { cosmic-ray init tests/mutation.toml ../mutation.sqlite && \
 		cr-filter-operators ../mutation.sqlite tests/mutation.toml; }; }
 	$(MUTATION) cosmic-ray exec tests/mutation.toml ../mutation.sqlite
