@@ -1,0 +1,138 @@
+"""What planners decide in small cases, recorded: `python -m tests.planners.decisions` records anew.
+
+Figures that are published of a planner hold for these decisions. Whoever means to change them measures those again.
+"""
+
+import csv
+import hashlib
+from functools import partial
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+import mapf_pz
+from mapf_pz.instances import RandomObstacles
+from mapf_pz.planners import EPIBT, PIBT, LaCAM, PrioritizedSIPP, Shield
+from mapf_pz.planners.base import simulator_of
+from mapf_pz.planners.problem import problem_of
+from mapf_pz.planners.refine import NeighborhoodSearch
+from mapf_pz.types import Instance
+from tests.planners.drawing import drawn
+
+RECORDING = Path(__file__).parents[1] / "recordings" / "decisions.csv"
+MODELS = ("cardinal", "rotate")
+WEIGHTS = ("uniform", "crisscross", "random")
+MODES = ("nothing", "restart", "finish")
+FIRST_LACAM, FIRST_PRIORITIZED = (partial(planner, anytime=False) for planner in (LaCAM, PrioritizedSIPP))
+
+
+class Likes:
+    """Likes actions at random."""
+
+    def __init__(self, env):
+        self.num_actions, self.rng = env.action_space("agent_0").n, np.random.default_rng(0)
+
+    def preferences(self, observations):
+        return {name: self.rng.integers(5, size=self.num_actions) for name in observations}
+
+    def reset_states(self):
+        pass
+
+
+STEP_PLANNERS = {"pibt": PIBT, "epibt": partial(EPIBT, depth=3), "shield": lambda env: Shield(Likes(env), env)}
+
+
+def episode(planner_in, model, weights, on_target, seed, num_agents=10, max_steps=20):
+    """Return what is decided in an episode (T, N), and the number of arrivals."""
+    env = mapf_pz.parallel_env(
+        source=RandomObstacles(6, 6, 0.2, num_agents),
+        action_model=model,
+        edge_weights=weights,
+        on_target=on_target,
+        max_steps=max_steps,
+    )
+    observations, _ = env.reset(seed=seed)
+    planner, decisions = planner_in(env), []
+    while env.agents:
+        actions = planner.act(observations)
+        decisions.append([actions.get(name, -1) for name in env.possible_agents])
+        observations = env.step(actions)[0]
+    return np.array(decisions), int(env.simulator.state.agents[0]["arrivals"].sum())
+
+
+def obstacles(model, seed, size=6, num_agents=10, density=0.15):
+    """Return an instance with random obstacles."""
+    rng = np.random.default_rng(seed)
+    return facing(RandomObstacles(size, size, density, num_agents).sample(rng), model, rng)
+
+
+def facing(instance, model, rng):
+    """Return the instance with random headings for agents that turn."""
+    headings = rng.integers(4, size=instance.num_agents) if model == "rotate" else None
+    return Instance(instance.grid, instance.scenario, headings)
+
+
+def solution(planner, instance, weights="uniform"):
+    """Return a plan (T + 1, N, 3), and its sum of costs."""
+    plan = planner.solve(instance, time_limit=1000.0, edge_weights=weights)
+    headings = np.zeros(plan.cells.shape[:2]) if plan.headings is None else plan.headings
+    return np.dstack([plan.cells, headings]), plan.sum_of_costs
+
+
+def refined(model, weights):
+    """Return paths (T + 1, N), of which some were missing at first, the costs on the way, and their sum."""
+    instance = obstacles(model, seed=7)
+    search = NeighborhoodSearch(problem_of(simulator_of(instance, 1000, weights, 0)), np.random.default_rng(7))
+    search.begin_anew(np.arange(instance.num_agents), deadline=np.inf)
+    figures = [search.missing]
+    while search.missing:
+        search.improve(work=30)
+        figures.append(search.missing)
+    for _ in range(4):
+        search.improve(work=200)
+        figures.append(search.sum_of_costs)
+    path = search.path()
+    facing = [] if path.headings is None else path.headings.ravel()
+    return np.concatenate([path.cells.ravel(), facing, figures]), search.sum_of_costs
+
+
+def cases():
+    """Return what is recorded, by a name that begins with the planner's."""
+    found = {}
+    for model, (k, weights) in product(MODELS, enumerate(WEIGHTS)):
+        for name, planner in STEP_PLANNERS.items():
+            on_target = MODES[(k + MODELS.index(model)) % 3]
+            found[f"{name} {model} {weights}"] = partial(episode, planner, model, weights, on_target, seed=k)
+        found[f"lacam {model} {weights}"] = partial(solution, FIRST_LACAM(), obstacles(model, k), weights)
+        instance = obstacles(model, seed=(0, 4, 7)[k])
+        found[f"prioritized {model} {weights}"] = partial(solution, FIRST_PRIORITIZED(), instance, weights)
+        found[f"refine {model} {weights}"] = partial(refined, model, weights)
+    for model in MODELS:
+        for text in ("abc..CBA ####.###", "aB.bA .....", "abcd DCBA"):
+            instance = facing(drawn(text), model, np.random.default_rng(0))
+            found[f"lacam {model} {text}"] = partial(solution, FIRST_LACAM(), instance)
+        for size, num_agents, density in ((4, 14, 0.0), (5, 12, 0.3), (7, 32, 0.2)):
+            instance = obstacles(model, 0, size, num_agents, density)
+            found[f"lacam {model} {num_agents} agents"] = partial(solution, FIRST_LACAM(), instance)
+        found[f"lacam {model} follows"] = partial(
+            episode, FIRST_LACAM, model, "uniform", "restart", seed=0, num_agents=8, max_steps=15
+        )
+    return found
+
+
+def decided(case):
+    """Return what is recorded of a case: the arrivals or the sum of costs, and a digest of all that was decided."""
+    decisions, figure = case()
+    return str(figure), hashlib.sha256(decisions.astype("<i4").tobytes()).hexdigest()[:16]
+
+
+def main():
+    with RECORDING.open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(["case", "arrivals_or_cost", "digest"])
+        table.writerows([name, *decided(case)] for name, case in cases().items())
+
+
+if __name__ == "__main__":
+    main()
