@@ -355,6 +355,11 @@ def test_format_errors_pass_between_processes():
     assert (type(error), str(error)) == (FormatError, "a.map:3:1: expected rows")
 
 
+def test_format_errors_are_cut():
+    assert str(FormatError("a.map", "x" * 500, 3)) == "a.map:3: " + "x" * 500
+    assert str(FormatError("a.map", "x" * 501, 3)) == "a.map:3: " + "x" * 500 + " ..."
+
+
 @pytest.mark.parametrize("name", ["action_model", "collision_system", "on_target", "view", "frame", "render_mode"])
 def test_names_that_are_no_text(name):
     refuses(ValueError, rf"{name}=\[\]: expected one of .*", lambda: mapf_pz.parallel_env(**{name: []}))

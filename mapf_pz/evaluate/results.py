@@ -10,7 +10,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
-from textwrap import shorten
 from typing import Any
 
 import numpy as np
@@ -167,4 +166,4 @@ def _episode(row: list[str], line: int, file: Path) -> Episode:
         metrics = {name: float(value) for name, value in told if value}
         return Episode(policy, about, int(num_agents), int(number), metrics)
     except ValueError as error:
-        raise FormatError(file, f"expected an episode: {shorten(str(error), 200)}", line) from None
+        raise FormatError(file, f"expected an episode: {error}", line) from None

@@ -7,7 +7,6 @@ import math
 import shutil
 from itertools import islice
 from pathlib import Path
-from textwrap import shorten
 
 from torch import nn
 from torchrl.record.loggers.tensorboard import TensorboardLogger
@@ -134,7 +133,7 @@ def _read_rows(file: Path, position: Position) -> list[dict[str, float]]:
         numbers = [{key: float(value) for key, value in row.items()} for row in rows]
         last = numbers[-1]["agent_steps"]
     except (ValueError, TypeError, LookupError, csv.Error) as error:
-        raise FormatError(file, f"damaged: {shorten(str(error), 200)}") from None
+        raise FormatError(file, f"damaged: {error}") from None
     if len(numbers) < position.updates or last != position.agent_steps:
         raise FormatError(file, f"expected {position.updates} rows, the last of agent step {position.agent_steps}")
     return numbers
