@@ -31,7 +31,8 @@ planners() {
 
 mutated=$(basename "$(git diff --name-only -- mapf_pz)" .py)
 case $mutated in
-    pibt | random | shield) planners "(pibt or shield) and not epibt" pibt shield ;;
+    pibt | shield) planners "(pibt or shield) and not epibt" pibt shield ;;
+    random) planners "(pibt or shield or refine) and not epibt" pibt shield ;;
     epibt) planners epibt epibt ;;
     lacam*) planners lacam lacam ;;
     reservations | sipp) planners "prioritized or refine" prioritized ;;
