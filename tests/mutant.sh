@@ -21,7 +21,7 @@ planners() {
     local files recorded=$1 drawn="wants or plain_python or legal or prevented or earliest or exactly"
     mapfile -t files < <(printf "tests/planners/test_%s.py\n" "${@:2}")
     local few=(-p _hypothesis_pytestplugin --hypothesis-profile=quick -W "ignore:overflow:RuntimeWarning")
-    tests 9 tests/planners/test_decisions.py "${files[@]}" "${few[@]}" \
+    tests 12 tests/planners/test_decisions.py "${files[@]}" "${few[@]}" \
         -k "(as_recorded and ($recorded)) or not (recorded or $drawn or narrow or no_more_room or better or benchmark \
             or likes_best or share_goals or seed)"
     # Of kinds of weights and action models, some; EPIBT's cardinal operations are too many.
@@ -36,6 +36,6 @@ case $mutated in
     epibt) planners epibt epibt ;;
     lacam*) planners lacam lacam ;;
     reservations | sipp) planners "prioritized or refine" prioritized ;;
-    sipp_*) planners refine refine ;;
+    sipp_*) planners refine refine neighborhood ;;
     *) rules ;;
 esac

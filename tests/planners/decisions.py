@@ -93,21 +93,16 @@ def solution(planner, instance, weights="uniform"):
     return np.dstack([plan.cells, headings]), plan.sum_of_costs
 
 
-def refined(model, weights):
-    """Return paths (T + 1, N), of which some were missing at first, the costs on the way, and their sum."""
-    instance = obstacles(model, seed=7)
-    search = NeighborhoodSearch(problem_of(simulator_of(instance, 1000, weights, 0)), np.random.default_rng(7))
+def refined(model, weights, seed):
+    """Return how many paths were missing and what all cost (T, 2) in a search, and the sum of costs at its end."""
+    instance = obstacles(model, seed)
+    search = NeighborhoodSearch(problem_of(simulator_of(instance, 1000, weights, 0)), np.random.default_rng(seed))
     search.begin_anew(np.arange(instance.num_agents), deadline=np.inf)
-    figures = [search.missing]
-    while search.missing:
-        search.improve(work=30)
-        figures.append(search.missing)
-    for _ in range(4):
-        search.improve(work=200)
-        figures.append(search.sum_of_costs)
-    path = search.path()
-    facing = [] if path.headings is None else path.headings.ravel()
-    return np.concatenate([path.cells.ravel(), facing, figures]), search.sum_of_costs
+    figures = []
+    for _ in range(8):
+        search.improve(work=70)
+        figures.append([search.missing, search.sum_of_costs])
+    return np.array(figures), search.sum_of_costs
 
 
 def cases():
@@ -120,7 +115,8 @@ def cases():
         found[f"lacam {model} {weights}"] = partial(solution, FIRST_LACAM(), obstacles(model, k), weights)
         instance = obstacles(model, seed=(0, 4, 7)[k])
         found[f"prioritized {model} {weights}"] = partial(solution, FIRST_PRIORITIZED(), instance, weights)
-        found[f"refine {model} {weights}"] = partial(refined, model, weights)
+        for seed in (6, 7):
+            found[f"refine {model} {weights} {seed}"] = partial(refined, model, weights, seed)
     for model in MODELS:
         for text in ("abc..CBA ####.###", "aB.bA .....", "abcd DCBA"):
             instance = facing(drawn(text), model, np.random.default_rng(0))

@@ -8,6 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
+from mapf_pz.core import lacam as core
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances import RandomObstacles, load_map, load_scenario
 from mapf_pz.instances.place import largest_component, place
@@ -64,6 +65,21 @@ def test_a_corridor_that_is_too_narrow_has_no_plan(model):
     assert LaCAM(anytime=False).solve(facing_east(drawn("aB.bA"), model), time_limit=1000) is None
     # More configurations than there is room for at first.
     assert LaCAM(anytime=False).solve(facing_east(drawn("abcd........DCAB"), model), time_limit=1000) is None
+
+
+@pytest.mark.parametrize("nodes", [1, 2, 3])
+@pytest.mark.parametrize("constraints", [6, 7, 9, 11])
+def test_room_that_grows_changes_nothing(nodes, constraints, monkeypatch):
+    instance = drawn("abc..CBA ####.###")
+    plan = LaCAM(anytime=False).solve(instance)
+    begins_with = {"allocate_nodes": nodes, "allocate_constraints": constraints}
+    for name, room in begins_with.items():
+        allocate = getattr(core, name)
+        monkeypatch.setattr(core, name, lambda _, *agents, allocate=allocate, room=room: allocate(room, *agents))
+    small = LaCAM(anytime=False).solve(instance)
+    assert plan is not None
+    assert small is not None
+    assert np.array_equal(plan.cells, small.cells)
 
 
 def test_a_goal_out_of_reach_has_no_plan():

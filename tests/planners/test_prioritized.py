@@ -104,6 +104,13 @@ def test_the_earliest_arrival_among_others(model, weights, seed, size, steps):
         discard(reservations, withdraw(reservations, 3))
 
 
+def test_no_way_beyond_the_horizon():
+    problem = problem_of(simulator_of(drawn("a...A"), NEVER, "uniform", 0))
+    for horizon, found in ((4, False), (5, True)):
+        reservations, search = allocate_reservations(1, 5, 10), allocate_search(16, 1, horizon)
+        assert (find_path(task_of(problem), 0, NEVER, 0, reservations, search) != NONE) == found
+
+
 @pytest.mark.parametrize(("headings", "cost"), [(None, 4), ([0], 4), ([2], 6), ([1], 5)])
 def test_one_agent_takes_the_shortest_way(headings, cost):
     plan = first_solution(drawn("a...A", headings))

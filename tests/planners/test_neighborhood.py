@@ -1,0 +1,150 @@
+import numpy as np
+import pytest
+
+from mapf_pz.core.reservations import NONE, allocate_reservations, discard, read_path, withdraw
+from mapf_pz.core.sipp_neighborhood import (
+    ANYBODY,
+    DELAYED,
+    PLACE,
+    allocate_neighborhood,
+    choose_around_missing,
+    choose_neighborhood,
+    delay,
+    shortest,
+)
+from mapf_pz.planners.base import simulator_of
+from mapf_pz.planners.problem import problem_of
+from mapf_pz.planners.refine import NeighborhoodSearch, task_of
+from tests.planners.drawing import drawn
+
+SEEDS = range(1, 9)
+APART, ONE_LATE = "a..A b..B", [[0, 4], [1, 4], [2, 5], [3, 6], [3, 7]]
+CROSSING, BOTH_LATE = "##b## a...A ##B##", [[5, 2], [6, 2], [6, 7], [7, 12], [8, 12], [9, 12]]
+CROSSING_BEFORE = [[5, 2], [6, 7], [7, 12], [8, 12], [9, 12]]
+ROW = "abcdefg"
+
+
+class Chooser:
+    """An instance in which agents have paths, `rows` (T + 1, N) of cells, or stay where they are."""
+
+    def __init__(self, text, rows=None, headings=None):
+        problem = problem_of(simulator_of(drawn(text, headings), 1000, "uniform", 0))
+        agents, cells = len(problem.goals), problem.leads_to.shape[1] - 1
+        self.task, self.agents, self.cells = task_of(problem), agents, cells
+        self.reservations = allocate_reservations(agents, cells, 100)
+        read_path(self.reservations, np.array([problem.starts] if rows is None else rows, np.int32))
+
+    def forget(self, agent):
+        """Leave an agent without a path."""
+        discard(self.reservations, withdraw(self.reservations, agent))
+
+    def chosen(self, choose, *arguments, seed):
+        neighborhood = allocate_neighborhood(self.agents, self.cells, seed)
+        for _ in range(3):  # whatever was chosen before
+            choose(*arguments, self.task, self.reservations, neighborhood)
+        agents = neighborhood.agents[: neighborhood.size[0]].tolist()
+        assert np.flatnonzero(neighborhood.chosen).tolist() == sorted(agents)
+        return agents
+
+
+def test_how_late_agents_are():
+    chooser = Chooser(CROSSING, BOTH_LATE)
+    assert [shortest(chooser.task, agent) for agent in range(2)] == [4, 2]
+    assert [delay(chooser.task, chooser.reservations, agent) for agent in range(2)] == [1, 1]
+    chooser.forget(0)
+    assert [delay(chooser.task, chooser.reservations, agent) for agent in range(2)] == [0, 1]
+    assert shortest(Chooser("a..A", headings=[1]).task, 0) == 4
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_nobody_is_late(seed):
+    assert Chooser(ROW).chosen(choose_neighborhood, DELAYED, 8, seed=seed) == []
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_one_is_late_and_nobody_in_its_way(seed):
+    assert Chooser(APART, ONE_LATE).chosen(choose_neighborhood, DELAYED, 8, seed=seed) == [1]
+
+
+@pytest.mark.parametrize("headings", [None, [0, 1]])
+def test_who_is_late_and_who_is_in_its_way(headings):
+    # b is in the way of a, if that does not wait; a is not in the way of b.
+    chooser = Chooser(CROSSING, BOTH_LATE, headings)
+    found = [chooser.chosen(choose_neighborhood, DELAYED, 8, seed=seed) for seed in range(1, 30)]
+    assert [0, 1] in found
+    assert [1] in found
+    assert all(chosen in ([0, 1], [1]) for chosen in found)
+    assert chooser.chosen(choose_neighborhood, DELAYED, 1, seed=1) in ([0], [1])
+
+
+@pytest.mark.parametrize("wanted", [1, 3, 7, 8])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_anybody(wanted, seed):
+    assert len(Chooser(ROW).chosen(choose_neighborhood, ANYBODY, wanted, seed=seed)) == min(wanted, 7)
+
+
+def test_everybody_is_chosen_sometimes():
+    firsts = [Chooser(ROW).chosen(choose_neighborhood, ANYBODY, 1, seed=seed)[0] for seed in range(1, 100)]
+    assert set(firsts) == set(range(7))
+
+
+@pytest.mark.parametrize("wanted", [1, 2, 4, 7])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_place_is_all_around_a_cell(wanted, seed):
+    chosen = Chooser(ROW).chosen(choose_neighborhood, PLACE, wanted, seed=seed)
+    center = chosen[0]
+    by_distance = sorted(range(7), key=lambda agent: abs(agent - center))
+    assert len(chosen) == wanted
+    assert [abs(agent - center) for agent in chosen] == [abs(agent - center) for agent in by_distance[:wanted]]
+
+
+def test_a_place_where_nobody_passes_any_more():
+    # b has left the cells behind it for good; whoever comes there next is chosen.
+    chooser = Chooser("a...b...AB", [[0, 4], [1, 5], [2, 6], [3, 7], [4, 8], [5, 9], [6, 9], [7, 9], [8, 9]])
+    found = {tuple(sorted(chooser.chosen(choose_neighborhood, PLACE, 8, seed=seed))) for seed in range(1, 60)}
+    assert found == {(0, 1)}
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_who_has_no_path_has_no_place(seed):
+    chooser = Chooser("a")
+    chooser.forget(0)
+    assert chooser.chosen(choose_neighborhood, PLACE, 8, seed=seed) == []
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize(("missing", "rows"), [(0, BOTH_LATE), (1, BOTH_LATE), (1, CROSSING_BEFORE)])
+def test_who_has_no_path(missing, rows, seed):
+    chooser = Chooser(CROSSING, rows)
+    chooser.forget(missing)
+    chosen = chooser.chosen(choose_around_missing, 8, seed=seed)
+    assert chosen[0] == missing
+    # On its shortest way a meets b where b rests or crosses; b is past before a comes, unless a waits.
+    assert chosen.count(1 - missing) == in_the_way(chooser, missing)
+
+
+def in_the_way(chooser, agent):
+    """Tell whether another agent is on this one's only shortest way when it is there, or at its goal afterwards."""
+    ways = {0: [5, 6, 7, 8, 9], 1: [2, 7, 12]}
+    visits, other = chooser.reservations.visits, 1 - agent
+    visit = chooser.reservations.first[other]
+    met = False
+    while visit != NONE:
+        one = visits[visit]
+        steps = [step for step, cell in enumerate(ways[agent]) if cell == one["cell"]]
+        last = ways[agent][-1]
+        met |= any(one["begin"] <= step <= one["end"] for step in steps)
+        met |= bool(one["cell"] == last and one["end"] >= len(ways[agent]) - 1)
+        visit = one["then"]
+    return met
+
+
+def test_the_last_path_is_found_though_all_others_are_the_shortest():
+    search = NeighborhoodSearch(
+        problem_of(simulator_of(drawn("b.A.B ##a##"), 1000, "uniform", 0)), np.random.default_rng(0)
+    )
+    search.begin_anew(np.array([0, 1]), deadline=np.inf)
+    assert search.missing == 1
+    search.improve(work=2000)
+    assert search.missing == 0
+    assert search.sum_of_costs == 7
