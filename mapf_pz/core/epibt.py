@@ -48,7 +48,6 @@ class Board(NamedTuple):
     heading: Array  # (N,) int32
     path: Array  # (N, P, D + 1) int32: the cells of every operation, from where the agent is
     cost: Array  # (N, P) float32: of it and of the way from its end; inf: it leads into an obstacle
-    least: Array  # (N,) float32: of these
     to_go: Array  # (N,) float32: from where the agent is
     away: Array  # (N,) int32: so many steps it is away from its goal, where it shall stay there; else 0
     order: Array  # (N,) int32: the agents, the highest priority first
@@ -75,7 +74,6 @@ def allocate_board(arena: Arena, tree: Operations) -> Board:
         heading=np.zeros(num_agents, np.int32),
         path=np.zeros((num_agents, size, depth + 1), np.int32),
         cost=np.zeros((num_agents, size), np.float32),
-        least=np.zeros(num_agents, np.float32),
         to_go=np.zeros(num_agents, np.float32),
         away=np.zeros(num_agents, np.int32),
         order=np.arange(num_agents, dtype=np.int32),
@@ -136,13 +134,11 @@ def _rate(arena: Arena, passing: bool, tree: Operations, board: Board) -> None:
         board.to_go[i] = to_go(arena, crew[i], crew[i].cell, crew[i].heading)
         board.away[i] = 0 if passing or crew[i].cell == crew[i].goal else board.away[i] + 1
         _walk(arena, crew[i], passing, tree, board)
-        board.least[i] = np.inf
         for p in range(size):
             board.path[i, p, 0] = crew[i].cell
             for t in range(depth):
                 board.path[i, p, t + 1] = board.node_cell[tree.nodes[p, t]]
             board.cost[i, p] = board.node_cost[tree.nodes[p, depth - 1]]
-            board.least[i] = min(board.least[i], board.cost[i, p])
         board.used[0, crew[i].cell] = i
         _put(board, i)
 
@@ -221,14 +217,11 @@ def _search(first: int, by_sum: bool, board: Board) -> bool:
             continue
         if not by_sum and board.rank[other] < board.rank[first]:
             continue
-        asked_change = change + cost[i, p] - old
-        if by_sum and asked_change + board.least[other] - cost[other, choice[other]] >= 0:
-            continue
         board.visits[other] += 1
         _take(board, other)
         _put(board, i)
         asking[i] = True
-        change = asked_change
+        change += cost[i, p] - old
         depth += 1
         chain[depth], before[depth] = other, choice[other]
         choice[other] = NONE

@@ -83,17 +83,17 @@ def find_path(task: Task, agent: int, limit: int, rotation: int, reservations: R
     steps, to_go = task.steps[task.table[agent]], task.to_go[task.table[agent]]
     headings = steps.shape[1]
     goal, start, heading = task.goals[agent], task.starts[agent], task.headings[agent] % headings
-    visit, resting = last_visit(visits, near, start, 0), last_visit(visits, near, goal, FOREVER)
-    opens = visits[resting].end + 1  # nobody comes to the goal from then on
+    opens = visits[last_visit(visits, near, goal, FOREVER)].end + 1  # nobody comes to the goal from then on
     limit = min(limit, top.size - 1)
-    if visits[visit].end >= 0 or opens > limit or to_go[start, heading] == np.inf or steps[start, heading] > limit:
+    if opens > limit or to_go[start, heading] == np.inf or steps[start, heading] > limit:
         return NONE
     search.count[0] += 1
     number, expanded = search.count[0], 0
     for k in range(4):
         choices[k] = (k + rotation) % 4
     lowest = highest = arrival = max(opens, int(steps[start, heading]))
-    _stack(states, top, number, visit * headings + heading, NONE, 0, 0, arrival)
+    # Visit `start` is the time before all others: nobody else is there in the beginning.
+    _stack(states, top, number, start * headings + heading, NONE, 0, 0, arrival)
     found = NONE
     while arrival <= highest:
         state = top[arrival]

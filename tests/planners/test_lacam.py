@@ -9,11 +9,14 @@ from hypothesis import strategies as st
 
 import mapf_pz
 from mapf_pz.core import lacam as core
+from mapf_pz.core.lacam_step import allocate_desk
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances import RandomObstacles, load_map, load_scenario
 from mapf_pz.instances.place import largest_component, place
 from mapf_pz.planners import lacam, validate
+from mapf_pz.planners.base import simulator_of
 from mapf_pz.planners.lacam import LaCAM
+from mapf_pz.planners.problem import problem_of
 from mapf_pz.types import HEADING_STEPS, Grid, Instance, Scenario
 from tests.planners.drawing import drawn
 
@@ -67,6 +70,21 @@ def test_a_corridor_that_is_too_narrow_has_no_plan(model):
     assert LaCAM(anytime=False).solve(facing_east(drawn("abcd........DCAB"), model), time_limit=1000) is None
 
 
+@pytest.mark.parametrize(
+    "text", ["aB.bA", "aB...bA", "aB.C.cbA", "aB#bA ..###", "abcd..DCAB", "aB.bA ##### .cC.. ....."]
+)
+def test_it_sees_all_configurations_before_it_gives_up(text):
+    instance = drawn(text)
+    problem, agents = problem_of(simulator_of(instance, 1000, "uniform", 0)), instance.num_agents
+    nodes, constraints = core.allocate_nodes(400, agents), core.allocate_constraints(40_000)
+    desk, tally = allocate_desk(agents, instance.grid.free.size, seed=1), np.zeros(4, np.int64)
+    core.begin(problem, np.arange(agents, dtype=np.int32), nodes, constraints, desk, tally)
+    assert core.search(problem, 10**6, nodes, constraints, desk, tally) == core.EXHAUSTED
+    rows, cols = np.divmod(nodes.cells[: tally[core.NUM_NODES]], instance.grid.shape[1])
+    seen = [tuple(zip(*cells, strict=True)) for cells in zip(rows.tolist(), cols.tolist(), strict=True)]
+    assert sorted(seen) == sorted(reachable(instance))
+
+
 @pytest.mark.parametrize("nodes", [1, 2, 3])
 @pytest.mark.parametrize("constraints", [6, 7, 9, 11])
 def test_room_that_grows_changes_nothing(nodes, constraints, monkeypatch):
@@ -117,15 +135,17 @@ def test_it_solves_exactly_what_can_be_solved(model, free, agents, seed):
 
 
 def can_be_solved(instance):
-    """Tell by a search of all configurations; turns make no difference to it, as all can wait for them."""
+    return tuple(map(tuple, instance.scenario.goals.tolist())) in reachable(instance)
+
+
+def reachable(instance):
+    """Return all configurations that can come of the first; turns make no difference, as all can wait for them."""
     free = {tuple(cell) for cell in np.argwhere(instance.grid.free).tolist()}
-    start, goal = (tuple(map(tuple, cells.tolist())) for cells in (instance.scenario.starts, instance.scenario.goals))
+    start = tuple(map(tuple, instance.scenario.starts.tolist()))
     steps = [(0, 0), *map(tuple, HEADING_STEPS.tolist())]
     queue, seen = deque([start]), {start}
     while queue:
         here = queue.popleft()
-        if here == goal:
-            return True
         reached = [[(row + dr, col + dc) for dr, dc in steps if (row + dr, col + dc) in free] for row, col in here]
         for there in product(*reached):
             moves = set(zip(here, there, strict=True))
@@ -133,7 +153,7 @@ def can_be_solved(instance):
             if there not in seen and len(set(there)) == len(there) and not swapped:
                 seen.add(there)
                 queue.append(there)
-    return False
+    return seen
 
 
 @pytest.mark.parametrize("model", MODELS)

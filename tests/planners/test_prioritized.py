@@ -111,6 +111,33 @@ def test_no_way_beyond_the_horizon():
         assert (find_path(task_of(problem), 0, NEVER, 0, reservations, search) != NONE) == found
 
 
+def test_visits_are_used_again():
+    problem = problem_of(simulator_of(drawn("a...A"), NEVER, "uniform", 0))
+    reservations, search = allocate_reservations(1, 5, 6), allocate_search(12, 1, 10)
+    for _ in range(10):
+        first = find_path(task_of(problem), 0, NEVER, 0, reservations, search)
+        assert first != NONE
+        reserve(reservations, 0, first)
+        discard(reservations, withdraw(reservations, 0))
+    assert reservations.num_spare[0] == 6
+
+
+@pytest.mark.parametrize("room", range(6))
+def test_too_few_visits_for_a_path(room):
+    problem = problem_of(simulator_of(drawn("a...A"), NEVER, "uniform", 0))
+    reservations, search = allocate_reservations(1, 5, room), allocate_search(12, 1, 10)
+    assert (find_path(task_of(problem), 0, NEVER, 0, reservations, search) != NONE) == (room == 5)
+    assert reservations.num_spare[0] == (0 if room == 5 else room)
+
+
+@pytest.mark.parametrize("headings", [None, [3, 2]])
+def test_it_waits_for_long(headings):
+    instance = drawn(f"BA{'.' * 98}b #a{'#' * 99}", headings)
+    plan = first_solution(instance)
+    assert plan is not None
+    assert plan.arrivals.tolist() == [100, 100]  # a drives as b leaves its goal
+
+
 @pytest.mark.parametrize(("headings", "cost"), [(None, 4), ([0], 4), ([2], 6), ([1], 5)])
 def test_one_agent_takes_the_shortest_way(headings, cost):
     plan = first_solution(drawn("a...A", headings))

@@ -41,6 +41,24 @@ def test_a_bad_solution_becomes_the_best():
     assert validate(instance, plan_of(instance, better)) is None
 
 
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [[0, 4], [0, 5], [1, 6], [2, 7], [3, 7]],
+        [[0, 4], [1, 4], [2, 5], [3, 6], [3, 7]],
+        [[0, 4], [0, 4], [1, 5], [2, 6], [3, 7]],
+        [[0, 4], [1, 4], [2, 4], [2, 5], [2, 6], [3, 7]],
+    ],
+)
+def test_whoever_is_late_is_early_then(rows):
+    search = NeighborhoodSearch(problem(drawn("a..A b..B")), np.random.default_rng(0))
+    search.begin_with(Path(np.array(rows, np.int32), None))
+    assert not search.is_shortest
+    search.improve(work=1000)
+    assert search.sum_of_costs == 6
+    assert search.is_shortest
+
+
 def test_a_deadline_in_the_past_changes_nothing():
     instance, path = slow_path()
     assert (
