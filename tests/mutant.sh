@@ -35,7 +35,7 @@ case $mutated in
     random) planners "(pibt or shield or refine) and not epibt" pibt shield ;;
     epibt) planners epibt epibt ;;
     lacam*) planners lacam lacam ;;
-    reservations | sipp) planners "prioritized or refine" prioritized ;;
+    reservations | sipp) planners "prioritized or refine" prioritized refine neighborhood ;;
     sipp_*) planners refine refine neighborhood ;;
     *) rules ;;
 esac

@@ -15,6 +15,7 @@ from pettingzoo.test import (
 
 import mapf_pz
 from mapf_pz import Action, CardinalAction, Grid, Instance, RewardConfig, Scenario
+from mapf_pz.core.channels import CHANNELS
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.metrics import EpisodeRecord, episode_metrics
 
@@ -33,6 +34,21 @@ KINDS = {
 @pytest.fixture(params=KINDS)
 def keywords(request):
     return {"map": "empty-8-8", "num_agents": 4, "max_steps": 30} | KINDS[request.param]
+
+
+@pytest.mark.parametrize("channel", CHANNELS)
+def test_a_channel_is_as_low_as_its_space_is(channel):
+    env = mapf_pz.parallel_env(
+        map=".....\n.@@..\n.....",
+        num_agents=8,
+        channels=(channel,),
+        view_size=(3, 5),
+        see_through_walls=False,
+        edge_weights="random",
+    )
+    space, seen = env.observation_space("agent_0"), list(env.reset(seed=0)[0].values())
+    assert all(space.contains(one) for one in seen)
+    assert np.min(seen) == space.low.min()
 
 
 # PettingZoo's own tests.

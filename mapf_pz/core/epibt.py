@@ -178,7 +178,7 @@ def improve_sum(draws: Array, crew: Array, board: Board) -> None:
 
 
 @jit
-def _search(first: int, by_sum: bool, board: Board) -> bool:
+def _search(first: int, by_sum: bool, board: Board) -> None:
     """Find a better operation for agent `first`, and others for all whom it must ask; else everything stays.
 
     `by_sum`: better is what lowers the sum of all costs, and anybody may be asked. Otherwise what lowers the cost of
@@ -199,7 +199,7 @@ def _search(first: int, by_sum: bool, board: Board) -> bool:
             choice[i] = before[depth]
             if depth == 0:
                 _put(board, i)
-                return False
+                return
             depth -= 1
             asker = chain[depth]
             _take(board, asker)
@@ -212,7 +212,7 @@ def _search(first: int, by_sum: bool, board: Board) -> bool:
             _put(board, i)
             for k in range(depth):
                 asking[chain[k]] = False
-            return True
+            return
         if other == SEVERAL or asking[other] or board.visits[other] >= MAX_VISITS:
             continue
         if not by_sum and board.rank[other] < board.rank[first]:

@@ -94,15 +94,15 @@ def solution(planner, instance, weights="uniform"):
 
 
 def refined(model, weights, seed):
-    """Return how many paths were missing and what all cost (T, 2) in a search, and the sum of costs at its end."""
+    """Return in a search how many paths are missing, what all cost, and the paths if all are there; and that cost."""
     instance = obstacles(model, seed)
     search = NeighborhoodSearch(problem_of(simulator_of(instance, 1000, weights, 0)), np.random.default_rng(seed))
     search.begin_anew(np.arange(instance.num_agents), deadline=np.inf)
-    figures = []
+    seen = []
     for _ in range(8):
         search.improve(work=70)
-        figures.append([search.missing, search.sum_of_costs])
-    return np.array(figures), search.sum_of_costs
+        seen += [[search.missing, search.sum_of_costs], [] if search.missing else search.path().cells.ravel()]
+    return np.concatenate(seen), search.sum_of_costs
 
 
 def cases():
@@ -118,7 +118,7 @@ def cases():
         for seed in (6, 7):
             found[f"refine {model} {weights} {seed}"] = partial(refined, model, weights, seed)
     for model in MODELS:
-        for text in ("abc..CBA ####.###", "aB.bA .....", "abcd DCBA", "#c#d#e# a..f..b B.....A #g#h#F#"):
+        for text in ("abc..CBA ####.###", "aB.bA .....", "abcd DCBA", "#c#d#e# a..f..b B.....A #g#h#F#", "aB. .#. bA."):
             instance = facing(drawn(text), model, np.random.default_rng(0))
             found[f"lacam {model} {text}"] = partial(solution, FIRST_LACAM(), instance)
         for size, num_agents, density in ((4, 14, 0.0), (5, 12, 0.3), (7, 32, 0.2)):
@@ -126,6 +126,9 @@ def cases():
             found[f"lacam {model} {num_agents} agents"] = partial(solution, FIRST_LACAM(), instance)
         lifelong = partial(episode, model=model, weights="uniform", on_target="restart", seed=0)
         found[f"lacam {model} follows"] = partial(lifelong, FIRST_LACAM, num_agents=8, max_steps=15)
+        found[f"pibt {model} stays"] = partial(
+            episode, PIBT, model, "uniform", "nothing", seed=0, num_agents=20, max_steps=40
+        )
         found[f"epibt {model} improves"] = partial(lifelong, TimedEPIBT, num_agents=16)
     return found
 

@@ -74,6 +74,18 @@ def test_another_episode_begins_without_reset_states():
             assert not any(info["blocked"] for info in infos.values())
 
 
+def test_the_same_episode_is_played_the_same_without_reset_states():
+    actions = []
+    env = mapf_pz.parallel_env(source=RandomObstacles(6, 6, 0.2, 8), on_target="restart", max_steps=1)
+    planner = EPIBT(env, depth=3)
+    for _ in range(2):
+        observations, _ = env.reset(seed=0)
+        actions.append(planner.act(observations))
+        env.step(actions[-1])  # some drive, and look where they did; some turn, and are where they were
+    assert len(set(actions[0].values())) > 1
+    assert actions[0] == actions[1]
+
+
 def test_a_depth_that_it_cannot_have():
     with pytest.raises(ValueError, match="depth=0: expected a number of actions, 1 to 6"):
         EPIBT(depth=0)

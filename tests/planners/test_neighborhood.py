@@ -139,12 +139,23 @@ def in_the_way(chooser, agent):
     return met
 
 
-def test_the_last_path_is_found_though_all_others_are_the_shortest():
-    search = NeighborhoodSearch(
-        problem_of(simulator_of(drawn("b.A.B ##a##"), 1000, "uniform", 0)), np.random.default_rng(0)
-    )
+def search_in_order(text):
+    """Plan the agents one after the other; the last one finds no way."""
+    search = NeighborhoodSearch(problem_of(simulator_of(drawn(text), 1000, "uniform", 0)), np.random.default_rng(0))
     search.begin_anew(np.array([0, 1]), deadline=np.inf)
     assert search.missing == 1
+    return search
+
+
+def test_the_last_path_is_found_though_all_others_are_the_shortest():
+    search = search_in_order("b.A.B ##a##")
     search.improve(work=2000)
     assert search.missing == 0
     assert search.sum_of_costs == 7
+
+
+def test_a_path_is_worth_waiting_for():
+    search = search_in_order(f"BA{'.' * 98}b #a{'#' * 99}")
+    search.improve(work=20_000)
+    assert search.missing == 0
+    assert search.sum_of_costs == 200

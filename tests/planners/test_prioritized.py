@@ -130,6 +130,14 @@ def test_too_few_visits_for_a_path(room):
     assert reservations.num_spare[0] == (0 if room == 5 else room)
 
 
+@pytest.mark.parametrize("headings", [None, [2]])
+def test_who_is_at_its_goal_stays(headings):
+    plan = first_solution(drawn("a.", headings))
+    assert plan is not None
+    assert plan.num_steps == 0
+    assert headings is None or plan.headings.tolist() == [headings]
+
+
 @pytest.mark.parametrize("headings", [None, [3, 2]])
 def test_it_waits_for_long(headings):
     instance = drawn(f"BA{'.' * 98}b #a{'#' * 99}", headings)
