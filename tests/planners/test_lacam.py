@@ -71,7 +71,7 @@ def test_a_corridor_that_is_too_narrow_has_no_plan(model):
 
 
 @pytest.mark.parametrize(
-    "text", ["aB.bA", "aB...bA", "aB.C.cbA", "aB#bA ..###", "abcd..DCAB", "aB.bA ##### .cC.. ....."]
+    "text", ["aB.bA", "aB...bA", "aB.C.cbA", "aB#bA ..###", "abcd.DCAB", "aB.bA ##### .cC.. ....."]
 )
 def test_it_sees_all_configurations_before_it_gives_up(text):
     instance = drawn(text)
