@@ -118,7 +118,14 @@ def cases():
         for seed in (6, 7):
             found[f"refine {model} {weights} {seed}"] = partial(refined, model, weights, seed)
     for model in MODELS:
-        for text in ("abc..CBA ####.###", "aB.bA .....", "abcd DCBA", "#c#d#e# a..f..b B.....A #g#h#F#", "aB. .#. bA."):
+        for text in (
+            "abc..CBA ####.###",
+            "aB.bA .....",
+            "abcd DCBA",
+            "#c#d#e# a..f..b B.....A #g#h#F#",
+            "aB. .#. bA.",
+            "a# b# c# .# .. C# B# A#",
+        ):
             instance = facing(drawn(text), model, np.random.default_rng(0))
             found[f"lacam {model} {text}"] = partial(solution, FIRST_LACAM(), instance)
         for size, num_agents, density in ((4, 14, 0.0), (5, 12, 0.3), (7, 32, 0.2)):

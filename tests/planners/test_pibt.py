@@ -1,8 +1,10 @@
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
+from mapf_pz.core.pibt import sort_by_priority
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import PIBT, validate
 from tests.planners.drawing import drawn
@@ -13,6 +15,14 @@ def test_one_agent_takes_the_shortest_way():
     plan = PIBT().solve(drawn("a..# ..#A ...."))
     assert plan is not None
     assert plan.sum_of_costs == 6
+
+
+def test_who_is_away_for_longer_comes_first_however_far():
+    away, to_go = np.array([0, 1, 2, 1, 0, 1]), np.array([0, 9999, 500, 7, 3, 9999], np.float32)
+    for order in ([0, 1, 2, 3, 4, 5], [5, 4, 3, 2, 1, 0], [2, 5, 0, 1, 4, 3]):
+        sorted_now = np.array(order, np.int32)
+        sort_by_priority(away, to_go, sorted_now, np.zeros(6))
+        assert sorted_now.tolist() == [2, 3, 1, 5, 0, 4]
 
 
 @pytest.mark.parametrize("headings", [None, [0, 2]])

@@ -69,46 +69,55 @@ def earliest_arrival(problem, agent, others):
 
 @pytest.mark.parametrize("model", ["cardinal", "rotate"])
 @pytest.mark.parametrize("weights", ["uniform", "crisscross", "random"])
-@settings(max_examples=40)
-@given(seed=st.integers(0, 2**31), size=st.integers(3, 6), steps=st.integers(0, 12))
-def test_the_earliest_arrival_among_others(model, weights, seed, size, steps):
+@settings(max_examples=200)
+@given(seed=st.integers(0, 2**31), size=st.integers(4, 7), steps=st.integers(0, 25), crossed=st.booleans())
+def test_the_earliest_arrival_among_others(model, weights, seed, size, steps, crossed):
     rng = np.random.default_rng(seed)
-    drawn_instance = RandomObstacles(size, size, 0.2, 4).sample(rng)
+    drawn_instance = RandomObstacles(size, size, 0.15, 6).sample(rng)
     grid, starts = drawn_instance.grid, drawn_instance.scenario.starts
-    headings = rng.integers(4, size=4) if model == "rotate" else None
-    their_headings = None if headings is None else headings[:3]
-    others = wander(Instance(grid, Scenario(starts[:3], starts[:3]), their_headings), steps, rng)
-    ends = np.stack(np.divmod(others[-1], size), axis=1)
-    instance = Instance(grid, Scenario(starts, np.concatenate([ends, drawn_instance.scenario.goals[3:]])), headings)
+    headings = rng.integers(4, size=6) if model == "rotate" else None
+    their_headings = None if headings is None else headings[:5]
+    others = wander(Instance(grid, Scenario(starts[:5], starts[:5]), their_headings), steps, rng)
+    goal = np.ravel_multi_index(drawn_instance.scenario.goals[5], (size, size))
+    passed = np.setdiff1d(others[steps // 2 :], others[-1])
+    if crossed and len(passed):  # somebody crosses the goal late
+        goal = rng.choice(passed)
+    goals = np.stack(np.divmod([*others[-1], goal], size), axis=1)
+    instance = Instance(grid, Scenario(starts, goals), headings)
     problem = problem_of(simulator_of(instance, NEVER, weights, 0))
-    expected = earliest_arrival(problem, 3, others)
+    expected = earliest_arrival(problem, 5, others)
 
     task = task_of(problem)
     num_headings = problem.to_go.shape[2]
-    reservations = allocate_reservations(4, size * size, 300)
+    reservations = allocate_reservations(6, size * size, 300)
     search = allocate_search(len(reservations.visits), num_headings, 300)
     read_path(reservations, others)
     for rotation in range(4):
-        first = find_path(task, 3, NEVER, rotation, reservations, search)
+        first = find_path(task, 5, NEVER, rotation, reservations, search)
         assert (first == NONE) == (expected is None)
         if expected is None:
             continue
-        assert find_path(task, 3, expected - 1, rotation, reservations, search) == NONE
-        reserve(reservations, 3, first)
-        assert reservations.arrival[3] == expected
-        shape = (max(expected, steps) + 1, 4)
+        assert find_path(task, 5, expected - 1, rotation, reservations, search) == NONE
+        reserve(reservations, 5, first)
+        assert reservations.arrival[5] == expected
+        shape = (max(expected, steps) + 1, 6)
         cells, facing = np.zeros(shape, np.int32), np.zeros(shape if model == "rotate" else (0, 0), np.int8)
         write_path(reservations, problem.leads_to, problem.headings, cells, facing)
         plan = Plan(np.stack(np.divmod(cells, size), axis=-1), facing if model == "rotate" else None)
         assert validate(instance, plan) is None
-        discard(reservations, withdraw(reservations, 3))
+        discard(reservations, withdraw(reservations, 5))
 
 
-def test_no_way_beyond_the_horizon():
-    problem = problem_of(simulator_of(drawn("a...A"), NEVER, "uniform", 0))
-    for horizon, found in ((4, False), (5, True)):
-        reservations, search = allocate_reservations(1, 5, 10), allocate_search(16, 1, horizon)
-        assert (find_path(task_of(problem), 0, NEVER, 0, reservations, search) != NONE) == found
+@pytest.mark.parametrize(("headings", "steps"), [(None, 4), ([0], 4), ([1], 5), ([2], 6)])
+def test_no_way_beyond_the_limit_or_the_horizon(headings, steps):
+    problem = problem_of(simulator_of(drawn("a...A", headings), NEVER, "uniform", 0))
+
+    def found(limit, horizon):
+        reservations, search = allocate_reservations(1, 5, 10), allocate_search(16, problem.to_go.shape[2], horizon)
+        return find_path(task_of(problem), 0, limit, 0, reservations, search) != NONE
+
+    assert [found(limit, 20) for limit in (steps - 1, steps)] == [False, True]
+    assert [found(NEVER, horizon) for horizon in (steps, steps + 1)] == [False, True]
 
 
 def test_visits_are_used_again():
