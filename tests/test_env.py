@@ -48,7 +48,7 @@ def test_a_channel_is_as_low_as_its_space_is(channel):
     )
     space, seen = env.observation_space("agent_0"), list(env.reset(seed=0)[0].values())
     assert all(space.contains(one) for one in seen)
-    assert np.min(seen) == space.low.min()
+    assert (space.low.min(), space.high.max()) == (np.min(seen), 1)
 
 
 # PettingZoo's own tests.
