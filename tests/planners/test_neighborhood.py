@@ -2,6 +2,8 @@ import numpy as np
 import pytest
 
 from mapf_pz.core.reservations import NONE, allocate_reservations, discard, read_path, withdraw
+from mapf_pz.core.sipp import allocate_search
+from mapf_pz.core.sipp_improve import allocate_progress, plan_and_improve
 from mapf_pz.core.sipp_neighborhood import (
     ANYBODY,
     DELAYED,
@@ -159,3 +161,15 @@ def test_a_path_is_worth_waiting_for():
     search.improve(work=20_000)
     assert search.missing == 0
     assert search.sum_of_costs == 200
+
+
+def test_kinds_that_gain_nothing_lose_favour():
+    problem = problem_of(simulator_of(drawn("b.A.B ##a##"), 1000, "uniform", 0))
+    reservations, search = allocate_reservations(2, 10, 100), allocate_search(111, 1, 100)
+    neighborhood, progress = allocate_neighborhood(2, 10, seed=1), allocate_progress(2)
+    everything = task_of(problem), reservations, search, neighborhood, progress
+    plan_and_improve(everything[0], np.array([0, 1]), 2000, *everything[1:])
+    assert reservations.arrival.sum() == 7  # the best, though each agent alone would be quicker
+    plan_and_improve(everything[0], np.zeros(0, np.int64), 1000, *everything[1:])
+    assert (progress.success > 0).all()
+    assert (progress.success < 0.95).all()
