@@ -70,30 +70,32 @@ def test_a_corridor_that_is_too_narrow_has_no_plan(model):
     assert LaCAM(anytime=False).solve(facing_east(drawn("abcd........DCAB"), model), time_limit=1000) is None
 
 
-@pytest.mark.parametrize(
-    "text", ["aB.bA", "aB...bA", "aB.C.cbA", "aB#bA ..###", "abcd.DCAB", "aB.bA ##### .cC.. ....."]
-)
-def test_it_sees_all_configurations_before_it_gives_up(text):
+@pytest.mark.parametrize("text", ["aB.bA", "aB.C.cbA", "aB#bA ..###", "abcd.DCAB", "aB.bA ##### ..C.. ..c.. ....."])
+def test_it_sees_all_configurations_before_it_gives_up_in_the_least_room(text):
     instance = drawn(text)
     problem, agents = problem_of(simulator_of(instance, 1000, "uniform", 0)), instance.num_agents
-    nodes, constraints = core.allocate_nodes(400, agents), core.allocate_constraints(40_000)
+    nodes, constraints = core.allocate_nodes(1, agents), core.allocate_constraints(1)
     desk, tally = allocate_desk(agents, instance.grid.free.size, seed=1), np.zeros(4, np.int64)
-    core.begin(problem, np.arange(agents, dtype=np.int32), nodes, constraints, desk, tally)
-    assert core.search(problem, 10**6, nodes, constraints, desk, tally) == core.EXHAUSTED
+    core.begin(problem, np.arange(agents, dtype=np.int32)[::-1], nodes, constraints, desk, tally)
+    while core.search(problem, 10**5, nodes, constraints, desk, tally) == core.FULL:
+        if tally[core.NUM_NODES] == len(nodes.parent):
+            nodes = nodes._make(np.concatenate([array, np.zeros_like(array)]) for array in nodes)
+            core.refill_slots(nodes, tally)
+        else:
+            constraints = constraints._make(np.append(array, np.int32(0)) for array in constraints)
+    assert core.search(problem, 1, nodes, constraints, desk, tally) == core.EXHAUSTED
     rows, cols = np.divmod(nodes.cells[: tally[core.NUM_NODES]], instance.grid.shape[1])
     seen = [tuple(zip(*cells, strict=True)) for cells in zip(rows.tolist(), cols.tolist(), strict=True)]
     assert sorted(seen) == sorted(reachable(instance))
 
 
-@pytest.mark.parametrize("nodes", [1, 2, 3])
-@pytest.mark.parametrize("constraints", [6, 7, 9, 11])
-def test_room_that_grows_changes_nothing(nodes, constraints, monkeypatch):
-    instance = drawn("abc..CBA ####.###")
+@pytest.mark.parametrize("room", range(6, 30))
+def test_room_that_grows_changes_nothing(room, monkeypatch):
+    instance = RandomObstacles(4, 4, 0.0, 14).sample(np.random.default_rng(0))
     plan = LaCAM(anytime=False).solve(instance)
-    begins_with = {"allocate_nodes": nodes, "allocate_constraints": constraints}
-    for name, room in begins_with.items():
-        allocate = getattr(core, name)
-        monkeypatch.setattr(core, name, lambda _, *agents, allocate=allocate, room=room: allocate(room, *agents))
+    allocate = core.allocate_nodes, core.allocate_constraints
+    monkeypatch.setattr(core, "allocate_nodes", lambda _, agents: allocate[0](room - 5, agents))
+    monkeypatch.setattr(core, "allocate_constraints", lambda _: allocate[1](room))
     small = LaCAM(anytime=False).solve(instance)
     assert plan is not None
     assert small is not None
