@@ -9,7 +9,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 COVERAGE := --cov=mapf_pz --cov=wrappers --cov-branch
-PLAIN_TESTS := tests/core $(addprefix tests/planners/test_, pibt.py epibt.py shield.py prioritized.py refine.py lacam.py)
+PLAIN_TESTS := tests/core $(addprefix tests/planners/test_, pibt.py epibt.py shield.py prioritized.py refine.py neighborhood.py lacam.py decisions.py)
 OUTSIDE_TESTS := tests/test_env.py tests/wrappers tests/instances/test_library.py tests/render
 KERNEL_TESTS := $(addprefix tests/core/test_, properties.py symmetry.py collision_table.py distance.py)
 
