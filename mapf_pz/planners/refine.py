@@ -43,7 +43,7 @@ def refine(search: NeighborhoodSearch, path: Path, deadline: float) -> Path:
 
 
 class NeighborhoodSearch:
-    """Paths of all agents, some of which may be missing; they never collide, and never get longer or fewer."""
+    """Paths of all agents, some of which may be missing. They never collide; once all are there, they get no longer."""
 
     def __init__(self, problem: Problem, rng: np.random.Generator) -> None:
         """Begin without paths. Here the search is compiled, so that a clock may start afterwards."""
@@ -96,7 +96,7 @@ class NeighborhoodSearch:
         plan_and_improve(self._task, order, work, self._reservations, self._search, self._neighborhood, self._progress)
 
     def path(self) -> Path:
-        """Return the paths of all agents."""
+        """Return the paths of all agents, if none is missing."""
         shape = (int(self._reservations.arrival.max(initial=0)) + 1, len(self._task.goals))
         cells = np.empty(shape, np.int32)
         headings = np.empty(shape if self._task.steps.shape[2] == 4 else (0, 0), np.int8)
