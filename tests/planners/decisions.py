@@ -123,7 +123,7 @@ def cases():
             "aB.bA .....",
             "abcd DCBA",
             "#c#d#e# a..f..b B.....A #g#h#F#",
-            "aB. .#. bA.",
+            "abA B#. ...",
             "a# b# c# .# .. C# B# A#",
         ):
             instance = facing(drawn(text), model, np.random.default_rng(0))

@@ -16,11 +16,11 @@ from mapf_pz.core.reservations import (
 from mapf_pz.core.sipp import allocate_search, find_path
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances import RandomObstacles, read_map, read_scenario
-from mapf_pz.planners import Plan, validate
+from mapf_pz.planners import Plan, prioritized, validate
 from mapf_pz.planners.base import simulator_of
 from mapf_pz.planners.prioritized import PrioritizedSIPP
 from mapf_pz.planners.problem import problem_of
-from mapf_pz.planners.refine import task_of
+from mapf_pz.planners.refine import NeighborhoodSearch, task_of
 from mapf_pz.types import Heading, Instance, Scenario
 from tests.planners.drawing import drawn
 
@@ -193,6 +193,21 @@ def test_who_stands_on_its_goal_makes_way():
 
 def test_a_corridor_that_is_too_narrow_has_no_plan():
     assert first_solution(drawn("aB.bA"), time_limit=0.1) is None
+
+
+def test_it_begins_anew_in_another_order(monkeypatch):
+    orders, begin_anew, improve = set(), NeighborhoodSearch.begin_anew, NeighborhoodSearch.improve
+
+    def begin(search, order, deadline):
+        orders.add(tuple(order.tolist()))
+        begin_anew(search, order, deadline)
+
+    monkeypatch.setattr(prioritized, "PATIENCE", 1)
+    monkeypatch.setattr(NeighborhoodSearch, "begin_anew", begin)
+    monkeypatch.setattr(NeighborhoodSearch, "improve", lambda *these, work=100: improve(*these, work=work))
+    assert first_solution(drawn("aB.bA ##### c.d.. .C.D."), time_limit=0.5) is None
+    assert len(orders) > 1
+    assert all(sorted(order) == [0, 1, 2, 3] for order in orders)
 
 
 def test_no_plan_for_one_goal_of_two():
