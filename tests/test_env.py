@@ -37,7 +37,7 @@ def keywords(request):
 
 
 @pytest.mark.parametrize("channel", CHANNELS)
-def test_a_channel_is_as_low_as_its_space_is(channel):
+def test_a_channel_has_the_bounds_of_its_space(channel):
     env = mapf_pz.parallel_env(
         map=".....\n.@@..\n.....",
         num_agents=8,

@@ -16,11 +16,9 @@ import numpy as np
 import mapf_pz
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import EPIBT, PIBT, LaCAM, PrioritizedSIPP, Shield
-from mapf_pz.planners.base import simulator_of
-from mapf_pz.planners.problem import problem_of
 from mapf_pz.planners.refine import NeighborhoodSearch
 from mapf_pz.types import Instance
-from tests.planners.drawing import drawn
+from tests.planners.drawing import drawn, problem
 
 RECORDING = Path(__file__).parents[1] / "recordings" / "decisions.csv"
 MODELS = ("cardinal", "rotate")
@@ -96,7 +94,7 @@ def solution(planner, instance, weights="uniform"):
 def refined(model, weights, seed):
     """Return in a search how many paths are missing, what all cost, and the paths if all are there; and that cost."""
     instance = obstacles(model, seed)
-    search = NeighborhoodSearch(problem_of(simulator_of(instance, 1000, weights, 0)), np.random.default_rng(seed))
+    search = NeighborhoodSearch(problem(instance, weights), np.random.default_rng(seed))
     search.begin_anew(np.arange(instance.num_agents), deadline=np.inf)
     seen = []
     for _ in range(8):

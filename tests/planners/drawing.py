@@ -1,7 +1,9 @@
-"""Instances drawn as text."""
+"""Instances drawn as text, and what planners are given of an instance."""
 
 import numpy as np
 
+from mapf_pz.planners.base import simulator_of
+from mapf_pz.planners.problem import problem_of
 from mapf_pz.types import Grid, Instance, Scenario
 
 
@@ -13,3 +15,8 @@ def drawn(text, headings=None):
     names = sorted(name for name in at if name.islower())
     scenario = Scenario([at[name] for name in names], [at.get(name.upper(), at[name]) for name in names])
     return Instance(Grid(free, "drawn"), scenario, headings)
+
+
+def problem(instance, weights="uniform"):
+    """Return the problem that planners solve."""
+    return problem_of(simulator_of(instance, 1000, weights, 0))

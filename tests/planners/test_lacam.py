@@ -14,11 +14,9 @@ from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances import RandomObstacles, load_map, load_scenario
 from mapf_pz.instances.place import largest_component, place
 from mapf_pz.planners import lacam, validate
-from mapf_pz.planners.base import simulator_of
 from mapf_pz.planners.lacam import LaCAM
-from mapf_pz.planners.problem import problem_of
 from mapf_pz.types import HEADING_STEPS, Grid, Instance, Scenario
-from tests.planners.drawing import drawn
+from tests.planners.drawing import drawn, problem
 
 MODELS = ["cardinal", "rotate"]
 
@@ -73,17 +71,17 @@ def test_a_corridor_that_is_too_narrow_has_no_plan(model):
 @pytest.mark.parametrize("text", ["aB.bA", "aB.C.cbA", "aB#bA ..###", "abcd.DCAB", "aB.bA ##### ..C.. ..c.. ....."])
 def test_it_sees_all_configurations_before_it_gives_up_in_the_least_room(text):
     instance = drawn(text)
-    problem, agents = problem_of(simulator_of(instance, 1000, "uniform", 0)), instance.num_agents
+    given, agents = problem(instance), instance.num_agents
     nodes, constraints = core.allocate_nodes(1, agents), core.allocate_constraints(1)
     desk, tally = allocate_desk(agents, instance.grid.free.size, seed=1), np.zeros(4, np.int64)
-    core.begin(problem, np.arange(agents, dtype=np.int32)[::-1], nodes, constraints, desk, tally)
-    while core.search(problem, 10**5, nodes, constraints, desk, tally) == core.FULL:
+    core.begin(given, np.arange(agents, dtype=np.int32)[::-1], nodes, constraints, desk, tally)
+    while core.search(given, 10**5, nodes, constraints, desk, tally) == core.FULL:
         if tally[core.NUM_NODES] == len(nodes.parent):
             nodes = nodes._make(np.concatenate([array, np.zeros_like(array)]) for array in nodes)
             core.refill_slots(nodes, tally)
         else:
             constraints = constraints._make(np.append(array, np.int32(0)) for array in constraints)
-    assert core.search(problem, 1, nodes, constraints, desk, tally) == core.EXHAUSTED
+    assert core.search(given, 1, nodes, constraints, desk, tally) == core.EXHAUSTED
     rows, cols = np.divmod(nodes.cells[: tally[core.NUM_NODES]], instance.grid.shape[1])
     seen = [tuple(zip(*cells, strict=True)) for cells in zip(rows.tolist(), cols.tolist(), strict=True)]
     assert sorted(seen) == sorted(reachable(instance))

@@ -14,10 +14,8 @@ from mapf_pz.core.sipp_neighborhood import (
     delay,
     shortest,
 )
-from mapf_pz.planners.base import simulator_of
-from mapf_pz.planners.problem import problem_of
 from mapf_pz.planners.refine import NeighborhoodSearch, task_of
-from tests.planners.drawing import drawn
+from tests.planners.drawing import drawn, problem
 
 SEEDS = range(1, 9)
 APART, ONE_LATE = "a..A b..B", [[0, 4], [1, 4], [2, 5], [3, 6], [3, 7]]
@@ -30,11 +28,11 @@ class Chooser:
     """An instance in which agents have paths, `rows` (T + 1, N) of cells, or stay where they are."""
 
     def __init__(self, text, rows=None, headings=None):
-        problem = problem_of(simulator_of(drawn(text, headings), 1000, "uniform", 0))
-        agents, cells = len(problem.goals), problem.leads_to.shape[1] - 1
-        self.task, self.agents, self.cells = task_of(problem), agents, cells
+        given = problem(drawn(text, headings))
+        agents, cells = len(given.goals), given.leads_to.shape[1] - 1
+        self.task, self.agents, self.cells = task_of(given), agents, cells
         self.reservations = allocate_reservations(agents, cells, 100)
-        read_path(self.reservations, np.array([problem.starts] if rows is None else rows, np.int32))
+        read_path(self.reservations, np.array([given.starts] if rows is None else rows, np.int32))
 
     def forget(self, agent):
         """Leave an agent without a path."""
@@ -143,7 +141,7 @@ def in_the_way(chooser, agent):
 
 def search_in_order(text):
     """Plan the agents one after the other; the last one finds no way."""
-    search = NeighborhoodSearch(problem_of(simulator_of(drawn(text), 1000, "uniform", 0)), np.random.default_rng(0))
+    search = NeighborhoodSearch(problem(drawn(text)), np.random.default_rng(0))
     search.begin_anew(np.array([0, 1]), deadline=np.inf)
     assert search.missing == 1
     return search
@@ -164,12 +162,11 @@ def test_a_path_is_worth_waiting_for():
 
 
 def test_kinds_that_gain_nothing_lose_favour():
-    problem = problem_of(simulator_of(drawn("b.A.B ##a##"), 1000, "uniform", 0))
     reservations, search = allocate_reservations(2, 10, 100), allocate_search(111, 1, 100)
     neighborhood, progress = allocate_neighborhood(2, 10, seed=1), allocate_progress(2)
-    everything = task_of(problem), reservations, search, neighborhood, progress
-    plan_and_improve(everything[0], np.array([0, 1]), 2000, *everything[1:])
+    task, scratch = task_of(problem(drawn("b.A.B ##a##"))), (reservations, search, neighborhood, progress)
+    plan_and_improve(task, np.array([0, 1]), 2000, *scratch)
     assert reservations.arrival.sum() == 7  # the best, though each agent alone would be quicker
-    plan_and_improve(everything[0], np.zeros(0, np.int64), 1000, *everything[1:])
+    plan_and_improve(task, np.zeros(0, np.int64), 1000, *scratch)
     assert (progress.success > 0).all()
     assert (progress.success < 0.95).all()

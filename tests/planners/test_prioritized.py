@@ -22,7 +22,7 @@ from mapf_pz.planners.prioritized import PrioritizedSIPP
 from mapf_pz.planners.problem import problem_of
 from mapf_pz.planners.refine import NeighborhoodSearch, task_of
 from mapf_pz.types import Heading, Instance, Scenario
-from tests.planners.drawing import drawn
+from tests.planners.drawing import drawn, problem
 
 NEVER = 10**6
 
@@ -110,21 +110,21 @@ def test_the_earliest_arrival_among_others(model, weights, seed, size, steps, cr
 
 @pytest.mark.parametrize(("headings", "steps"), [(None, 4), ([0], 4), ([1], 5), ([2], 6)])
 def test_no_way_beyond_the_limit_or_the_horizon(headings, steps):
-    problem = problem_of(simulator_of(drawn("a...A", headings), NEVER, "uniform", 0))
+    given = problem(drawn("a...A", headings))
 
     def found(limit, horizon):
-        reservations, search = allocate_reservations(1, 5, 10), allocate_search(16, problem.to_go.shape[2], horizon)
-        return find_path(task_of(problem), 0, limit, 0, reservations, search) != NONE
+        reservations, search = allocate_reservations(1, 5, 10), allocate_search(16, given.to_go.shape[2], horizon)
+        return find_path(task_of(given), 0, limit, 0, reservations, search) != NONE
 
     assert [found(limit, 20) for limit in (steps - 1, steps)] == [False, True]
     assert [found(NEVER, horizon) for horizon in (steps, steps + 1)] == [False, True]
 
 
 def test_visits_are_used_again():
-    problem = problem_of(simulator_of(drawn("a...A"), NEVER, "uniform", 0))
+    given = problem(drawn("a...A"))
     reservations, search = allocate_reservations(1, 5, 6), allocate_search(12, 1, 10)
     for _ in range(10):
-        first = find_path(task_of(problem), 0, NEVER, 0, reservations, search)
+        first = find_path(task_of(given), 0, NEVER, 0, reservations, search)
         assert first != NONE
         reserve(reservations, 0, first)
         discard(reservations, withdraw(reservations, 0))
@@ -133,9 +133,9 @@ def test_visits_are_used_again():
 
 @pytest.mark.parametrize("room", range(6))
 def test_too_few_visits_for_a_path(room):
-    problem = problem_of(simulator_of(drawn("a...A"), NEVER, "uniform", 0))
+    given = problem(drawn("a...A"))
     reservations, search = allocate_reservations(1, 5, room), allocate_search(12, 1, 10)
-    assert (find_path(task_of(problem), 0, NEVER, 0, reservations, search) != NONE) == (room == 5)
+    assert (find_path(task_of(given), 0, NEVER, 0, reservations, search) != NONE) == (room == 5)
     assert reservations.num_spare[0] == (0 if room == 5 else room)
 
 

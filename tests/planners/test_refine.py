@@ -7,18 +7,13 @@ from hypothesis import strategies as st
 
 from mapf_pz.instances import RandomObstacles, read_map, read_scenario
 from mapf_pz.planners import LaCAM, Plan, validate
-from mapf_pz.planners.base import simulator_of
 from mapf_pz.planners.prioritized import PrioritizedSIPP
-from mapf_pz.planners.problem import Path, problem_of
+from mapf_pz.planners.problem import Path
 from mapf_pz.planners.refine import NeighborhoodSearch, refine
 from mapf_pz.types import Instance, Scenario
-from tests.planners.drawing import drawn
+from tests.planners.drawing import drawn, problem
 
 LATER = float("inf")
-
-
-def problem(instance, weights="uniform"):
-    return problem_of(simulator_of(instance, 1000, weights, 0))
 
 
 def plan_of(instance, path):
