@@ -102,7 +102,7 @@ def _trials(data: Any, number: int, file: Path) -> list[Trial]:
     except FileNotFoundError as error:
         raise FileNotFoundError(f"{where}: {error}") from None
     except (ValueError, TypeError, RecursionError) as error:
-        raise FormatError(where, str(error)[:MAX_NAME]) from None
+        raise FormatError(where, str(error)) from None
 
 
 def _check_keys(data: JsonObject, known: Iterable[str], where: str) -> None:
