@@ -22,6 +22,10 @@ Frame = Literal["egocentric", "map"]
 RenderMode = Literal["human", "rgb_array", "ansi"]
 WeightsName = Literal["uniform", "random", "crisscross"]
 HeadingName = Literal["random", "east"]
+DEFAULT_MAP = "empty-8-8"
+"""The map where neither `map` nor `source` is given."""
+DEFAULT_NUM_AGENTS = 4
+"""The number of agents where nothing else determines it."""
 _OTHERWISE = ("edge_weights", "reward", "initial_heading")  # fields that need not be a name
 
 
@@ -79,12 +83,13 @@ REWARDS: dict[str, RewardConfig] = {
 class EnvConfig:
     """All keywords of `parallel_env`. Raises `ValueError` that names the field and what is allowed."""
 
-    map: str | Path | Bools | Grid = "empty-8-8"
-    """A map's name, the path of a `.map` file, a map drawn as text, or a bool array (True = free)."""
+    map: str | Path | Bools | Grid | None = None
+    """A map's name, the path of a `.map` file, a map drawn as text, or a bool array (True = free). Default:
+    `empty-8-8`."""
     scenario: str | Path | Scenario | None = None
     """The path of a `.scen` file or a `Scenario`: the first `num_agents` of it. None draws starts and goals."""
-    num_agents: int = 4
-    """N, the number of agents."""
+    num_agents: int | None = None
+    """N, the number of agents. Default: all agents of the scenario or of the source if one is given, otherwise 4."""
     max_steps: int = 256
     """An episode is truncated after this many steps."""
     action_model: ActionModel = "rotate"
@@ -114,7 +119,7 @@ class EnvConfig:
     initial_heading: HeadingName | ArrayLike = "random"
     """`random`, `east`, or N headings; an instance that has headings keeps them. Cardinal agents always face north."""
     source: InstanceSource | None = None
-    """Where episodes come from, in place of `map`, `scenario` and `num_agents`."""
+    """Where episodes come from, in place of `map` and `scenario`; `num_agents`, if given, must be the source's."""
     distance_bytes: int = 2**30
     """The most memory that cached cost-to-go tables may take."""
     render_mode: RenderMode | None = None
@@ -129,17 +134,16 @@ class EnvConfig:
         object.__setattr__(self, "view_size", _pair("view_size", self.view_size))
         object.__setattr__(self, "channels", _names("channels", self.channels))
         object.__setattr__(self, "features", _names("features", self.features))
-        for name in ("num_agents", "max_steps", "num_last_actions"):
+        for name in ("max_steps", "num_last_actions"):
             _positive(name, getattr(self, name))
+        if self.num_agents is not None:
+            _positive("num_agents", self.num_agents)
+        if self.source is not None:
+            self._check_source(self.source)
         if cardinal and (self.view, self.frame) != ("centered", "map"):
             raise ValueError("action_model='cardinal': agents have no front, so view='centered' and frame='map' only")
         if self.frame == "map" and self.view == "front":
             raise ValueError("frame='map': allowed only with view='centered'")
-        if not isinstance(self.initial_heading, str):
-            headings = np.asarray(self.initial_heading)
-            expected = self.num_agents if self.source is None else self.source.num_agents
-            if headings.shape != (expected,) or not np.isin(headings, range(4)).all():
-                raise ValueError(f"initial_heading: expected 'random', 'east' or {expected} numbers 0 to 3")
 
     def _check_choices(self) -> None:
         choices: dict[str, tuple[object, ...]] = {
@@ -162,6 +166,16 @@ class EnvConfig:
         for name, kind in (("edge_weights", GuidanceGraph), ("reward", RewardConfig)):
             if not isinstance(getattr(self, name), (str, kind)):
                 raise ValueError(f"{name}={getattr(self, name)!r}: expected a name or a {kind.__name__}")
+
+    def _check_source(self, source: object) -> None:
+        """Refuse what is no source, and other keywords that contradict it."""
+        if not isinstance(source, InstanceSource):
+            raise TypeError(f"source={source!r}: expected an InstanceSource, such as RandomObstacles or FixedMap")
+        for name in ("map", "scenario"):
+            if getattr(self, name) is not None:
+                raise ValueError(f"{name}: not allowed beside source, which determines the maps, starts and goals")
+        if self.num_agents not in (None, source.num_agents):
+            raise ValueError(f"num_agents={self.num_agents}: the source has {source.num_agents} agents")
 
     @classmethod
     def from_keywords(cls, **keywords: Any) -> EnvConfig:

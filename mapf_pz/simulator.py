@@ -6,8 +6,9 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from mapf_pz.config import EnvConfig, RewardConfig, WeightsName
+from mapf_pz.config import EnvConfig, HeadingName, RewardConfig, WeightsName
 from mapf_pz.core import stage, world
 from mapf_pz.core.begin import begin
 from mapf_pz.core.conflict import COLLISION_SYSTEMS
@@ -50,6 +51,7 @@ class Simulator:
         self.num_envs = num_envs
         self.num_agents = self.source.num_agents
         self.shape = self.source.shape
+        _check_headings(config.initial_heading, self.num_agents)
         self._graph = _common_graph(config.edge_weights, self.shape)
         self.layout = ObservationLayout(config, self.shape)
         self.num_actions = self.layout.num_actions
@@ -269,6 +271,15 @@ class Simulator:
         if initial == "east":
             return np.full(self.num_agents, Heading.EAST)
         return rng.integers(4, size=self.num_agents)
+
+
+def _check_headings(headings: HeadingName | ArrayLike, num_agents: int) -> None:
+    """Raise `ValueError` for headings that are neither a name nor one for each agent."""
+    if isinstance(headings, str):
+        return
+    given = np.asarray(headings)
+    if given.shape != (num_agents,) or not np.isin(given, range(4)).all():
+        raise ValueError(f"initial_heading: expected 'random', 'east' or {num_agents} numbers 0 to 3")
 
 
 def _common_graph(weights: WeightsName | GuidanceGraph, shape: tuple[int, int]) -> GuidanceGraph | None:

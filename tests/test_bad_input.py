@@ -236,6 +236,22 @@ def test_instance_headings():
     )
 
 
+@pytest.mark.parametrize(
+    ("keywords", "error", "message"),
+    [
+        ({"num_agents": 5}, ValueError, "num_agents=5: the source has 8 agents"),
+        ({"map": "empty-8-8"}, ValueError, "map: not allowed beside source, .*"),
+        ({"scenario": Scenario([(0, 0)], [(1, 1)])}, ValueError, "scenario: not allowed beside source, .*"),
+        ({"source": 1}, TypeError, "source=1: expected an InstanceSource, such as RandomObstacles or FixedMap"),
+    ],
+    ids=str,
+)
+def test_keywords_that_contradict_the_source(keywords, error, message):
+    source = RandomObstacles(16, 16, 0.2, 8)
+    refuses(error, message, lambda: mapf_pz.parallel_env(**{"source": source} | keywords))
+    assert len(mapf_pz.parallel_env(source=source, num_agents=8).possible_agents) == 8
+
+
 def test_sources():
     refuses(ValueError, ".* expected 1 or more", lambda: FixedMap(GRID, 0))
     refuses(ValueError, "30 agents fit on none of 100 maps: .*", lambda: RandomObstacles(5, 5, 0.2, 30))

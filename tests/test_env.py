@@ -33,7 +33,7 @@ KINDS = {
 
 @pytest.fixture(params=KINDS)
 def keywords(request):
-    return {"map": "empty-8-8", "num_agents": 4, "max_steps": 30} | KINDS[request.param]
+    return {"max_steps": 30} | KINDS[request.param]
 
 
 @pytest.mark.parametrize("channel", CHANNELS)
@@ -49,6 +49,22 @@ def test_a_channel_has_the_bounds_of_its_space(channel):
     space, seen = env.observation_space("agent_0"), list(env.reset(seed=0)[0].values())
     assert all(space.contains(one) for one in seen)
     assert (space.low.min(), space.high.max()) == (np.min(seen), 1)
+
+
+@pytest.mark.parametrize(
+    ("keywords", "count"),
+    [
+        ({}, 4),
+        ({"scenario": Scenario([(0, 0), (1, 1)], [(1, 1), (0, 0)])}, 2),
+        ({"scenario": Scenario([(0, 0), (1, 1)], [(1, 1), (0, 0)]), "num_agents": 1}, 1),
+        ({"source": RandomObstacles(6, 7, 0.2, 5)}, 5),
+    ],
+    ids=str,
+)
+def test_the_number_of_agents_if_none_is_given(keywords, count):
+    env = mapf_pz.parallel_env(**keywords)
+    assert len(env.possible_agents) == count
+    assert len(env.reset(seed=0)[0]) == count
 
 
 # PettingZoo's own tests.

@@ -82,7 +82,7 @@ class EvaluateOptions:
         return policy + seed + (", deterministic" if self.deterministic and is_trained(policy) else "")
 
     def _on_map(self, map: str) -> Trial:
-        keywords: dict[str, Any] = {"map": map, "num_agents": self.num_agents, "max_steps": self.max_steps}
+        keywords: dict[str, Any] = {"map": map, "max_steps": self.max_steps}
         about = Path(map).stem
         if self.scenario is not None:
             keywords["scenario"] = self.scenario

@@ -34,7 +34,7 @@ class EpisodeOptions:
     scenario: str | None = None
     """The path of a `.scen` file; None draws starts and goals, or takes those of the plan."""
     num_agents: int | None = None
-    """The number of agents; None: those of the plan, or four."""
+    """The number of agents. None: all of the plan or the scenario, otherwise 4."""
     max_steps: int = EnvConfig.max_steps
     """The episode is truncated after this many steps."""
     action_model: ActionModel | None = None

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from mapf_pz.config import EnvConfig
+from mapf_pz.config import DEFAULT_MAP
 from mapf_pz.evaluate.trial import Trial
 from mapf_pz.files import naming, write_whole
 from mapf_pz.instances import load_map
@@ -115,7 +115,7 @@ def _digest(trial: Trial) -> str:
     """Return a checksum of the instances or, where episodes are drawn, of the map or the first that is drawn."""
     source = trial.keywords.get("source")
     instances = trial.instances or (() if source is None else (source.sample(np.random.default_rng(trial.seed)),))
-    arrays = [load_map(trial.keywords.get("map", EnvConfig.map)).free] if not instances else []
+    arrays = [load_map(trial.keywords.get("map", DEFAULT_MAP)).free] if not instances else []
     for instance in instances:
         arrays += [instance.grid.free, instance.scenario.starts, instance.scenario.goals]
         arrays += [] if instance.headings is None else [instance.headings]

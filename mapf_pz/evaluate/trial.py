@@ -2,31 +2,53 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mapf_pz.instances import InstanceList
-from mapf_pz.types import Instance
+from mapf_pz.types import Instance, InstanceSource
 
 
 @dataclass(frozen=True)
 class Trial:
-    """Some episodes of one kind, numbered from 0."""
+    """Some episodes of one kind, numbered from 0.
+
+    Raises `ValueError` where `keywords` or `instances` have another number of agents than `num_agents`.
+    """
 
     family: str
-    """What the trial is about, all but the number of agents."""
+    """What is evaluated, without the number of agents, such as the map's name: the first column of the results."""
     num_agents: int
-    """N."""
+    """N, the number of agents in every episode; passed to the environment."""
     keywords: dict[str, Any] = field(default_factory=dict)
-    """Keywords of `parallel_env`, without those that say where episodes come from if there are `instances`."""
+    """Other keywords of `parallel_env`, such as `map` or `source` and `max_steps`. Beside `instances`, neither `map`,
+    `scenario` nor `source` is allowed."""
     episodes: int = 256
-    """How many."""
+    """The number of episodes each policy plays."""
     seed: int = 1_000_000
-    """Of episode 0; the others follow by ones. Training has no seeds this large."""
+    """Seed of episode 0; episode `e` has the seed `seed + e`. Training uses no seeds this large."""
     instances: tuple[Instance, ...] = ()
-    """Episode `e` is instance `e` modulo their number; none: the environment draws episodes."""
+    """Fixed instances: episode `e` plays instance `e` modulo their number. Empty: the environment generates them."""
     best: float | None = None
-    """The best throughput known, for `best_ratio`."""
+    """The best known throughput, in goals per step, from which `best_ratio` is computed; None: no `best_ratio`."""
+
+    def __post_init__(self) -> None:
+        """Check that all parts agree on the number of agents."""
+        for origin, count in self._agent_counts():
+            if count != self.num_agents:
+                expected = f"trial {self.family!r}: num_agents={self.num_agents}"
+                raise ValueError(f"{expected}, but {origin} has {count} agents")
+
+    def _agent_counts(self) -> Iterator[tuple[str, int]]:
+        """Yield the number of agents that each part states."""
+        if "num_agents" in self.keywords:
+            yield "keywords['num_agents']", self.keywords["num_agents"]
+        source = self.keywords.get("source")
+        if isinstance(source, InstanceSource):
+            yield "keywords['source']", source.num_agents
+        for number, instance in enumerate(self.instances):
+            yield f"instance {number}", instance.num_agents
 
     @property
     def name(self) -> str:
@@ -40,7 +62,8 @@ class Trial:
     def env_keywords(self, episode: int) -> dict[str, Any]:
         """Return the keywords of a `parallel_env` for this episode."""
         instance = self.instance(episode)
-        return self.keywords if instance is None else self.keywords | {"source": InstanceList([instance])}
+        keywords = self.keywords | {"num_agents": self.num_agents}
+        return keywords if instance is None else keywords | {"source": InstanceList([instance])}
 
     def but(self, **changes: Any) -> Trial:
         """Return the same trial with other fields; `None` leaves a field as it is."""

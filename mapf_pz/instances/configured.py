@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mapf_pz.config import EnvConfig
+from mapf_pz.config import DEFAULT_MAP, DEFAULT_NUM_AGENTS, EnvConfig
 from mapf_pz.instances.library import load_map, load_scenario
 from mapf_pz.instances.sources import FixedMap, FixedScenario
 from mapf_pz.types import InstanceSource
@@ -17,7 +17,8 @@ def make_source(config: EnvConfig) -> InstanceSource:
     """Return `config.source`, or one that draws from `config.map` or takes `config.scenario`."""
     if config.source is not None:
         return config.source
-    grid = load_map(config.map)
+    grid = load_map(DEFAULT_MAP if config.map is None else config.map)
     if config.scenario is None:
-        return FixedMap(grid, config.num_agents, goals_per_agent(config))
-    return FixedScenario(grid, load_scenario(config.scenario, grid), config.num_agents)
+        return FixedMap(grid, config.num_agents or DEFAULT_NUM_AGENTS, goals_per_agent(config))
+    scenario = load_scenario(config.scenario, grid)
+    return FixedScenario(grid, scenario, config.num_agents or len(scenario))

@@ -41,7 +41,38 @@ def measured(policy, trial, episodes=None):
 
 
 def on(*drawings, max_steps=10, **fields):
-    return Trial("drawn", 1, {"max_steps": max_steps}, len(drawings), instances=tuple(map(drawn, drawings)), **fields)
+    instances = tuple(map(drawn, drawings))
+    keywords, count = {"max_steps": max_steps}, instances[0].num_agents
+    return Trial("drawn", count, keywords, len(drawings), instances=instances, **fields)
+
+
+# The number of agents.
+
+
+def test_a_trial_has_as_many_agents_as_it_says():
+    seen = []
+
+    class Counts(Right):
+        def act(self, observations):
+            seen.append(len(observations))
+            return super().act(observations)
+
+    measured(Counts(), Trial("empty", 20, {"map": "empty-8-8", "max_steps": 3}, episodes=2))
+    assert set(seen) == {20}
+
+
+@pytest.mark.parametrize(
+    ("parts", "origin"),
+    [
+        ({"keywords": {"num_agents": 3}}, r"keywords\['num_agents'\]"),
+        ({"keywords": {"source": RandomObstacles(8, 8, 0.1, 3)}}, r"keywords\['source'\]"),
+        ({"instances": (drawn("ab\nBA"), drawn("abc\nABC"))}, "instance 1"),
+    ],
+    ids=lambda parts: "",
+)
+def test_a_trial_does_not_contradict_itself(parts, origin):
+    with pytest.raises(ValueError, match=rf"^trial 'mine': num_agents=2, but {origin} has 3 agents$"):
+        Trial("mine", 2, **parts)
 
 
 # Metrics.
