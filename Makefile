@@ -16,7 +16,7 @@ KERNEL_TESTS := $(addprefix tests/core/test_, properties.py symmetry.py collisio
 .PHONY: train test lint format docs figures reproduction bench-peers soak faults coverage mutation record-pogema wheel clean
 
 train: .venv/installed
-	$(BIN)/mapf-pz train quickstart --output runs/quickstart
+	$(BIN)/mapf-pz train quickstart --output runs/quickstart --overwrite
 
 test: .venv/installed
 	$(BIN)/python -m pytest -n 2

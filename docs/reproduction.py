@@ -155,7 +155,7 @@ def learn(row: Variation, seed: int, options: Options) -> None:
     config = replace(
         row.config, seed=seed, agent_steps=options.agent_steps, validation_interval=options.agent_steps // 5
     )
-    train(config, output, make_algorithm=lambda config: FlawedPPO(config, row.flaws))
+    train(config, output, make_algorithm=lambda config: FlawedPPO(config, row.flaws), overwrite=True)
     print(row.name, seed, *(f"{value:.3f}" for value in curve(output)[-1][1:]), flush=True)
 
 

@@ -253,7 +253,7 @@ def updates_kept(folder: Path) -> int:
 def train_words(folder: Path, updates: int) -> list[object]:
     """Return the words that begin a training."""
     length = ["--agent-steps", updates * STEPS_PER_UPDATE, "--checkpoint-interval", INTERVAL]
-    return ["train", "quickstart", *SMALL.split(), *length, "--evaluate", "none", "--output", folder]
+    return ["train", "quickstart", *SMALL.split(), *length, "--evaluate", "none", "--output", folder, "--overwrite"]
 
 
 def kill_trainings(folder: Path, kills: int, updates: int, draw: random.Random, tally: Tally) -> None:

@@ -16,8 +16,8 @@ from tyro.extras import subcommand_type_from_defaults
 
 from mapf_pz.commands.evaluate import report
 from mapf_pz.commands.render import save_episode
-from mapf_pz.evaluate import load_suite, make_env
-from mapf_pz.evaluate.results import discard
+from mapf_pz.evaluate import Trial, load_suite, make_env
+from mapf_pz.evaluate.results import EPISODES_FILE, discard
 from mapf_pz.interrupts import interruptible
 from mapf_pz.rl import load_policy
 from mapf_pz.rl import train as train_policy
@@ -38,9 +38,11 @@ class TrainOptions:
     config: TrainConfig
     """The run."""
     output: Path
-    """The run's folder."""
+    """The run's folder; it must not hold a run yet."""
     evaluate: str = "quickstart"
     """The suite to evaluate on afterwards, a name or a file; `none`: no evaluation and no episode."""
+    overwrite: bool = False
+    """Replace the run that the folder holds."""
 
 
 @dataclass(frozen=True)
@@ -74,11 +76,16 @@ def train(run: Run) -> None:
 
 
 def _train(run: Run) -> None:
-    trials = None if run.evaluate == "none" else load_suite(run.evaluate)
+    config = run.config if isinstance(run, TrainOptions) else load_config(run.output / CONFIG)
+    trials = () if run.evaluate == "none" else load_suite(run.evaluate)
+    for trial in trials:
+        _check_fits(config, trial)
+    if isinstance(run, TrainOptions) and not run.overwrite:
+        _check_no_evaluation(run.output)
     logging.getLogger("torchrl").setLevel(logging.WARNING)  # it reports every buffer that it makes
-    _learn(run)
+    _learn(run, config)
     print(f"policy, configuration and progress written to {run.output}")
-    if trials is None:
+    if not trials:
         return
     policy = load_policy(run.output)
     discard(run.output)  # of the policy as it was before
@@ -87,13 +94,29 @@ def _train(run: Run) -> None:
     save_episode(env, policy, trials[-1].seed, run.output / EPISODE_FILE, fps=8, who=run.output.name)
 
 
-def _learn(run: Run) -> None:
+def _check_fits(config: TrainConfig, trial: Trial) -> None:
+    """Raise `ValueError` if the policy that `config` trains cannot act in the trial."""
+    task, expected = config.task, trial.keywords.get("action_model", config.task.action_model)
+    advice = "choose another suite with --evaluate, or --evaluate none"
+    if task.action_model != expected:
+        raise ValueError(f"action_model={task.action_model!r}: {trial.name!r} needs {expected!r}; {advice}")
+    if config.algorithm == "central-ppo" and task.num_agents != trial.num_agents:
+        raise ValueError(f"num_agents={task.num_agents}: {trial.name!r} needs {trial.num_agents}; {advice}")
+
+
+def _check_no_evaluation(output: Path) -> None:
+    """Raise `FileExistsError` if the folder holds an evaluation, which that of the new policy would replace."""
+    if (output / EPISODES_FILE).exists():
+        raise FileExistsError(f"output {str(output)!r} holds an evaluation: choose another output, or --overwrite")
+
+
+def _learn(run: Run, config: TrainConfig) -> None:
     """Train or resume with a bar of progress."""
     if isinstance(run, TrainOptions):
-        with _progress_bar(run.config.agent_steps) as show:
-            train_policy(run.config, run.output, show)
+        with _progress_bar(config.agent_steps) as show:
+            train_policy(config, run.output, show, overwrite=run.overwrite)
         return
-    agent_steps = load_config(run.output / CONFIG).agent_steps if run.agent_steps is None else run.agent_steps
+    agent_steps = config.agent_steps if run.agent_steps is None else run.agent_steps
     with _progress_bar(agent_steps) as show:
         resume_policy(run.output, run.agent_steps, show)
 

@@ -52,7 +52,7 @@ class Checkpoints:
         """Return the newest checkpoint; raises `FileNotFoundError` where there is none."""
         files = sorted(self.folder.glob(f"{PREFIX}-*"))
         if not files:
-            raise FileNotFoundError(f"no checkpoint in {str(self.folder)!r}; expected one of a training run")
+            raise FileNotFoundError(f"no checkpoint in {str(self.folder)!r}: train again, with --overwrite")
         return files[-1]
 
     def save(self, learner: Learner, position: Position) -> None:

@@ -130,6 +130,7 @@ def _shares(algorithm: Algorithm, config: TrainConfig, seed: int) -> list[MakeWo
     number, rest = divmod(config.ppo.num_envs, config.num_workers)
     if rest:
         raise ValueError(f"num_envs={config.ppo.num_envs}: expected a multiple of num_workers={config.num_workers}")
+    MakeEnv(algorithm, config, seed, 1)().reset()  # raises here, in one line, what would be a worker's traceback
     return [MakeWorkerEnv(algorithm, config, seed + w * number, number) for w in range(config.num_workers)]
 
 

@@ -12,13 +12,15 @@ from torch import nn
 from torchrl.record.loggers.tensorboard import TensorboardLogger
 
 from mapf_pz.files import replacing, write_whole
-from mapf_pz.rl.checkpoint import Checkpoints, Position, read_position, restore
+from mapf_pz.rl.checkpoint import FOLDER, Checkpoints, Position, read_position, restore
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.policy import CONFIG, WEIGHTS, config_as_json, save_weights
 from mapf_pz.types import FormatError
 
 PROGRESS, CURVE, TENSORBOARD = "progress.csv", "learning_curve.png", "tensorboard"
+RUN_FILES = (CONFIG, WEIGHTS, PROGRESS, CURVE, FOLDER, TENSORBOARD)
+"""Everything that a run writes into its folder."""
 RECENT_EPISODES = 100
 """Training episodes whose mean CSR tells which checkpoint is the best."""
 
@@ -27,32 +29,43 @@ class RunFolder:
     """Writes what a training run leaves behind."""
 
     def __init__(self, path: Path) -> None:
-        """Refer to the folder; `begin` or `resume` comes next."""
+        """Refer to the folder; nothing is written before `begin`."""
         self.path = path
         self.checkpoints = Checkpoints(path)
         self._rows: list[dict[str, float]] = []
         self._saved = Position()
         self._tensorboard: TensorboardLogger | None = None
 
-    def begin(self, config: TrainConfig) -> None:
-        """Make the folder for a new run: what an earlier run left there is removed, and the configuration written."""
-        self.path.mkdir(parents=True, exist_ok=True)
-        self.checkpoints.clear()
-        for name in (PROGRESS, CURVE, WEIGHTS):
-            (self.path / name).unlink(missing_ok=True)
-        write_whole(self.path / CONFIG, config_as_json(config))
-        self._begin_tensorboard()
+    def check_unused(self) -> None:
+        """Raise `FileExistsError` if the folder holds a run."""
+        if any((self.path / name).exists() for name in RUN_FILES):
+            raise FileExistsError(
+                f"output {str(self.path)!r} holds a run: continue it with `mapf-pz train resume {self.path}`, "
+                "choose another output, or replace it with --overwrite (overwrite=True)"
+            )
 
-    def resume(self, checkpoint: Path, learner: Learner, config: TrainConfig) -> None:
-        """Go back to a checkpoint: the learner, and the rows of progress until then.
+    def restore(self, checkpoint: Path, learner: Learner) -> int:
+        """Restore the learner and the progress from a checkpoint, and return its number of updates.
 
-        Raises `FormatError` where the checkpoint or the progress file is damaged, or the one is not of the other's run.
+        Only reads files. Raises `FormatError` if the checkpoint or the progress file is damaged, or if they belong to
+        different runs.
         """
         restore(checkpoint, learner)
         self._saved = read_position(checkpoint)
         self._rows = _read_rows(self.path / PROGRESS, self._saved)
-        self.checkpoints.sweep()
-        write_whole(self.path / PROGRESS, "".join(map(_line, [list(self._rows[0]), *map(_texts, self._rows)])).encode())
+        return self._saved.updates
+
+    def begin(self, config: TrainConfig) -> None:
+        """Prepare the folder: remove whatever is newer than the restored checkpoint, or everything without one."""
+        self.path.mkdir(parents=True, exist_ok=True)
+        if self._rows:
+            self.checkpoints.sweep()
+            lines = [list(self._rows[0]), *map(_texts, self._rows)]
+            write_whole(self.path / PROGRESS, "".join(map(_line, lines)).encode())
+        else:
+            self.checkpoints.clear()
+            for name in (PROGRESS, CURVE, WEIGHTS):
+                (self.path / name).unlink(missing_ok=True)
         write_whole(self.path / CONFIG, config_as_json(config))
         self._begin_tensorboard()
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import torch
+from torchrl.collectors import BaseCollector
 
 from mapf_pz.files import naming
 from mapf_pz.interrupts import interrupts_deferred
@@ -36,20 +38,34 @@ def train(
     output: Path,
     on_progress: Progress | None = None,
     make_algorithm: MakeAlgorithm = _named_algorithm,
+    overwrite: bool = False,
 ) -> Path:
     """Train a policy and return the folder that it, its configuration and its progress were written to.
 
     Args:
         config: the run.
-        output: the run's folder; an earlier run in it is replaced.
+        output: the run's folder.
         on_progress: called after each update with the row that goes to `progress.csv`.
         make_algorithm: makes the algorithm, where it is not the one that the configuration names; a policy that
             `load_policy` loads has the network of the named one.
+        overwrite: replace the run that `output` holds.
+
+    Nothing is written before the networks and the environments have been created, so a configuration that is refused
+    leaves the folder as it was.
 
     An interrupt (Ctrl-C, SIGTERM) ends the run after the update that is going on, a second one at once: what was learnt
     until then is saved before it is raised, and `resume` continues from there.
+
+    Raises:
+        FileExistsError: The folder holds a run, and `overwrite` is False.
+        FileNotFoundError: There is no such map.
+        FormatError: The map's file is malformed.
+        ValueError: The configuration is not valid, or there is no GPU for `device="cuda"`.
     """
-    return _run(config, RunFolder(output), None, on_progress, make_algorithm)
+    run = RunFolder(output)
+    if not overwrite:
+        run.check_unused()
+    return _run(config, run, None, on_progress, make_algorithm)
 
 
 def resume(
@@ -97,16 +113,12 @@ def _run(
     with _device(config):
         algorithm = make(config)
     learner = Learner(algorithm, config)
-    done = 0
-    with naming(run.path):
-        if checkpoint is None:
+    done = 0 if checkpoint is None else run.restore(checkpoint, learner)
+    with interrupts_deferred() as check, _collecting(config, algorithm, done) as collector:
+        with naming(run.path):
             run.begin(config)
-        else:
-            done = read_position(checkpoint).updates
-            run.resume(checkpoint, learner, config)
-    with interrupts_deferred() as check:
         try:
-            for row in _updates(config, algorithm, learner, done, run.seconds):
+            for row in _updates(config, algorithm, learner, collector, done, run.seconds):
                 with naming(run.path):
                     run.log(row)
                     run.save(learner, config.checkpoint_interval)
@@ -138,34 +150,50 @@ def _steps_per_update(config: TrainConfig) -> int:
     return config.ppo.num_envs * config.ppo.steps_per_batch * config.task.num_agents
 
 
+def _num_updates(config: TrainConfig) -> int:
+    return max(1, config.agent_steps // _steps_per_update(config))
+
+
+def _collecting(config: TrainConfig, algorithm: Algorithm, done: int) -> AbstractContextManager[BaseCollector | None]:
+    """Create the environments for the updates from `done` on; None if there are none left."""
+    left = _num_updates(config) - done
+    if left <= 0:
+        return nullcontext()
+    seed = config.seed if done == 0 else int(np.random.SeedSequence([config.seed, done]).generate_state(1)[0])
+    return collecting(algorithm, config, seed, left)
+
+
 def _updates(
-    config: TrainConfig, algorithm: Algorithm, learner: Learner, done: int, seconds_before: float
+    config: TrainConfig,
+    algorithm: Algorithm,
+    learner: Learner,
+    collector: BaseCollector | None,
+    done: int,
+    seconds_before: float,
 ) -> Iterator[dict[str, float]]:
     """Run the loop from update `done` on; yield a row of progress after each update."""
-    num_updates = max(1, config.agent_steps // _steps_per_update(config))
-    if done >= num_updates:
+    if collector is None:
         return
+    num_updates = _num_updates(config)
     watch, validation = Stopwatch(), Validation(algorithm, config)
-    seed = config.seed if done == 0 else int(np.random.SeedSequence([config.seed, done]).generate_state(1)[0])
-    with collecting(algorithm, config, seed, num_updates - done) as collector:
-        batches = iter(collector)
-        began = time.perf_counter() - seconds_before
-        for update in range(done, num_updates):
-            with watch.time("collecting"), watch.calls(algorithm.actor, "acting"):
-                batch = next(batches)
-            with watch.time("learning"):
-                losses = learner.learn(batch, update / num_updates)
-                collector.update_policy_weights_()  # pyright: ignore[reportCallIssue] (annotated without the usual call)
-            agent_steps, seconds = (update + 1) * _steps_per_update(config), time.perf_counter() - began
-            yield {
-                "agent_steps": agent_steps,
-                "seconds": seconds,
-                "agent_steps_per_second": agent_steps / seconds,
-                **_shares(watch.lap()),
-                **episode_means(batch.get("next"), batch.get(("next", "done"))),
-                **losses,
-                **validation.after(agent_steps, last=update + 1 == num_updates),
-            }
+    batches = iter(collector)
+    began = time.perf_counter() - seconds_before
+    for update in range(done, num_updates):
+        with watch.time("collecting"), watch.calls(algorithm.actor, "acting"):
+            batch = next(batches)
+        with watch.time("learning"):
+            losses = learner.learn(batch, update / num_updates)
+            collector.update_policy_weights_()  # pyright: ignore[reportCallIssue] (annotated without the usual call)
+        agent_steps, seconds = (update + 1) * _steps_per_update(config), time.perf_counter() - began
+        yield {
+            "agent_steps": agent_steps,
+            "seconds": seconds,
+            "agent_steps_per_second": agent_steps / seconds,
+            **_shares(watch.lap()),
+            **episode_means(batch.get("next"), batch.get(("next", "done"))),
+            **losses,
+            **validation.after(agent_steps, last=update + 1 == num_updates),
+        }
 
 
 def _shares(seconds: dict[str, float]) -> dict[str, float]:

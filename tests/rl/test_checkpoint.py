@@ -32,7 +32,7 @@ def steps(folder):
     return [int(row["agent_steps"]) for row in rows(folder)]
 
 
-def train_interrupted(config, folder, updates):
+def train_interrupted(config, folder, updates, **options):
     seen = []
 
     def interrupt(row):
@@ -41,7 +41,7 @@ def train_interrupted(config, folder, updates):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        train(config, folder, interrupt)
+        train(config, folder, interrupt, **options)
 
 
 def make_learner(config=TINY):
@@ -92,7 +92,7 @@ def test_a_finished_run_can_be_made_longer_and_not_shorter(tmp_path):
 
 def test_a_new_run_in_the_folder_replaces_the_checkpoints(tmp_path):
     train(TINY, tmp_path)
-    train_interrupted(dataclasses.replace(TINY, seed=1), tmp_path, 1)
+    train_interrupted(dataclasses.replace(TINY, seed=1), tmp_path, 1, overwrite=True)
     assert [read_position(file).updates for file in (tmp_path / "checkpoints").iterdir()] == [1]
 
 

@@ -39,6 +39,45 @@ def test_a_run_leaves_its_files_and_a_policy_that_acts(tmp_path, algorithm):
     env.step(actions)
 
 
+def contents(folder):
+    return {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+
+
+def test_a_run_is_replaced_only_when_asked_to(tmp_path):
+    train(TINY, tmp_path)
+    before = contents(tmp_path)
+    with pytest.raises(FileExistsError) as caught:
+        train(TINY, tmp_path)
+    for told in (f"{str(tmp_path)!r} holds a run", "--overwrite", f"mapf-pz train resume {tmp_path}", "another output"):
+        assert told in str(caught.value)
+    assert contents(tmp_path) == before
+    train(dataclasses.replace(TINY, seed=1), tmp_path, overwrite=True)
+    assert load_policy(tmp_path).config.seed == 1
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"map": "absent.map"},
+        {"map": "empty-8-8", "num_agents": 65},
+        {"density": 1.5},
+        {"num_agents": 500},
+        {"view_size": (7, 7)},
+        {"channels": ("colour",)},
+        {"features": ("mood",)},
+    ],
+)
+@pytest.mark.parametrize("collector", ["single", "processes"])
+def test_a_refused_task_leaves_the_run_as_it_was(tmp_path, change, collector):
+    train(dataclasses.replace(TINY, agent_steps=200), tmp_path)
+    before = contents(tmp_path)
+    config = dataclasses.replace(TINY, task=dataclasses.replace(TINY.task, **change), collector=collector)
+    with pytest.raises((ValueError, FileNotFoundError)) as caught:
+        train(config, tmp_path, overwrite=True)
+    assert "\n" not in str(caught.value)
+    assert contents(tmp_path) == before
+
+
 def test_same_seed_same_run(tmp_path):
     one, two = (untimed(train(TINY, tmp_path / name)) for name in "ab")
     assert one == two

@@ -1,0 +1,67 @@
+import json
+
+import pytest
+
+from mapf_pz.cli import main
+
+pytest.importorskip("torchrl")
+
+SMALL = "--agent-steps 100 --num-envs 4 --steps-per-batch 8 --num-epochs 1 --num-agents 3 --height 7 --width 7"
+
+
+def train(capsys, *words):
+    """Train in this process; return the status and the lines on stderr."""
+    status = main(["train", *map(str, words)])
+    return status, capsys.readouterr().err.splitlines()
+
+
+def contents(folder):
+    return {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+
+
+@pytest.fixture
+def suite(tmp_path):
+    """A suite for agents that turn."""
+    file = tmp_path / "suite.json"
+    trial = {"random": [7, 7, 0.1], "num_agents": 2, "max_steps": 4, "episodes": 1}
+    file.write_text(json.dumps({"trials": [trial | {"env": {"action_model": "rotate"}}]}))
+    return file
+
+
+def test_an_existing_run_is_kept_unless_overwritten(capsys, tmp_path):
+    words = ["quickstart", *SMALL.split(), "--evaluate", "none", "--output", tmp_path / "run"]
+    assert train(capsys, *words) == (0, [])
+    before = contents(tmp_path)
+    status, [line] = train(capsys, *words)
+    assert status == 1
+    assert f"{str(tmp_path / 'run')!r} holds a run" in line
+    assert contents(tmp_path) == before
+    assert train(capsys, *words, "--seed", "1", "--overwrite") == (0, [])
+    assert contents(tmp_path) != before
+
+
+@pytest.mark.parametrize(
+    ("preset", "option", "told"),
+    [
+        ("quickstart", ["--action-model", "cardinal"], "action_model='cardinal': '2 agents on "),
+        ("central-ppo", ["--num-agents", "3"], "num_agents=3: '2 agents on "),
+        ("quickstart", ["--map", "absent.map"], "absent.map: no such file"),
+        ("quickstart", ["--density", "2"], "density=2.0: expected"),
+    ],
+)
+def test_refusals_leave_an_existing_run_as_it_was(capsys, tmp_path, suite, preset, option, told):
+    small = ["quickstart", *SMALL.split(), "--output", tmp_path / "run"]
+    assert train(capsys, *small, "--evaluate", "none") == (0, [])
+    before = contents(tmp_path / "run")
+    words = [preset, *SMALL.split(), *option, "--evaluate", suite, "--output", tmp_path / "run", "--overwrite"]
+    status, [line] = train(capsys, *words)
+    assert status == 1
+    assert told in line
+    assert contents(tmp_path / "run") == before
+
+
+def test_an_evaluation_in_the_folder_is_kept(capsys, tmp_path):
+    (tmp_path / "episodes.csv").write_text("policy\n")
+    status, [line] = train(capsys, "quickstart", *SMALL.split(), "--evaluate", "none", "--output", tmp_path)
+    assert (status, list(tmp_path.iterdir())) == (1, [tmp_path / "episodes.csv"])
+    assert "holds an evaluation" in line
