@@ -120,8 +120,9 @@ class EnvConfig:
     """`random`, `east`, or N headings; an instance that has headings keeps them. Cardinal agents always face north."""
     source: InstanceSource | None = None
     """Where episodes come from, in place of `map` and `scenario`; `num_agents`, if given, must be the source's."""
-    distance_bytes: int = 2**30
-    """The most memory that cached cost-to-go tables may take."""
+    distance_bytes: int | None = None
+    """The most memory for cost-to-go tables, in bytes. Default: 1 GiB, or as much as the goals of all agents need, up
+    to half of the machine's memory."""
     render_mode: RenderMode | None = None
     """What `render()` gives: `rgb_array` a (rows, cols, 3) uint8 picture, `ansi` a text; `human` shows a window."""
 
@@ -136,8 +137,9 @@ class EnvConfig:
         object.__setattr__(self, "features", _names("features", self.features))
         for name in ("max_steps", "num_last_actions"):
             _positive(name, getattr(self, name))
-        if self.num_agents is not None:
-            _positive("num_agents", self.num_agents)
+        for name in ("num_agents", "distance_bytes"):
+            if getattr(self, name) is not None:
+                _positive(name, getattr(self, name))
         if self.source is not None:
             self._check_source(self.source)
         if cardinal and (self.view, self.frame) != ("centered", "map"):

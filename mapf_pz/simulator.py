@@ -61,7 +61,10 @@ class Simulator:
         self._grids: list[Grid | None] = [None] * (1 if self._one_map else num_envs)
         self.world = world.allocate(len(self._grids), self.shape)
         self._num_headings = 1 if config.action_model == "cardinal" else 4
-        self.tables = DistanceTables(self.world, self._num_headings, config.distance_bytes, self._num_threads)
+        num_goals = num_envs * self.num_agents
+        self.tables = DistanceTables(
+            self.world, self._num_headings, num_goals, config.distance_bytes, self._num_threads
+        )
         self.state = allocate_state(
             num_envs, self.num_agents, self.shape[0] * self.shape[1], goals_per_agent(config), config.num_last_actions
         )

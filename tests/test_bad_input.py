@@ -36,6 +36,7 @@ def refuses(error, message, make):
         ({"view_sise": (3, 3)}, TypeError, "unknown keyword 'view_sise': did you mean 'view_size'\\?"),
         ({"zzz": 1}, TypeError, "unknown keyword 'zzz': allowed are map, scenario, .*render_mode"),
         ({"num_agents": 0}, ValueError, "num_agents=0: expected a whole number, 1 or more"),
+        ({"distance_bytes": 0}, ValueError, "distance_bytes=0: expected a whole number, 1 or more"),
         ({"num_agents": 2.5}, ValueError, "num_agents=2.5: expected a whole number, 1 or more"),
         ({"max_steps": -1}, ValueError, "max_steps=-1: expected a whole number, 1 or more"),
         ({"num_last_actions": 0}, ValueError, "num_last_actions=0: expected a whole number, 1 or more"),

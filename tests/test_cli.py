@@ -126,6 +126,18 @@ def test_interrupt(capsys, monkeypatch):
     assert run(capsys, "fail") == (130, [], ["mapf-pz fail: interrupted"])
 
 
+@pytest.mark.parametrize(
+    "words",
+    [["solve", "plan.json"], ["render", "a.html", "--policy", "pibt"], ["evaluate", "--policy", "pibt"]],
+    ids=lambda words: words[0],
+)
+def test_too_little_memory_for_the_cost_to_go(capsys, tmp_path, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = run(capsys, *words, "--map", "empty-8-8", "--num-agents", 2, "--distance-bytes", 1300)
+    assert (status, out, len(err)) == (1, [], 1)
+    assert err[0].endswith("(on the command line --distance-bytes 2600)")
+
+
 # Maps.
 
 

@@ -15,6 +15,7 @@ TOP_FOLDERS = {"mapf_pz": ROOT / "mapf_pz", "mapf_pz.wrappers": ROOT / "wrappers
 ORDER = [
     "types",
     "files",
+    "memory",
     "interrupts",
     "guidance",
     "config",

@@ -52,6 +52,9 @@ class EvaluateOptions:
     """Of the policies' draws."""
     deterministic: bool = False
     """Trained policies take the likeliest action."""
+    distance_bytes: int | None = None
+    """The most memory for cost-to-go tables of one process, in bytes; None: as the suite has it, or as much as is
+    needed, up to half of the machine's."""
     jobs: int | Literal["ray"] = 1
     """How many processes; `ray`: as many as the Ray cluster has room for."""
     output: Path | None = None
@@ -71,7 +74,8 @@ class EvaluateOptions:
             trials = [trial for suite in self.suite or ("standard",) for trial in load_suite(suite)]
         else:
             trials = [self._on_map(self.map)]
-        keywords = {} if self.action_model is None else {"action_model": self.action_model}
+        given = {"action_model": self.action_model, "distance_bytes": self.distance_bytes}
+        keywords = {name: value for name, value in given.items() if value is not None}
         return tuple(
             trial.but(keywords=trial.keywords | keywords, episodes=self.episodes, seed=self.seed) for trial in trials
         )

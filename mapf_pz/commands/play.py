@@ -28,7 +28,10 @@ KEYS: dict[str, dict[str, int]] = {
     },
 }
 """What keys do, by action model."""
-KEYWORDS = ("map", "num_agents", "max_steps", "action_model", "collision_system", "on_target", "reward")
+KEYWORDS = (
+    *("map", "num_agents", "max_steps", "action_model"),
+    *("collision_system", "on_target", "reward", "distance_bytes"),
+)
 """Those of `parallel_env` among the options."""
 HELP = "arrows: drive, space: wait, r: anew, escape: end"
 
@@ -53,6 +56,8 @@ class PlayOptions:
     """What an agent does at its goal."""
     reward: str = "progress"
     """Which rewards are told: `paper` or `progress`."""
+    distance_bytes: int | None = None
+    """The most memory for cost-to-go tables, in bytes; None: as much as is needed, up to half of the machine's."""
     seed: int = 0
     """Decides the first episode; each new one takes the next."""
 

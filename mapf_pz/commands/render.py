@@ -45,6 +45,8 @@ class EpisodeOptions:
     """What an agent does at its goal."""
     edge_weights: WeightsName = "uniform"
     """The guidance graph; pages show it."""
+    distance_bytes: int | None = None
+    """The most memory for cost-to-go tables, in bytes; None: as much as is needed, up to half of the machine's."""
     seed: int = 0
     """Decides the episode."""
     plan: Path | None = None
@@ -58,7 +60,7 @@ class EpisodeOptions:
         """Return the keywords of `parallel_env` that are set."""
         names = (
             *("map", "scenario", "num_agents", "max_steps", "action_model"),
-            *("collision_system", "on_target", "edge_weights"),
+            *("collision_system", "on_target", "edge_weights", "distance_bytes"),
         )
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 

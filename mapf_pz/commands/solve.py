@@ -38,6 +38,8 @@ class SolveOptions:
     """Seconds."""
     max_steps: int = 1000
     """The longest plan that is allowed."""
+    distance_bytes: int | None = None
+    """The most memory for cost-to-go tables, in bytes; None: as much as is needed, up to half of the machine's."""
     seed: int = 0
     """Of whatever is drawn."""
 
@@ -50,7 +52,7 @@ def solve(options: SolveOptions) -> None:
     instance = load_instance(options.map, options.scenario, options.num_agents, options.action_model, seed=options.seed)
     planner = PLANNERS[options.planner](seed=options.seed)
     began = time.perf_counter()
-    plan = planner.solve(instance, options.time_limit, options.max_steps, options.edge_weights)
+    plan = planner.solve(instance, options.time_limit, options.max_steps, options.edge_weights, options.distance_bytes)
     seconds = time.perf_counter() - began
     if plan is None:
         limits = f"{options.time_limit:g} seconds and {options.max_steps} steps"
@@ -61,7 +63,7 @@ def solve(options: SolveOptions) -> None:
     options.output.parent.mkdir(parents=True, exist_ok=True)
     scenario = "" if options.scenario is None else Path(options.scenario).stem
     write_plan(plan, options.output, instance, About(scenario, options.planner, seconds))
-    bound = lower_bound(instance)
+    bound = lower_bound(instance, options.distance_bytes)
     ratio = plan.sum_of_costs / bound if bound else 1.0
     print(
         f"{options.output}: {plan.num_agents} agents, sum of costs {plan.sum_of_costs}, makespan {plan.makespan}, "
@@ -69,7 +71,7 @@ def solve(options: SolveOptions) -> None:
     )
 
 
-def lower_bound(instance: Instance) -> int:
+def lower_bound(instance: Instance, distance_bytes: int | None = None) -> int:
     """Return the sum of the steps that agents with one goal each need where they are alone."""
-    simulator = simulator_of(instance, max_steps=1, edge_weights="uniform", seed=0)
+    simulator = simulator_of(instance, max_steps=1, edge_weights="uniform", seed=0, distance_bytes=distance_bytes)
     return int(simulator.distance_to_go(0).sum())

@@ -7,21 +7,41 @@ import numpy as np
 from mapf_pz.core.distance import fill_tables
 from mapf_pz.core.jit import jit
 from mapf_pz.core.state import Array, Distances, World
+from mapf_pz.memory import usable_memory
 from mapf_pz.types import Ints
+
+CACHE_BYTES = 2**30
+"""Where no bound is given: tables that are no longer used are kept up to this size."""
 
 
 class DistanceTables:
     """One cost-to-go table per map and goal, shared by all agents and episodes that head for it.
 
-    Memory is only touched by tables that were computed; `max_bytes` bounds how many there can be.
+    Memory is only touched by tables that were computed; a bound in bytes limits how many there can be.
     """
 
-    def __init__(self, world: World, num_headings: int, max_bytes: int, num_threads: int = 1) -> None:
-        """Reserve room for at most `max_bytes` of tables with `num_headings` (4, or 1 for cardinal agents)."""
+    def __init__(
+        self,
+        world: World,
+        num_headings: int,
+        num_goals: int,
+        max_bytes: int | None = None,
+        num_threads: int = 1,
+    ) -> None:
+        """Reserve room for tables.
+
+        Args:
+            world: the maps.
+            num_headings: 4, or 1 for cardinal agents.
+            num_goals: the largest number of goals in use at the same time.
+            max_bytes: the bound; None: `default_bytes` of what `num_goals` tables take.
+            num_threads: threads that compute tables.
+        """
         self._world = world
         num_maps, cells = world.obstacle.shape
         self._table_bytes = 4 * cells * (num_headings + 1)
-        room = max(1, min(max_bytes // self._table_bytes, num_maps * (cells - 1)))
+        self._max_bytes = default_bytes(num_goals * self._table_bytes) if max_bytes is None else max_bytes
+        room = max(1, min(self._max_bytes // self._table_bytes, num_maps * (cells - 1)))
         self.arrays = Distances(
             slot=np.full((num_maps, cells), -1, np.int32),
             to_go=np.empty((room, cells, num_headings), np.float32),
@@ -54,7 +74,8 @@ class DistanceTables:
         if count > len(self._unused):
             needed = (count + int((slot >= 0).sum())) * self._table_bytes
             raise MemoryError(
-                f"distance_bytes: the cost to go to all goals in use takes {needed} bytes, more than allowed"
+                f"distance_bytes={self._max_bytes}: the cost to go to all goals in use takes {needed} bytes; pass "
+                f"distance_bytes={needed} or more (on the command line --distance-bytes {needed})"
             )
         slots = np.array([self._unused.pop() for _ in range(count)], np.int32)
         slot.flat[wanted] = slots
@@ -69,6 +90,14 @@ class DistanceTables:
         self._unused.extend(dropped[dropped >= 0].tolist())
         slot[:] = -1
         slot[maps, goals] = kept
+
+
+def default_bytes(needed: int) -> int:
+    """Return the bound for tables of which `needed` bytes can be in use at the same time.
+
+    It is `CACHE_BYTES`, or as much as is needed, up to half of the memory that can be used.
+    """
+    return max(CACHE_BYTES, min(needed, (usable_memory() or 0) // 2))
 
 
 @jit

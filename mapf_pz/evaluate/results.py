@@ -107,7 +107,8 @@ def discard(folder: Path) -> None:
 
 def _description(trial: Trial) -> dict[str, Any]:
     """Return what must be the same for episodes to be comparable; the number of episodes need not be."""
-    keywords = {name: repr(value) for name, value in sorted(trial.keywords.items()) if name not in ("map", "source")}
+    elsewhere = ("map", "source", "distance_bytes")  # in the digest; the last one has no influence on episodes
+    keywords = {name: repr(value) for name, value in sorted(trial.keywords.items()) if name not in elsewhere}
     return {"trial": trial.name, "seed": trial.seed, "keywords": keywords, "instances": _digest(trial)}
 
 

@@ -62,6 +62,7 @@ class Planner(ABC):
         time_limit: float = 10.0,
         max_steps: int = 1000,
         edge_weights: WeightsName | GuidanceGraph = "uniform",
+        distance_bytes: int | None = None,
     ) -> Plan | None:
         """Return a plan that brings all agents to their goals, or None where none was found.
 
@@ -70,6 +71,7 @@ class Planner(ABC):
             time_limit: seconds.
             max_steps: the longest plan that is allowed.
             edge_weights: the guidance graph.
+            distance_bytes: the most memory for cost-to-go tables, as in `EnvConfig`.
         """
 
 
@@ -82,10 +84,11 @@ class StepPlanner(Planner):
         time_limit: float = 10.0,
         max_steps: int = 1000,
         edge_weights: WeightsName | GuidanceGraph = "uniform",
+        distance_bytes: int | None = None,
     ) -> Plan | None:
         """Return a plan that brings all agents to their goals, or None where none was found: see `Planner`."""
         self.reset_states()
-        simulator = simulator_of(instance, max_steps, edge_weights, self._seed)
+        simulator = simulator_of(instance, max_steps, edge_weights, self._seed, distance_bytes)
         return record(simulator, self.decide, time_limit)
 
 
@@ -152,11 +155,12 @@ class PlanFollower(Planner):
         time_limit: float = 10.0,
         max_steps: int = 1000,
         edge_weights: WeightsName | GuidanceGraph = "uniform",
+        distance_bytes: int | None = None,
     ) -> Plan | None:
         """Return a plan that brings all agents to their goals, or None where none was found: see `Planner`."""
         began = time.perf_counter()
         self.reset_states()
-        simulator = simulator_of(instance, max_steps, edge_weights, self._seed)
+        simulator = simulator_of(instance, max_steps, edge_weights, self._seed, distance_bytes)
         path = self.plan(problem_of(simulator), time_limit - (time.perf_counter() - began))
         if path is None or len(path.cells) > max_steps + 1:
             return None
@@ -168,7 +172,13 @@ def waiting(simulator: Simulator) -> int:
     return int(CardinalAction.WAIT if simulator.config.action_model == "cardinal" else Action.WAIT)
 
 
-def simulator_of(instance: Instance, max_steps: int, edge_weights: WeightsName | GuidanceGraph, seed: int) -> Simulator:
+def simulator_of(
+    instance: Instance,
+    max_steps: int,
+    edge_weights: WeightsName | GuidanceGraph,
+    seed: int,
+    distance_bytes: int | None = None,
+) -> Simulator:
     """Return a simulator in which the instance's episode has begun, under standard rules (`soft`, stay at target)."""
     simulator = Simulator(
         EnvConfig(
@@ -177,6 +187,7 @@ def simulator_of(instance: Instance, max_steps: int, edge_weights: WeightsName |
             action_model="cardinal" if instance.headings is None else "rotate",
             view_size=(1, 1),
             edge_weights=edge_weights,
+            distance_bytes=distance_bytes,
         )
     )
     simulator.reset(seeds={0: seed})

@@ -61,11 +61,12 @@ class LaCAM(PlanFollower):
         time_limit: float = 10.0,
         max_steps: int = 1000,
         edge_weights: WeightsName | GuidanceGraph = "uniform",
+        distance_bytes: int | None = None,
     ) -> Plan | None:
         """Return a plan that brings all agents to their goals, or None where none was found: see `Planner`."""
         goals = instance.scenario.goals.reshape(-1, 2)
         shared = len(np.unique(goals, axis=0)) < len(goals)
-        return None if shared else super().solve(instance, time_limit, max_steps, edge_weights)
+        return None if shared else super().solve(instance, time_limit, max_steps, edge_weights, distance_bytes)
 
 
 def _cost_to_go(problem: Problem) -> Floats:
@@ -135,7 +136,7 @@ def _without_turns(problem: Problem) -> Problem:
     world.leads_to[0], world.weight[0] = problem.leads_to, problem.weight
     prices = problem.weight[:4][problem.leads_to != np.arange(num_cells)]
     world.equal_weight[0] = prices[0] if len(np.unique(prices)) == 1 else 0
-    tables = DistanceTables(world, num_headings=1, max_bytes=8 * num_cells * len(problem.goals))
+    tables = DistanceTables(world, 1, len(problem.goals), max_bytes=8 * num_cells * len(problem.goals))
     tables.require(np.zeros(1, np.int32), problem.goals[None])
     table = tables.arrays.slot[0][problem.goals]
     return problem._replace(to_go=tables.arrays.to_go, table=table, headings=np.zeros_like(problem.headings))

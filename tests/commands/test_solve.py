@@ -56,7 +56,7 @@ class Idle(Planner):
     def decide(self, simulator):
         raise NotImplementedError
 
-    def solve(self, instance, time_limit=10.0, max_steps=1000, edge_weights="uniform"):
+    def solve(self, instance, time_limit=10.0, max_steps=1000, edge_weights="uniform", distance_bytes=None):
         return self.plan
 
 

@@ -4,9 +4,12 @@ import networkx as nx
 import numpy as np
 import pytest
 
+from mapf_pz import memory
 from mapf_pz.config import EnvConfig
+from mapf_pz.core import tables
 from mapf_pz.guidance import GuidanceGraph, open_edges
 from mapf_pz.instances import RandomObstacles
+from mapf_pz.memory import usable_memory
 from mapf_pz.simulator import Simulator
 from mapf_pz.types import HEADING_STEPS, Grid, Instance, Scenario
 
@@ -166,8 +169,39 @@ def play(simulator, num_steps):
 def test_too_little_memory_is_told_in_one_line():
     config = EnvConfig(num_agents=6, channels=("cost_to_go",), distance_bytes=5 * 4 * 65 * 5)
     simulator = Simulator(config)
-    with pytest.raises(MemoryError, match=r"^distance_bytes: .* takes 7800 bytes, more than allowed$"):
+    with pytest.raises(
+        MemoryError, match=r"^distance_bytes=6500: .* takes 7800 bytes; pass distance_bytes=7800 or more "
+    ):
         simulator.reset(seeds={0: 0})
+
+
+def test_by_default_the_bound_grows_with_the_agents(monkeypatch):
+    """All agents' goals fit, unless they take more than half of the memory; without a need nothing is reserved."""
+    monkeypatch.setattr(tables, "CACHE_BYTES", 1)
+    one_table = 4 * 65 * 5
+    for num_agents in (2, 6):
+        simulator = Simulator(EnvConfig(num_agents=num_agents, channels=("cost_to_go",)))
+        simulator.reset(seeds={0: 0})
+        assert len(simulator.tables.arrays.to_go) == num_agents
+    monkeypatch.setattr(tables, "usable_memory", lambda: 2 * 5 * one_table)
+    simulator = Simulator(EnvConfig(num_agents=6, channels=("cost_to_go",)))
+    with pytest.raises(MemoryError, match=rf"^distance_bytes={5 * one_table}: .* pass distance_bytes={6 * one_table} "):
+        simulator.reset(seeds={0: 0})
+    Simulator(EnvConfig(num_agents=6, channels=("cost_to_go",), distance_bytes=6 * one_table)).reset(seeds={0: 0})
+    monkeypatch.setattr(tables, "usable_memory", lambda: None)
+    assert tables.default_bytes(10**9) == tables.CACHE_BYTES
+
+
+def test_the_memory_of_a_container(monkeypatch, tmp_path):
+    machine = usable_memory()
+    assert machine is not None
+    assert machine >= 2**28
+    (tmp_path / "max").write_text("max\n")
+    (tmp_path / "limit").write_text("100000000\n")
+    monkeypatch.setattr(memory, "CGROUP_LIMITS", (tmp_path / "max", tmp_path / "absent"))
+    assert usable_memory() >= machine
+    monkeypatch.setattr(memory, "CGROUP_LIMITS", (tmp_path / "max", tmp_path / "limit"))
+    assert usable_memory() == 100_000_000
 
 
 def test_tables_that_are_in_use_count_where_memory_is_too_little():
@@ -176,7 +210,7 @@ def test_tables_that_are_in_use_count_where_memory_is_too_little():
     config = EnvConfig(map=grid, num_agents=2, channels=("cost_to_go",), distance_bytes=2 * 4 * 65 * 5)
     simulator = Simulator(config, num_envs=2)
     simulator.reset(instances={0: one_goal, 1: one_goal})
-    with pytest.raises(MemoryError, match=r" takes 3900 bytes, more than allowed$"):
+    with pytest.raises(MemoryError, match=r" takes 3900 bytes; pass distance_bytes=3900 or more "):
         simulator.reset([1], instances={1: two_goals})
 
 
@@ -188,7 +222,7 @@ def test_there_is_room_for_all_goals_of_all_maps():
 
 
 def test_memory_for_no_table_still_holds_one():
-    simulator = Simulator(EnvConfig(num_agents=1, channels=("cost_to_go",), distance_bytes=0))
+    simulator = Simulator(EnvConfig(num_agents=1, channels=("cost_to_go",), distance_bytes=1))
     for seed in range(5):
         simulator.reset(seeds={0: seed})
     goal = simulator.goals(0)[0]
