@@ -7,9 +7,11 @@ import sys
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from glob import glob, has_magic
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -20,9 +22,15 @@ from mapf_pz.evaluate import Episode, Trial, evaluate, load_suite, markdown_tabl
 from mapf_pz.evaluate.policies import is_trained
 from mapf_pz.evaluate.run import Casting, Policy
 from mapf_pz.files import write_whole
+from mapf_pz.instances import load_instance, load_map
 from mapf_pz.interrupts import interruptible
+from mapf_pz.types import Grid
 
 TABLE_FILE = "evaluation.md"
+DEFAULT_AGENTS = 10
+"""The number of agents on a map without scenarios."""
+
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
@@ -36,16 +44,19 @@ class EvaluateOptions:
     """Once or more: the name of a suite, or the path of a suite's file; `standard` where neither is given nor a map."""
     map: str | None = None
     """In place of suites: a map's name or the path of a `.map` file."""
-    scenario: str | None = None
-    """The path of a `.scen` file for that map; None draws starts and goals."""
-    num_agents: int = 10
-    """The number of agents on that map."""
+    scenario: Annotated[tuple[tuple[str, ...], ...], UseAppendAction] = ()
+    """Scenarios for that map, each played once: names, `.scen` files or patterns such as "tests/*.scen", several after
+    one option or the option several times. Without any, starts and goals are generated."""
+    num_agents: Annotated[tuple[tuple[int, ...], ...], UseAppendAction] = ()
+    """The number of agents on that map, or several numbers to evaluate each of them. Default: all agents of the
+    scenarios, or 10."""
     max_steps: int = 512
     """Time limit on that map."""
     action_model: ActionModel | None = None
     """Whether agents turn and drive or step in four directions; None: as the suite or the policy has it."""
     episodes: int | None = None
-    """How many episodes of each trial; None: as the suite has it, 64 on a map."""
+    """The number of episodes of each trial, at most one for each scenario or instance. None: as the suite states, one
+    for each scenario, or 64 if starts and goals are generated."""
     seed: int | None = None
     """Of the first episode; None: as the suite has it."""
     policy_seed: int = 0
@@ -64,7 +75,7 @@ class EvaluateOptions:
         """Return the trials that were asked for."""
         if self.map is not None and self.suite:
             raise ValueError("expected either --suite or --map")
-        if self.map is None and self.scenario is not None:
+        if self.map is None and self.scenario:
             raise ValueError("expected --map beside --scenario")
         if self.episodes is not None and self.episodes < 1:
             raise ValueError(f"episodes={self.episodes}: expected 1 or more")
@@ -73,25 +84,56 @@ class EvaluateOptions:
         if self.map is None:
             trials = [trial for suite in self.suite or ("standard",) for trial in load_suite(suite)]
         else:
-            trials = [self._on_map(self.map)]
+            trials = self._on_map(self.map)
+        return tuple(map(self._overridden, trials))
+
+    def _overridden(self, trial: Trial) -> Trial:
+        """Return the trial with the options that override its own."""
+        if self.episodes is not None and trial.instances and self.episodes > len(trial.instances):
+            instances = f"{trial.name!r} has {len(trial.instances)} instances"
+            raise ValueError(f"episodes={self.episodes}: {instances}, expected at most one episode for each")
         given = {"action_model": self.action_model, "distance_bytes": self.distance_bytes}
         keywords = {name: value for name, value in given.items() if value is not None}
-        return tuple(
-            trial.but(keywords=trial.keywords | keywords, episodes=self.episodes, seed=self.seed) for trial in trials
-        )
+        return trial.but(keywords=trial.keywords | keywords, episodes=self.episodes, seed=self.seed)
 
     def label(self, policy: str) -> str:
         """Return what a policy is called in the results: it must tell apart what acts differently."""
         seed = f", seed {self.policy_seed}" if self.policy_seed else ""
         return policy + seed + (", deterministic" if self.deterministic and is_trained(policy) else "")
 
-    def _on_map(self, map: str) -> Trial:
-        keywords: dict[str, Any] = {"map": map, "max_steps": self.max_steps}
-        about = Path(map).stem
-        if self.scenario is not None:
-            keywords["scenario"] = self.scenario
-            about += f", {Path(self.scenario).name}"
-        return Trial(about, self.num_agents, keywords, episodes=64)
+    def _on_map(self, map: str) -> list[Trial]:
+        """Return a trial for each number of agents."""
+        counts, names = _joined("num-agents", self.num_agents), _joined("scenario", self.scenario)
+        if not names:
+            keywords = {"map": map, "max_steps": self.max_steps}
+            return [Trial(Path(map).stem, count, keywords, episodes=64) for count in counts or [DEFAULT_AGENTS]]
+        grid, files = load_map(map), _files(names)
+        about = f"{grid.name}, {Path(files[0]).name if len(files) == 1 else f'{len(files)} scenarios'}"
+        return [_on_scenarios(about, grid, files, count, self.max_steps) for count in counts or [None]]
+
+
+def _joined(name: str, values: Sequence[Sequence[Value]]) -> list[Value]:
+    """Return the values of an option that was given several times."""
+    if not all(values):
+        raise ValueError(f"--{name}: expected one value or more, got none")
+    return list(dict.fromkeys(chain.from_iterable(values)))
+
+
+def _files(names: Sequence[str]) -> list[str]:
+    """Return the names of scenarios with the patterns among them replaced by the files that match, each only once."""
+    files: list[str] = []
+    for name in names:
+        found = [name] if os.path.exists(name) or not has_magic(name) else sorted(glob(name))
+        if not found:
+            raise FileNotFoundError(f"--scenario {name}: no file matches this pattern")
+        files += found
+    return list(dict.fromkeys(files))
+
+
+def _on_scenarios(about: str, grid: Grid, files: Sequence[str], num_agents: int | None, max_steps: int) -> Trial:
+    """Return a trial with one episode for each scenario; the environment decides where agents look at the start."""
+    instances = tuple(load_instance(grid, file, num_agents, action_model="cardinal") for file in files)
+    return Trial(about, instances[0].num_agents, {"max_steps": max_steps}, instances=instances)
 
 
 def evaluate_policies(options: EvaluateOptions) -> None:

@@ -24,8 +24,8 @@ class Trial:
     keywords: dict[str, Any] = field(default_factory=dict)
     """Other keywords of `parallel_env`, such as `map` or `source` and `max_steps`. Beside `instances`, neither `map`,
     `scenario` nor `source` is allowed."""
-    episodes: int = 256
-    """The number of episodes each policy plays."""
+    episodes: int = 0
+    """The number of episodes each policy plays. Default, 0: one for each of the `instances`, or 256 without any."""
     seed: int = 1_000_000
     """Seed of episode 0; episode `e` has the seed `seed + e`. Training uses no seeds this large."""
     instances: tuple[Instance, ...] = ()
@@ -34,11 +34,12 @@ class Trial:
     """The best known throughput, in goals per step, from which `best_ratio` is computed; None: no `best_ratio`."""
 
     def __post_init__(self) -> None:
-        """Check that all parts agree on the number of agents."""
+        """Check that all parts agree on the number of agents, and resolve the number of episodes."""
         for origin, count in self._agent_counts():
             if count != self.num_agents:
                 expected = f"trial {self.family!r}: num_agents={self.num_agents}"
                 raise ValueError(f"{expected}, but {origin} has {count} agents")
+        object.__setattr__(self, "episodes", self.episodes or len(self.instances) or 256)
 
     def _agent_counts(self) -> Iterator[tuple[str, int]]:
         """Yield the number of agents that each part states."""

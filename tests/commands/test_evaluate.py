@@ -104,16 +104,58 @@ def test_a_map(capsys):
     assert any("│ empty-8-8 │ 3" in line for line in out)
 
 
-def test_a_scenario(capsys, tmp_path):
+def written_scenarios(folder, *counts):
+    """Write `0.scen`, `1.scen` and so on with these numbers of agents; return a sum of distances for each."""
     grid = load_map("empty-8-8")
-    scenario = place(grid, 5, np.random.default_rng(0))
-    write_scenario(scenario, grid, tmp_path / "five.scen")
-    words = ["--policy", "pibt", *SMALL, "--scenario", tmp_path / "five.scen", "--output", tmp_path / "out"]
-    assert run(capsys, *words, "--action-model", "cardinal")[0] == 0
-    cost = np.abs(scenario.starts - scenario.goals)[:3].sum()
-    got = rows(tmp_path / "out")
-    assert {(row["about"], row["num_agents"]) for row in got} == {("empty-8-8, five.scen", "3")}
-    assert all(float(row["SoC"]) / float(row["SoC_ratio"]) == pytest.approx(cost) for row in got)
+    for number, count in enumerate(counts):
+        scenario = place(grid, count, np.random.default_rng(number))
+        write_scenario(scenario, grid, folder / f"{number}.scen")
+        yield lambda first, scenario=scenario: np.abs(scenario.starts - scenario.goals)[:first].sum()
+
+
+ON_SCENARIOS = ["--policy", "pibt", "--map", "empty-8-8", "--max-steps", 20, "--action-model", "cardinal"]
+
+
+def bounds(folder):
+    """Return the lower bound of each episode."""
+    return [round(float(row["SoC"]) / float(row["SoC_ratio"])) for row in rows(folder)]
+
+
+def test_a_scenario_is_one_episode(capsys, tmp_path):
+    (cost,) = written_scenarios(tmp_path, 5)
+    words = [*ON_SCENARIOS, "--scenario", tmp_path / "0.scen"]
+    assert run(capsys, *words, "--output", tmp_path / "out")[0] == 0
+    (row,) = rows(tmp_path / "out")
+    assert (row["about"], row["num_agents"]) == ("empty-8-8, 0.scen", "5")
+    assert bounds(tmp_path / "out") == [cost(5)]
+    status, _, err = run(capsys, *words, "--episodes", 2)
+    message = "episodes=2: '5 agents on empty-8-8, 0.scen' has 1 instances, expected at most one episode for each"
+    assert (status, err) == (1, [f"mapf-pz evaluate: {message}"])
+
+
+@pytest.mark.parametrize("again", [False, True])
+def test_several_scenarios_and_numbers_of_agents(capsys, tmp_path, again):
+    costs = list(written_scenarios(tmp_path, 5, 6, 7))
+    scenarios = ["--scenario", tmp_path / "2.scen", "--scenario" if again else tmp_path / "0.scen"]
+    scenarios += [tmp_path / "[01].scen"]
+    counts = ["--num-agents", 4, "--num-agents", 2] if again else ["--num-agents", 4, 2]
+    assert run(capsys, *ON_SCENARIOS, *scenarios, *counts, "--output", tmp_path / "out")[0] == 0
+    assert [row["num_agents"] for row in rows(tmp_path / "out")] == ["4"] * 3 + ["2"] * 3
+    assert {row["about"] for row in rows(tmp_path / "out")} == {"empty-8-8, 3 scenarios"}
+    assert bounds(tmp_path / "out") == [costs[number](count) for count in (4, 2) for number in (2, 0, 1)]
+
+
+def test_scenarios_of_different_numbers_of_agents(capsys, tmp_path):
+    list(written_scenarios(tmp_path, 5, 6))
+    status, _, err = run(capsys, *ON_SCENARIOS, "--scenario", tmp_path / "*.scen")
+    message = "trial 'empty-8-8, 2 scenarios': num_agents=5, but instance 1 has 6 agents"
+    assert (status, err) == (1, [f"mapf-pz evaluate: {message}"])
+
+
+def test_several_numbers_of_agents_on_a_map(capsys, tmp_path):
+    words = ["--map", "empty-8-8", "--num-agents", 3, 2, "--max-steps", 20, "--episodes", 1, "--output", tmp_path]
+    assert run(capsys, "--policy", "random", *words)[0] == 0
+    assert [row["num_agents"] for row in rows(tmp_path)] == ["3", "2"]
 
 
 def test_several_suites(capsys, suite, tmp_path):
@@ -165,6 +207,9 @@ def test_what_acts_differently_has_another_name(capsys, tmp_path):
         (["--policy", "pibt", "--scenario", "a.scen"], "expected --map beside --scenario"),
         (["--policy", "pibt", "--map", "nowhere"], "no .map file is named 'nowhere'"),
         (["--policy", "pibt", *SMALL[:4], "--scenario", "a.scen"], "a.scen: no such file"),
+        (["--policy", "pibt", *SMALL[:4], "--scenario", "a*.scen"], "--scenario a*.scen: no file matches this pattern"),
+        (["--policy", "pibt", *SMALL[:4], "--scenario"], "--scenario: expected one value or more, got none"),
+        (["--policy", "pibt", *SMALL[:2], "--num-agents"], "--num-agents: expected one value or more, got none"),
         (["--policy", "pibt", *SMALL[:2], "--num-agents", 0], "num_agents=0: "),
         (["--policy", "pibt", *SMALL[:2], "--num-agents", 65], "65 agents do not fit"),
         (["--policy", "pibt", *SMALL[:2], "--max-steps", 0], "max_steps=0: "),

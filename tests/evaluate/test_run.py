@@ -75,6 +75,12 @@ def test_a_trial_does_not_contradict_itself(parts, origin):
         Trial("mine", 2, **parts)
 
 
+def test_each_instance_is_played_once_by_default():
+    assert Trial("drawn", 1, instances=(drawn("a..A"), drawn("a.A."))).episodes == 2
+    assert Trial("drawn", 1, instances=(drawn("a..A"),), episodes=3).episodes == 3
+    assert Trial("empty", 1, {"map": "empty-8-8"}).episodes == 256
+
+
 # Metrics.
 
 
