@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from operator import index
 from typing import Any, SupportsIndex, TypeAlias
@@ -81,9 +82,15 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
 
         Args:
             seed: decides the episode; without one, the next episode differs from the last.
-            options: `{"instance": Instance or Scenario}` sets the episode instead of drawing it.
+            options: `{"instance": Instance or Scenario}` sets the episode instead of drawing it. Others are ignored
+                with a warning.
+
+        Raises `TypeError` or `ValueError` for an instance that is none or does not fit.
         """
-        instance = (options or {}).get("instance")
+        given = options or {}
+        if unknown := given.keys() - {"instance"}:  # no error: PettingZoo's own test passes one
+            warnings.warn(f"reset: ignored unknown options {sorted(unknown)}, expected 'instance'", stacklevel=2)
+        instance = given.get("instance")
         if isinstance(instance, Scenario):
             grid = self.simulator.source.grid or self.simulator.grid(0)
             instance = Instance(grid, instance)
@@ -105,8 +112,9 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         Returns observations, rewards, terminations, truncations and infos of the agents that acted. Raises
         `ValueError` for a missing, unknown or impossible action, `RuntimeError` before `reset()` and after the end.
         """
+        self._require_episode("step")
         if not self.agents:
-            raise RuntimeError("the episode is over, call reset()" if self._began else "call reset() before step()")
+            raise RuntimeError("the episode is over, call reset()")
         self.simulator.step(self._numbers(actions))
         crew, rows = self._crew, self._rows
         observations, infos = self._observe()
@@ -188,8 +196,10 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
     def state(self) -> NDArray[np.float32]:
         """Return the whole map as (7, H, W) float32, in [-1, 1]; `STATE_PLANES` names the planes.
 
-        The distance to go stands on the agent's cell, in units of `(H + W) * mean weight`, at most 1.
+        The distance to go stands on the agent's cell, in units of `(H + W) * mean weight`, at most 1. Raises
+        `RuntimeError` before `reset()`.
         """
+        self._require_episode("state")
         simulator, state = self.simulator, self.simulator.state
         height, width = simulator.shape
         planes = np.zeros((len(STATE_PLANES), height, width), np.float32)
@@ -207,8 +217,16 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         return planes
 
     def metrics(self) -> dict[str, float]:
-        """Return the episode's metrics as if it ended now: see `mapf_pz.metrics.episode_metrics`."""
+        """Return the episode's metrics as if it ended now: see `mapf_pz.metrics.episode_metrics`.
+
+        Raises `RuntimeError` before `reset()`.
+        """
+        self._require_episode("metrics")
         return self.simulator.metrics(0)
+
+    def _require_episode(self, method: str) -> None:
+        if not self._began:
+            raise RuntimeError(f"call reset() before {method}()")
 
     def render(self) -> NDArray[np.uint8] | str | None:
         """Return a picture (rows, cols, 3) uint8 or a text, by `render_mode`; None without one.

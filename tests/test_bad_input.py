@@ -341,11 +341,26 @@ def test_actions_of_the_wrong_agents():
     )
 
 
-@pytest.mark.parametrize("read", ["step", "render", "grid"])
+@pytest.mark.parametrize("read", ["step", "render", "grid", "metrics", "state"])
 def test_before_reset(read):
     env = mapf_pz.parallel_env(**SMALL, render_mode="ansi")
-    doings = {"step": lambda: env.step({}), "render": env.render, "grid": lambda: env.grid}
-    refuses(RuntimeError, "call reset\\(\\) (before step\\(\\)|first)", doings[read])
+    doings = {
+        "step": lambda: env.step({}),
+        "render": env.render,
+        "grid": lambda: env.grid,
+        "metrics": env.metrics,
+        "state": env.state,
+    }
+    refuses(RuntimeError, rf"call reset\(\) (before {read}\(\)|first)", doings[read])
+
+
+def test_unknown_options():
+    env = mapf_pz.parallel_env(**SMALL)
+    for options in ({"instanse": None}, {"instance": None, "instanse": None}):
+        with pytest.warns(UserWarning, match=r"^reset: ignored unknown options \['instanse'\], expected 'instance'$"):
+            env.reset(options=options)
+    for options in (None, {}, {"instance": None}):
+        env.reset(options=options)
 
 
 def test_a_step_after_the_end():
