@@ -146,6 +146,7 @@ def test_the_files_are_valid(case, tmp_path):
 
 
 @pytest.mark.parametrize("case", CASES.values(), ids=list(CASES))
+@pytest.mark.filterwarnings("ignore:.* not modeled:UserWarning")  # members that no problem has
 @fuzzed
 @given(st.data())
 def test_a_changed_file_is_read_or_refused_in_one_line(case, data):

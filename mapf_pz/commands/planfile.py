@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.instances import load_instance, load_map, read_map
-from mapf_pz.instances.lorr import LORR_PASSABLE, ROUND_ROBIN, LorrProblem, load_problem
+from mapf_pz.instances import load_instance, load_map
+from mapf_pz.instances.lorr import ROUND_ROBIN, LorrProblem, load_problem
 from mapf_pz.planners.files import PlanFile, Selection, read_plan
 from mapf_pz.planners.plan import reached
 from mapf_pz.types import Grid, Heading, Instance, Ints, Scenario
@@ -71,7 +71,7 @@ def _of_problem(file: PlanFile, problem: LorrProblem) -> LoadedPlan:
 
 
 def _of_map(path: Path, name: str, scenario: str | None, num_agents: int | None) -> LoadedPlan:
-    grid = read_map(name, LORR_PASSABLE) if name.endswith(".map") else load_map(name)
+    grid = load_map(name)
     if scenario is None:
         file = read_plan(path)
         plan = file.plan

@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import math
 import re
+import warnings
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -23,11 +24,13 @@ from mapf_pz.instances.place import check_reachable
 from mapf_pz.instances.textfile import read_text
 from mapf_pz.types import FormatError, Grid, Heading, Instance, Ints, Scenario, frozen
 
-LORR_PASSABLE = ".GSE"
-"""Characters of free cells in the competition's maps, whose warehouses have stations (`E`) and shelves (`S`)."""
 ROUND_ROBIN, ENTRANT = "roundrobin", "entrant"
 STRATEGIES = (ROUND_ROBIN, "roundrobin_fixed", "greedy", ENTRANT)
 """Who gets which task. `entrant`: since 2024 a competitor's own scheduler decides; such files name no strategy."""
+MODELED = ("mapFile", "agentFile", "taskFile", "teamSize", "taskAssignmentStrategy", "version")
+"""The members of a problem that this package implements."""
+NEUTRAL = {"numTasksReveal": 1, "agentCounter": 1, "agentSize": 1}
+"""The values of other members under which they change nothing."""
 MAX_PROBLEM_CHARACTERS = 100_000
 """Longer JSON files are refused as problems: they only name others."""
 MAX_ERRANDS_PER_TASK = 100
@@ -54,6 +57,11 @@ class LorrProblem:
     """One of `STRATEGIES`."""
     version: str | None
     """As the file says, such as `2024 LoRR`; None in 2023."""
+    name: str = "problem"
+    """The file's name without its ending."""
+    not_modeled: tuple[str, ...] = ()
+    """Members of the file that an instance leaves out, such as `delayConfig` (random delays) and `agentCounter` (ticks
+    per action) of 2026, or `numTasksReveal` (tasks that a scheduler knows in advance) since 2024."""
 
     @property
     def team_size(self) -> int:
@@ -75,8 +83,8 @@ class LorrProblem:
 
         Robot `i` gets the tasks `i`, `i + M`, `i + 2M` and so on, going round the file. That is the competition's own
         `roundrobin` of 2023. Since 2024 an entrant's scheduler chooses instead, so there it is only a stand-in, in
-        which a robot runs all errands of a task in order. (The robots of 2026 also take several ticks for an action and
-        are delayed; an instance knows nothing of that.)
+        which a robot runs all errands of a task in order. Warns of what is `not_modeled`: results are then not
+        comparable with the competition's.
 
         Args:
             goals_per_agent: L; None: until the tasks of all robots repeat, or the fewest goals that any has until then.
@@ -88,6 +96,10 @@ class LorrProblem:
         if self.strategy not in (ROUND_ROBIN, ENTRANT):
             expected = f"expected {ROUND_ROBIN!r}, or none since 2024"
             raise ValueError(f"strategy {self.strategy!r} gives robots no fixed sequence of goals: {expected}")
+        if self.not_modeled:
+            ignored = ", ".join(map(shortened, self.not_modeled))
+            message = f"{self.name}: not modeled: {ignored}; results are not comparable with the competition's"
+            warnings.warn(message, stacklevel=2)
         period = self.num_tasks // math.gcd(self.num_tasks, self.team_size)
         tasks_per_agent = period if goals_per_agent is None else min(period, goals_per_agent)
         self._check_goals(tasks_per_agent if goals_per_agent is None else goals_per_agent)
@@ -131,7 +143,7 @@ def load_problem(path: str | Path) -> LorrProblem:
     strategy = data.get("taskAssignmentStrategy", ENTRANT)
     if strategy not in STRATEGIES:
         raise FormatError(path, f"expected 'taskAssignmentStrategy' {', '.join(STRATEGIES)}, got {shortened(strategy)}")
-    grid = read_map(_named_file(data, "mapFile", path), LORR_PASSABLE)
+    grid = read_map(_named_file(data, "mapFile", path))
     agent_file, task_file = _named_file(data, "agentFile", path), _named_file(data, "taskFile", path)
     starts, counts, first_line = _read_cells(agent_file, grid, errands=1)
     if size > len(counts):
@@ -145,6 +157,8 @@ def load_problem(path: str | Path) -> LorrProblem:
         offsets=frozen(np.concatenate([[0], np.cumsum(counts)]), np.int64),
         strategy=strategy,
         version=None if data.get("version") is None else text_member(data, "version", path),
+        name=Path(path).stem,
+        not_modeled=tuple(key for key in data if key not in MODELED and NEUTRAL.get(key) != data[key]),
     )
 
 

@@ -19,8 +19,9 @@ from mapf_pz.instances.octile import octile_distances
 from mapf_pz.instances.textfile import read_text
 from mapf_pz.types import Bools, FormatError, Grid, Ints, Scenario
 
-PASSABLE = ".GS"
-"""Characters of free cells: ground (two), swamp."""
+PASSABLE = ".GSE"
+"""Characters of free cells: ground (two), swamp; in maps of the League of Robot Runners also stations (`E`) and shelves
+(`S`) of warehouses."""
 BLOCKED = "@OTW"
 """Characters of obstacles: out of bounds (two), trees, water."""
 MAX_CELLS = 16_000_000
@@ -48,26 +49,26 @@ _COLUMNS = {
 _AGENT = re.compile(r"\t".join(_COLUMNS.values()), re.ASCII)
 
 
-def read_map(path: str | Path, passable: str = PASSABLE) -> Grid:
+def read_map(path: str | Path) -> Grid:
     """Read a `.map` file; the map is named like the file.
 
     Raises:
         FileNotFoundError: There is no such file.
         FormatError: The file is not a map.
     """
-    return parse_map(read_text(path), path, passable)
+    return parse_map(read_text(path), path)
 
 
-def parse_map(text: str, origin: str | Path, passable: str = PASSABLE) -> Grid:
+def parse_map(text: str, origin: str | Path) -> Grid:
     """Parse the text of a `.map` file that came from `origin`; a second map after the first is ignored.
 
-    Characters in `passable` are free cells, others in `BLOCKED` obstacles. Raises `FormatError` for anything else.
+    Characters in `PASSABLE` are free cells, others in `BLOCKED` obstacles. Raises `FormatError` for anything else.
     """
     lines = _lines(text)
     height, width = _parse_header(lines, origin)
     first = len(_HEADER) + 1
     rows = list(islice(lines, height))
-    free = parse_cells(rows, width, origin, first, passable)
+    free = parse_cells(rows, width, origin, first)
     if len(rows) < height:
         raise FormatError(origin, f"expected {height} rows, got {len(rows)}", first + len(rows))
     for number, line in enumerate(lines, first + height):

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -68,9 +69,20 @@ def test_a_problem_of_2024(tmp_path):
     assert (loaded.version, loaded.strategy, loaded.num_tasks) == ("2024 LoRR", "entrant", 3)
     assert [cells(loaded.task(k)) for k in range(4)] == [[0, 1], [2, 3, 0], [1, 3], [0, 1]]
     # Robot 0 gets the tasks 0, 2, 1, and robot 1 the tasks 1, 0, 2.
+    loaded = replace(loaded, not_modeled=())
     assert cells(loaded.instance().scenario.goals) == [[0, 1, 1, 3, 2, 3, 0], [2, 3, 0, 0, 1, 1, 3]]
     assert cells(loaded.instance(3).scenario.goals) == [[0, 1, 1], [2, 3, 0]]
     assert cells(loaded.instance(9).scenario.goals)[0] == [0, 1, 1, 3, 2, 3, 0, 0, 1]
+
+
+def test_what_is_not_modeled_is_reported(tmp_path):
+    neutral = {"numTasksReveal": 1, "agentSize": 1.0, "version": "2026 LoRR"}
+    load_problem(problem(tmp_path, neutral)).instance()
+    others = {"numTasksReveal": 1.5, "agentCounter": 3, "delayConfig": {"pDelay": 0.01}}
+    loaded = load_problem(problem(tmp_path, neutral | others))
+    told = "'numTasksReveal', 'agentCounter', 'delayConfig'; results are not comparable with the competition's"
+    with pytest.warns(UserWarning, match=f"^a: not modeled: {told}$"):
+        loaded.instance()
 
 
 @pytest.mark.parametrize("strategy", ["greedy", "roundrobin_fixed"])
@@ -207,7 +219,9 @@ def test_all_published_problems_load(benchmark):
         if file.stem.rsplit("_", 1)[0] not in large:
             loaded = load_problem(file)
             assert loaded.team_size == json.loads(file.read_text())["teamSize"]
-            assert loaded.instance(2).num_agents == loaded.team_size
+            assert replace(loaded, not_modeled=()).instance(2).num_agents == loaded.team_size
+            expected = {"2024": ("numTasksReveal",), "2026": ("numTasksReveal", "agentCounter", "delayConfig")}
+            assert loaded.not_modeled == expected.get((loaded.version or "2023")[:4], ())
 
 
 def test_a_large_problem(benchmark):

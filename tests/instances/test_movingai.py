@@ -7,6 +7,7 @@ from hypothesis.extra import numpy as hnp
 from mapf_pz.instances import (
     format_map,
     format_scenario,
+    load_map,
     parse_map,
     parse_scenario,
     place,
@@ -52,9 +53,8 @@ def test_map():
 
 
 def test_passable_and_blocked_characters():
-    grid = parse_map("type octile\nheight 1\nwidth 7\nmap\n.GS@OTW\n", "m")
-    assert grid.free.tolist() == [[True] * 3 + [False] * 4]
-    assert parse_map("type octile\nheight 1\nwidth 2\nmap\nE@\n", "m", passable=".ES").free.tolist() == [[True, False]]
+    grid = parse_map("type octile\nheight 1\nwidth 8\nmap\n.GSE@OTW\n", "m")
+    assert grid.free.tolist() == [[True] * 4 + [False] * 4]
 
 
 @pytest.mark.parametrize(
@@ -83,8 +83,8 @@ def test_tolerated_maps(text):
         (MAP.replace("2", "٢"), "m:2:1: expected 'height' and a number, got 'height ٢'"),
         (MAP.replace("3", "0"), "m:3:7: expected 'width' and a number, 1 or more"),
         (MAP.replace("map\n", "", 1), "m:4:1: expected 'map', got '.@.'"),
-        (MAP.replace("@", "x"), "m:5:2: expected one of .GS@OTW, got 'x'"),
-        (MAP.replace("@", "\r"), "m:5:2: expected one of .GS@OTW, got '\\r'"),
+        (MAP.replace("@", "x"), "m:5:2: expected one of .GSE@OTW, got 'x'"),
+        (MAP.replace("@", "\r"), "m:5:2: expected one of .GSE@OTW, got '\\r'"),
         (MAP.replace("...", ".."), "m:6:3: expected a row of 3 cells, got 2"),
         (MAP.replace("...", "...."), "m:6:4: expected a row of 3 cells, got 4"),
         (MAP.replace("2", "3"), "m:7: expected 3 rows, got 2"),
@@ -273,6 +273,8 @@ def test_all_benchmark_files_load(benchmark):
     assert len(maps) == 27
     for name, (shape, passable) in SIZES.items():
         assert (maps[name].shape, maps[name].free.sum()) == (shape, passable)
+    for file in benchmark.glob("lorr/**/warehouse_*.map"):
+        assert load_map(file).free.sum() == sum(map(file.read_text().partition("map\n")[2].count, ".ES"))
     scenarios = list((benchmark / "scens").glob("*.scen"))
     assert len(scenarios) == 405
     for file in scenarios:

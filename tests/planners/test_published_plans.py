@@ -8,7 +8,6 @@ import pytest
 
 from mapf_pz.config import EnvConfig
 from mapf_pz.instances import InstanceList, load_instance, load_problem, read_map
-from mapf_pz.instances.lorr import LORR_PASSABLE
 from mapf_pz.planners import Plan, validate
 from mapf_pz.planners.files import Selection, format_plan, parse_plan, read_plan
 from mapf_pz.planners.plan import reached
@@ -128,7 +127,7 @@ def test_plans_without_a_schedule(benchmark, name):
 def test_plans_that_planviz_comes_with(benchmark, name):
     num_agents, num_steps, finished = OF_PLANVIZ[name]
     file = read(benchmark, name)
-    instance = unaimed(read_map(benchmark / "lorr" / "planviz" / "warehouse_small.map", LORR_PASSABLE), file.plan)
+    instance = unaimed(read_map(benchmark / "lorr" / "planviz" / "warehouse_small.map"), file.plan)
     assert (file.plan.num_agents, file.plan.num_steps) == (num_agents, num_steps)
     assert validate(instance, file.plan) is None
     assert file.schedule.finished(file.plan) == file.claims["tasks finished"] == finished
