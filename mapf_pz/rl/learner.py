@@ -32,7 +32,7 @@ class Learner:
             trained = [parameter for parameter in self.curiosity.parameters() if parameter.requires_grad]
             groups.append({"params": trained, "initial_lr": config.curiosity.learning_rate})
         self.optimizer = torch.optim.Adam(groups, eps=1e-5)
-        self._buffer = _make_buffer(config)
+        self._buffer = _make_buffer(config, self._device)
 
     def learn(self, batch: TensorDictBase, done: float) -> dict[str, float]:
         """Improve the networks on a batch of B x T steps; return what the losses report, their means.
@@ -114,11 +114,14 @@ class Learner:
         return told
 
 
-def _make_buffer(config: TrainConfig) -> TensorDictReplayBuffer:
-    """Return what cuts a batch into minibatches: of whole sequences for a memory, else of steps by themselves."""
+def _make_buffer(config: TrainConfig, device: torch.device) -> TensorDictReplayBuffer:
+    """Return the buffer that splits a batch into minibatches, of sequences for recurrent networks, else of steps.
+
+    It stores the batch on `device`, where the networks are.
+    """
     row_steps = config.ppo.steps_per_batch if config.model.recurrent else 1
     return TensorDictReplayBuffer(
-        storage=LazyTensorStorage(config.ppo.num_envs * config.ppo.steps_per_batch // row_steps),
+        storage=LazyTensorStorage(config.ppo.num_envs * config.ppo.steps_per_batch // row_steps, device=device),
         sampler=SamplerWithoutReplacement(),
         batch_size=max(1, config.ppo.minibatch_size // row_steps),
     )
