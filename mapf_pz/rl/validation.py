@@ -43,19 +43,21 @@ class Validation:
         if self._env is None:
             self._env = MakeEnv(self._algorithm, self._config, FIRST_SEED, self._config.validation_episodes)()
         self._env.set_seed(FIRST_SEED)
-        with torch.random.fork_rng(devices=[]), torch.no_grad(), set_exploration_type(ExplorationType.RANDOM):
+        device = next(self._algorithm.actor.parameters()).device
+        gpus = [device] if device.type == "cuda" else []
+        with torch.random.fork_rng(gpus), torch.no_grad(), set_exploration_type(ExplorationType.RANDOM):
             torch.manual_seed(FIRST_SEED)
-            means = self._play(self._env)
+            means = self._play(self._env, device)
         return {f"validation_{name}": means[name] for name in _NAMES}
 
-    def _play(self, env: EnvBase) -> dict[str, float]:
-        """Return the means over each environment's first episode."""
+    def _play(self, env: EnvBase, device: torch.device) -> dict[str, float]:
+        """Return the means over each environment's first episode; the actor is on `device`."""
         now = env.reset()
         over = torch.zeros(*env.batch_size, 1, dtype=torch.bool)
         steps: list[TensorDictBase] = []
         ended: list[Tensor] = []
         for _ in range(self._config.task.max_steps):
-            step, now = env.step_and_maybe_reset(self._algorithm.actor(now))
+            step, now = env.step_and_maybe_reset(self._algorithm.actor(now.to(device)).to(env.device))
             steps.append(step["next"].select("done", "terminated", ("agents", "at_goal"), ("agents", "episode_reward")))
             ended.append(steps[-1]["done"] & ~over)
             over = over | ended[-1]
