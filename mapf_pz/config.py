@@ -6,6 +6,7 @@ import dataclasses
 import difflib
 from dataclasses import dataclass
 from pathlib import Path
+from reprlib import repr as shortened
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -162,17 +163,17 @@ class EnvConfig:
         for name, allowed in choices.items():
             value = getattr(self, name)
             if name not in _OTHERWISE and not isinstance(value, (str, type(None))):
-                raise ValueError(f"{name}={value!r}: expected one of {', '.join(map(repr, allowed))}")
+                raise ValueError(f"{name}={_shown(value)}: expected one of {', '.join(map(repr, allowed))}")
             if (value is None or isinstance(value, str)) and value not in allowed:
-                raise ValueError(f"{name}={value!r}: expected one of {', '.join(map(repr, allowed))}")
+                raise ValueError(f"{name}={_shown(value)}: expected one of {', '.join(map(repr, allowed))}")
         for name, kind in (("edge_weights", GuidanceGraph), ("reward", RewardConfig)):
             if not isinstance(getattr(self, name), (str, kind)):
-                raise ValueError(f"{name}={getattr(self, name)!r}: expected a name or a {kind.__name__}")
+                raise ValueError(f"{name}={_shown(getattr(self, name))}: expected a name or a {kind.__name__}")
 
     def _check_source(self, source: object) -> None:
         """Refuse what is no source, and other keywords that contradict it."""
         if not isinstance(source, InstanceSource):
-            raise TypeError(f"source={source!r}: expected an InstanceSource, such as RandomObstacles or FixedMap")
+            raise TypeError(f"source={_shown(source)}: expected an InstanceSource, such as RandomObstacles or FixedMap")
         for name in ("map", "scenario"):
             if getattr(self, name) is not None:
                 raise ValueError(f"{name}: not allowed beside source, which determines the maps, starts and goals")
@@ -198,20 +199,28 @@ class EnvConfig:
 
 def _positive(name: str, value: object) -> None:
     if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < 1:
-        raise ValueError(f"{name}={value!r}: expected a whole number, 1 or more")
+        raise ValueError(f"{name}={_shown(value)}: expected a whole number, 1 or more")
 
 
 def _pair(name: str, value: Any) -> tuple[int, int]:
     try:
         height, width = value
     except (TypeError, ValueError):
-        raise ValueError(f"{name}={value!r}: expected (height, width)") from None
+        raise ValueError(f"{name}={_shown(value)}: expected (height, width)") from None
     _positive(name, height)
     _positive(name, width)
     return int(height), int(width)
 
 
 def _names(name: str, value: Any) -> tuple[str, ...]:
-    if isinstance(value, str) or not all(isinstance(item, str) for item in value) or len(set(value)) < len(value):
-        raise ValueError(f"{name}={value!r}: expected different names in a tuple or list")
+    if not isinstance(value, (tuple, list)) or not all(isinstance(item, str) for item in value):
+        example = f", such as ({value!r},)" if isinstance(value, str) else ""
+        raise ValueError(f"{name}={_shown(value)}: expected a tuple or list of names{example}")
+    if len(set(value)) < len(value):
+        raise ValueError(f"{name}={_shown(value)}: expected different names")
     return tuple(value)
+
+
+def _shown(value: object) -> str:
+    """Return a value as messages show it: in one line, and not at length."""
+    return " ".join(shortened(value).split())

@@ -68,12 +68,24 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         self._window: Any = None
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
-        """Return the space of the agent's observations: the same object for all agents and calls."""
-        return self.observation_spaces[agent]
+        """Return the space of the agent's observations: the same object for all agents and calls.
+
+        Raises `ValueError` for an unknown agent.
+        """
+        self._check_agent(agent)
+        return self._observation_space
 
     def action_space(self, agent: str) -> spaces.Discrete:
-        """Return the space of the agent's actions: the same object for all agents and calls."""
+        """Return the space of the agent's actions: the same object for all agents and calls.
+
+        Raises `ValueError` for an unknown agent.
+        """
+        self._check_agent(agent)
         return self._action_space
+
+    def _check_agent(self, agent: str) -> None:
+        if agent not in self._index:
+            raise ValueError(f"unknown agent {agent!r}: expected agent_0 to {self.possible_agents[-1]}")
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None

@@ -114,7 +114,7 @@ class Scenario:
 
     def __post_init__(self) -> None:
         """Copy, freeze and check the arrays."""
-        starts, goals = frozen(self.starts, np.int32), frozen(self.goals, np.int32)
+        starts, goals = _coordinates("starts", self.starts), _coordinates("goals", self.goals)
         if starts.ndim != 2 or starts.shape[1] != 2:
             raise ValueError(f"scenario starts: expected the shape (M, 2), got {starts.shape}")
         if goals.ndim not in (2, 3) or len(goals) != len(starts) or goals.shape[-1] != 2 or 0 in goals.shape[1:]:
@@ -127,6 +127,15 @@ class Scenario:
     def __len__(self) -> int:
         """Return the number of agents, M."""
         return len(self.starts)
+
+
+def _coordinates(name: str, values: ArrayLike) -> Ints:
+    """Return a read-only copy; raise `ValueError` unless the values are an array of numbers."""
+    try:
+        return frozen(values, np.int32)
+    except (ValueError, TypeError):
+        expected = "[row, col] of each agent, or equally many of them for each agent"
+        raise ValueError(f"scenario {name}: expected {expected}; got no array of whole numbers") from None
 
 
 @dataclass(frozen=True, eq=False)

@@ -60,9 +60,15 @@ def refuses(error, message, make):
         ({"view_size": (4, 2)}, ValueError, "view_size=\\(4, 2\\): expected at most the map's size, \\(3, 4\\)"),
         ({"view_size": (3, 5)}, ValueError, "view_size=\\(3, 5\\): expected at most the map's size, \\(3, 4\\)"),
         ({"channels": ("views",)}, ValueError, "channels: unknown 'views', expected names out of view, goal, .*"),
-        ({"channels": "view"}, ValueError, "channels='view': expected different names in a tuple or list"),
+        ({"channels": "view"}, ValueError, "channels='view': expected a tuple or list of names, such as \\('view',\\)"),
+        ({"channels": 5}, ValueError, "channels=5: expected a tuple or list of names"),
         ({"channels": ()}, ValueError, "channels: expected at least one of view, goal, .*"),
-        ({"channels": ("view", "view")}, ValueError, "channels=.*: expected different names in a tuple or list"),
+        ({"channels": ("view", "view")}, ValueError, "channels=.*: expected different names"),
+        (
+            {"edge_weights": np.ones((4, 3, 4))},
+            ValueError,
+            "edge_weights=array.{,30}: expected a name or a GuidanceGraph",
+        ),
         ({"features": ("speed",)}, ValueError, "features: unknown 'speed', expected names out of goal_vector, .*"),
         (
             {"initial_heading": "up"},
@@ -222,6 +228,8 @@ def test_goals_that_are_not_used_may_be_anywhere():
     ("starts", "goals", "message"),
     [
         ([0, 1], [0, 1], "scenario starts: expected the shape \\(M, 2\\), got \\(2,\\)"),
+        ([(0, 0)] * 2, [[(0, 1)], [(0, 2), (0, 1)]], "scenario goals: expected .*; got no array of whole numbers"),
+        (["a"], [(0, 0)], "scenario starts: expected .*; got no array of whole numbers"),
         ([(0, 0)], [(0, 1), (0, 2)], "scenario goals: expected the shape \\(1, 2\\) or \\(1, L, 2\\), got \\(2, 2\\)"),
     ],
 )
@@ -321,6 +329,12 @@ def test_impossible_actions(action, shown):
     )
     assert np.array_equal(env.state(), before), "a refused step changed something"
     assert env.step_count == 0
+
+
+@pytest.mark.parametrize("space", ["observation_space", "action_space"])
+def test_spaces_of_an_unknown_agent(space):
+    env = mapf_pz.parallel_env(**SMALL)
+    refuses(ValueError, "unknown agent 'agent_9': expected agent_0 to agent_1", lambda: getattr(env, space)("agent_9"))
 
 
 def test_actions_of_the_wrong_agents():

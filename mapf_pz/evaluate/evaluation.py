@@ -45,6 +45,7 @@ def evaluate(
     Raises:
         ValueError: a policy or suite is unknown, they do not fit, two trials have the same name, or the folder has an
             evaluation of other trials.
+        TypeError: an object is no policy.
         FileNotFoundError, FormatError: a file of the suite is absent or malformed.
     """
     if isinstance(policies, str):
@@ -75,7 +76,9 @@ def evaluate(
 def _casting(policy: Casting | Policy | str) -> Casting:
     if isinstance(policy, str):
         return named_policy(policy)
-    return policy if callable(policy) and not hasattr(policy, "act") else own_policy(cast("Policy", policy))
+    if callable(policy) and not isinstance(policy, type) and not hasattr(policy, "act"):
+        return cast("Casting", policy)
+    return own_policy(cast("Policy", policy))
 
 
 def _check_names(trials: Sequence[Trial]) -> None:

@@ -11,7 +11,7 @@ from typing import Any, cast
 
 from mapf_pz.environment import MapfEnv, parallel_env
 from mapf_pz.evaluate.random_policy import RandomPolicy
-from mapf_pz.evaluate.run import AnyEnv, Casting, Policy, make_env
+from mapf_pz.evaluate.run import AnyEnv, Casting, Policy, check_policy, make_env
 from mapf_pz.planners import PLANNERS, Planner, Shield
 
 UNDER_PIBT = "+pibt"
@@ -57,7 +57,8 @@ def _bundled_names() -> list[str]:
 
 
 def own_policy(policy: Policy) -> Casting:
-    """Return what makes the environment for a policy that is at hand."""
+    """Return what makes the environment for a policy that is at hand; raises `TypeError` where it is none."""
+    check_policy(policy)
     return partial(_cast_own, policy)
 
 

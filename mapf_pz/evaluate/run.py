@@ -39,6 +39,15 @@ Casting: TypeAlias = "Callable[[dict[str, Any]], tuple[AnyEnv, Policy]]"
 """Given keywords of `parallel_env`, makes the environment as the policy must see it, and the policy."""
 
 
+def check_policy(policy: object) -> None:
+    """Raise `TypeError` unless `policy` is an object with the methods of `Policy`."""
+    if isinstance(policy, type):
+        raise TypeError(f"policy {policy.__name__}: expected an object, such as {policy.__name__}(), got the class")
+    for method in ("act", "reset_states"):
+        if not callable(getattr(policy, method, None)):
+            raise TypeError(f"policy {type(policy).__name__}: expected the methods act and reset_states, no {method}")
+
+
 def make_env(policy: Policy, **keywords: Any) -> AnyEnv:
     """Return the environment of `parallel_env(**keywords)`, as the policy must see it.
 
@@ -57,7 +66,11 @@ def simulator_of(env: AnyEnv) -> Simulator:
 
 
 def play(env: AnyEnv, policy: Policy, seed: int, instance: Instance | None = None) -> Iterator[float]:
-    """Play an episode; yield at its beginning (0.0), and after each step the seconds that the policy took to decide."""
+    """Play an episode; yield at its beginning (0.0), and after each step the seconds that the policy took to decide.
+
+    Raises `TypeError` where `policy` is none.
+    """
+    check_policy(policy)
     observations, _ = env.reset(seed=seed, options=None if instance is None else {"instance": instance})
     policy.reset_states()
     yield 0.0

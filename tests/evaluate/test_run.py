@@ -81,6 +81,32 @@ def test_each_instance_is_played_once_by_default():
     assert Trial("empty", 1, {"map": "empty-8-8"}).episodes == 256
 
 
+# What is no policy.
+
+
+class Forgets:
+    def act(self, observations):
+        return dict.fromkeys(observations, 0)
+
+
+@pytest.mark.parametrize(
+    ("policy", "message"),
+    [
+        (Right, r"^policy Right: expected an object, such as Right\(\), got the class$"),
+        (Forgets(), "^policy Forgets: expected the methods act and reset_states, no reset_states$"),
+        (type("Empty", (), {}), "^policy Empty: expected an object"),
+        (7, "^policy int: expected the methods act and reset_states, no act$"),
+    ],
+    ids=["class", "no reset_states", "empty class", "number"],
+)
+def test_what_is_no_policy(policy, message):
+    trial = on("a...A")
+    with pytest.raises(TypeError, match=message):
+        evaluate({"mine": policy}, [trial])
+    with pytest.raises(TypeError, match=message):
+        next(play(make_env(Right(), **trial.env_keywords(0)), policy, seed=0))
+
+
 # Metrics.
 
 
