@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import sys
+import warnings
 from collections.abc import Sequence
+from functools import partial
 from importlib import import_module
 from typing import NamedTuple
 
@@ -11,7 +14,7 @@ import tyro
 
 from mapf_pz.interrupts import interrupts_deferred
 
-USAGE_ERROR, INTERRUPTED = 2, 130
+USAGE_ERROR, INTERRUPTED, BROKEN_PIPE = 2, 130, 141
 TOLD = (ValueError, TypeError, OSError, RuntimeError, MemoryError, ImportError)
 """Errors that a user can cause, told in one line; any other is our mistake, and shows where."""
 
@@ -41,7 +44,9 @@ COMMANDS: dict[str, Command] = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command and return the exit status: 0; 1 after an error, 2 for wrong usage, 130 after Ctrl-C.
+    """Run a command and return the exit status.
+
+    It is 0; 1 after an error, 2 for wrong usage, 130 after Ctrl-C, and 141 where the reader of the output is gone.
 
     Args:
         arguments: The words after `mapf-pz`; None takes those of the process.
@@ -49,7 +54,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Raises:
         SystemExit: A command's `--help` was asked for (0), or it has no such options (2).
     """
-    words = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        try:
+            return _main(list(sys.argv[1:] if arguments is None else arguments))
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:  # the reader, such as `head`, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes once more at exit
+        return BROKEN_PIPE
+
+
+def _main(words: list[str]) -> int:
     if not words or words[0] in ("-h", "--help"):
         print(_overview())
         return 0 if words else USAGE_ERROR
@@ -57,7 +72,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if name not in COMMANDS:
         return _tell("mapf-pz", f"no command {name!r}, expected one of {', '.join(COMMANDS)}", USAGE_ERROR)
     try:
-        _run(name, words[1:])
+        with warnings.catch_warnings():
+            warnings.showwarning = partial(_show_warning, f"mapf-pz {name}")
+            _run(name, words[1:])
+    except BrokenPipeError:
+        raise
     except KeyboardInterrupt:
         return _tell(f"mapf-pz {name}", "interrupted", INTERRUPTED)
     except TOLD as error:
@@ -81,6 +100,11 @@ def _overview() -> str:
     width = max(map(len, COMMANDS))
     lines = [f"  {name:{width}}  {command.summary}" for name, command in COMMANDS.items()]
     return "\n".join(["usage: mapf-pz COMMAND [OPTIONS]", "", *lines, "", "mapf-pz COMMAND --help tells its options."])
+
+
+def _show_warning(who: str, message: Warning | str, *_place: object) -> None:
+    """Print a warning in one line, without the place in the code."""
+    _tell(f"{who}: warning", str(message), 0)
 
 
 def _tell(who: str, message: str, status: int) -> int:

@@ -1,6 +1,8 @@
 import json
+import os
 import subprocess
 import sys
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -105,6 +107,23 @@ def test_errors_take_one_line(capsys, monkeypatch, error, message):
     monkeypatch.setattr(cli, "fail", fail, raising=False)
     monkeypatch.setitem(COMMANDS, "fail", Command("mapf_pz.cli:fail", "fails"))
     assert run(capsys, "fail") == (1, [], [f"mapf-pz fail: {message}"])
+
+
+@pytest.mark.filterwarnings("default")
+def test_warnings_take_one_line(capsys, monkeypatch):
+    monkeypatch.setattr(cli, "warn", lambda: warnings.warn("half of it\nis missing", stacklevel=1), raising=False)
+    monkeypatch.setitem(COMMANDS, "warn", Command("mapf_pz.cli:warn", "warns"))
+    assert run(capsys, "warn") == (0, [], ["mapf-pz warn: warning: half of it is missing"])
+
+
+@pytest.mark.parametrize("words", [[], ["maps", "list"], ["maps", "--help"]], ids=str)
+def test_a_reader_that_has_seen_enough(words):
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-m", "mapf_pz", *words]
+    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (141, "")
 
 
 def test_our_own_mistakes_are_not_hidden(monkeypatch):

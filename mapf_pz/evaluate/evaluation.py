@@ -77,7 +77,7 @@ def _casting(policy: Casting | Policy | str) -> Casting:
     if isinstance(policy, str):
         return named_policy(policy)
     if callable(policy) and not isinstance(policy, type) and not hasattr(policy, "act"):
-        return cast("Casting", policy)
+        return policy
     return own_policy(cast("Policy", policy))
 
 
