@@ -109,7 +109,6 @@ def _solve(
     """Return the number of agents, the scenario, and cost and time by the time limit."""
     num_agents, scenario = task
     instance = load_instance(map, f"{map}-random-{scenario}", num_agents, action_model="cardinal")
-    LaCAM(anytime=False).solve(instance)  # compiles
     costs: dict[float, tuple[int, float]] = {}
     for limit in time_limits:
         began = time.perf_counter()

@@ -90,10 +90,19 @@ def _run(name: str, words: list[str]) -> None:
     try:
         with interrupts_deferred() as check:  # packages that are interrupted while they load may lose it
             command = getattr(import_module(module), function)
+            from mapf_pz.core.jit import reporting_compilation
+
             check()
-        tyro.cli(command, prog=f"mapf-pz {name}", args=words, config=config)
+        with reporting_compilation(_report_compilation):
+            tyro.cli(command, prog=f"mapf-pz {name}", args=words, config=config)
     except ModuleNotFoundError as error:
         raise ImportError(f"{error}: pip install 'mapf-pz[train,render]'") from error
+
+
+def _report_compilation() -> None:
+    """Say why nothing seems to happen, if somebody is looking."""
+    if sys.stderr.isatty():
+        print("compiling kernels, which takes up to two minutes (once per machine and version) ...", file=sys.stderr)
 
 
 def _overview() -> str:

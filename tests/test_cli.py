@@ -2,6 +2,7 @@ import json
 import os
 import subprocess
 import sys
+import types
 import warnings
 from dataclasses import replace
 
@@ -14,6 +15,7 @@ from mapf_pz.benchmark.bouts import Measurement, measure, timed
 from mapf_pz.benchmark.contenders import COPY, as_table
 from mapf_pz.benchmark.load import Load
 from mapf_pz.cli import COMMANDS, Command, main
+from mapf_pz.core.jit import jit, numba_config
 from mapf_pz.instances import load_map, map_names, place, write_map, write_scenario
 from mapf_pz.types import Grid
 
@@ -479,3 +481,24 @@ def test_evaluate_tells_what_is_missing(capsys):
     assert error.count("\n") == 1
     assert "expected random, a planner (pibt, epibt, " in error
     assert "or the folder of a training run" in error
+
+
+def compile_two_kernels():
+    """Compile kernels that are in no cache."""
+    for number in range(2):
+        kernel = types.FunctionType((lambda x: x + 1).__code__, {"__name__": "mapf_pz.core.fresh"}, f"kernel_{number}")
+        jit(kernel)(1)
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_compiling_is_announced_once_and_only_where_somebody_looks(terminal, capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr(numba_config, "CACHE_DIR", str(tmp_path))
+    monkeypatch.setitem(COMMANDS, "fresh", Command(f"{__name__}:compile_two_kernels", ""))
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
+    told = []
+    for _ in range(2):  # the second time, the kernels are in the cache
+        assert main(["fresh"]) == 0
+        told.append(capsys.readouterr().err.splitlines())
+    first, second = told
+    assert [line.startswith("compiling kernels") for line in first] == [True] * terminal
+    assert second == []

@@ -51,6 +51,7 @@ def solve(options: SolveOptions) -> None:
     check_format(options.output, options.action_model)
     instance = load_instance(options.map, options.scenario, options.num_agents, options.action_model, seed=options.seed)
     planner = PLANNERS[options.planner](seed=options.seed)
+    planner.compile(options.action_model)
     began = time.perf_counter()
     plan = planner.solve(instance, options.time_limit, options.max_steps, options.edge_weights, options.distance_bytes)
     seconds = time.perf_counter() - began

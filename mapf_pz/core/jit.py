@@ -10,11 +10,13 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
 from numba import config
+from numba.core import event
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
@@ -63,6 +65,27 @@ def _cache_folder(root: str, parallel: bool) -> str:
     """Return the folder of these kernels: under Numba's cache folder if one is set, else under the user's."""
     base = Path(root) if root else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return str(base / "mapf_pz" / _FINGERPRINT / ("parallel" if parallel else "serial"))
+
+
+class _FirstCompilation(event.Listener):
+    """Reports the first kernel that is really compiled; kernels loaded from the cache are none."""
+
+    def __init__(self, report: Callable[[], None]) -> None:
+        self._report = report
+        self._done = False
+
+    def on_start(self, event: Any) -> None:
+        if not self._done and event.data["dispatcher"].py_func.__module__.startswith("mapf_pz."):
+            self._done = True
+            self._report()
+
+    def on_end(self, event: Any) -> None:
+        pass
+
+
+def reporting_compilation(report: Callable[[], None]) -> AbstractContextManager[object]:
+    """Call `report` just before the first kernel is compiled within the context; never if all are in the cache."""
+    return event.install_listener("numba:compile", _FirstCompilation(report))
 
 
 def _fingerprint() -> str:

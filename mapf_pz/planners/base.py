@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -9,14 +10,14 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from mapf_pz.config import EnvConfig, WeightsName
+from mapf_pz.config import ActionModel, EnvConfig, WeightsName
 from mapf_pz.environment import MapfEnv
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances.sources import InstanceList
 from mapf_pz.planners.plan import Plan
 from mapf_pz.planners.problem import Path, Problem, problem_of
 from mapf_pz.simulator import Simulator
-from mapf_pz.types import Action, CardinalAction, Instance, Ints
+from mapf_pz.types import Action, CardinalAction, Grid, Instance, Ints, Scenario
 
 
 class Planner(ABC):
@@ -37,7 +38,23 @@ class Planner(ABC):
         """
         self._env = None if env is None else cast("MapfEnv", env.unwrapped)
         self._seed = seed
+        self._compiled: set[ActionModel] = set()
         self.reset_states()
+
+    def compile(self, action_model: ActionModel) -> None:
+        """Compile every kernel that the planner may call for these agents, or load it from the cache.
+
+        `act` and `solve` do this by themselves before any time limit starts. Without cached kernels it takes up to two
+        minutes. Starts a new episode, as `reset_states` does.
+        """
+        if action_model not in self._compiled:
+            self._call_kernels(_simulator_of_corridors(action_model))
+            self._compiled.add(action_model)
+            self.reset_states()
+
+    def _call_kernels(self, simulator: Simulator) -> None:
+        """Call every kernel that planning may call, for two agents at one end of a corridor each."""
+        simulator.step(self.decide(simulator)[None])
 
     def reset_states(self) -> None:
         """Forget the episode: called before each."""
@@ -48,6 +65,7 @@ class Planner(ABC):
         if self._env is None:
             name = type(self).__name__
             raise RuntimeError(f"{name}: expected an environment to act in, {name}(env)")
+        self.compile(self._env.simulator.config.action_model)
         actions = dict(zip(self._env.possible_agents, self.decide(self._env.simulator).tolist(), strict=True))
         return {name: actions[name] for name in observations}
 
@@ -68,7 +86,7 @@ class Planner(ABC):
 
         Args:
             instance: with headings for agents that turn, without for cardinal ones; one goal for each agent.
-            time_limit: seconds.
+            time_limit: seconds; compiling kernels does not count.
             max_steps: the longest plan that is allowed.
             edge_weights: the guidance graph.
             distance_bytes: the most memory for cost-to-go tables, as in `EnvConfig`.
@@ -87,6 +105,7 @@ class StepPlanner(Planner):
         distance_bytes: int | None = None,
     ) -> Plan | None:
         """Return a plan that brings all agents to their goals, or None where none was found: see `Planner`."""
+        self.compile(action_model_of(instance))
         self.reset_states()
         simulator = simulator_of(instance, max_steps, edge_weights, self._seed, distance_bytes)
         return record(simulator, self.decide, time_limit)
@@ -123,6 +142,10 @@ class PlanFollower(Planner):
     def plan(self, problem: Problem, time_limit: float) -> Path | None:
         """Return where all agents are until they are at their goals, or None where that was not found in time."""
 
+    def _call_kernels(self, simulator: Simulator) -> None:
+        super()._call_kernels(simulator)
+        self.plan(problem_of(simulator), math.inf)
+
     def decide(self, simulator: Simulator) -> Ints:
         """Return the actions (N,) int64 of all agents; all of them wait where there is no plan."""
         crew = simulator.state.agents[0]
@@ -158,6 +181,7 @@ class PlanFollower(Planner):
         distance_bytes: int | None = None,
     ) -> Plan | None:
         """Return a plan that brings all agents to their goals, or None where none was found: see `Planner`."""
+        self.compile(action_model_of(instance))
         began = time.perf_counter()
         self.reset_states()
         simulator = simulator_of(instance, max_steps, edge_weights, self._seed, distance_bytes)
@@ -172,6 +196,11 @@ def waiting(simulator: Simulator) -> int:
     return int(CardinalAction.WAIT if simulator.config.action_model == "cardinal" else Action.WAIT)
 
 
+def action_model_of(instance: Instance) -> ActionModel:
+    """Return the action model of the instance's agents: those with headings turn."""
+    return "cardinal" if instance.headings is None else "rotate"
+
+
 def simulator_of(
     instance: Instance,
     max_steps: int,
@@ -184,7 +213,7 @@ def simulator_of(
         EnvConfig(
             source=InstanceList([instance]),
             max_steps=max_steps,
-            action_model="cardinal" if instance.headings is None else "rotate",
+            action_model=action_model_of(instance),
             view_size=(1, 1),
             edge_weights=edge_weights,
             distance_bytes=distance_bytes,
@@ -194,20 +223,29 @@ def simulator_of(
     return simulator
 
 
+def _simulator_of_corridors(action_model: ActionModel) -> Simulator:
+    """Return a simulator with two agents, each with one path to its goal, on a map with weights.
+
+    Two, as arrays of one agent are contiguous where those of several are not: kernels are compiled apart for these.
+    """
+    grid = Grid(np.array([[True] * 3, [False] * 3, [True] * 3]))
+    scenario = Scenario(np.array([[0, 0], [2, 0]]), np.array([[0, 2], [2, 2]]))
+    headings = None if action_model == "cardinal" else np.zeros(2, np.int64)
+    return simulator_of(Instance(grid, scenario, headings), max_steps=10, edge_weights="crisscross", seed=0)
+
+
 def record(simulator: Simulator, decide: Callable[[Simulator], Ints], time_limit: float) -> Plan | None:
     """Play the episode that has begun; return it as a plan if it ends with all at their goals, else None.
 
-    It is given up at its last step, or after `time_limit` seconds, in which the first step does not count: kernels may
-    have to be compiled for it.
+    It is given up at its last step, or after `time_limit` seconds.
     """
     crew = simulator.state.agents[0]
     cells, headings = [simulator.positions(0)], [crew["heading"].copy()]
-    deadline = np.inf
+    deadline = time.perf_counter() + time_limit
     while not crew["at_goal"].all():
         if crew["truncated"].any() or time.perf_counter() > deadline:
             return None
         simulator.step(decide(simulator)[None])
-        deadline = min(deadline, time.perf_counter() + time_limit)
         cells.append(simulator.positions(0))
         headings.append(crew["heading"].copy())
     cardinal = simulator.config.action_model == "cardinal"

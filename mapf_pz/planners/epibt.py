@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapf_pz.core import epibt
 from mapf_pz.environment import MapfEnv
@@ -61,7 +62,15 @@ class EPIBT(StepPlanner):
         epibt.plan(arena, passing, tree, board)
         # Where agents shall stay, the least sum of costs would be that nobody leaves a goal to let others pass.
         while passing and time.perf_counter() - began < self._time_limit:
-            epibt.improve_sum(self._rng.integers(len(crew), size=DRAWS), crew, board)
+            self._improve(crew, board)
         actions = np.empty(len(crew), np.int64)
         epibt.first_actions(crew, tree, board, actions)
         return actions
+
+    def _improve(self, crew: NDArray[np.void], board: epibt.Board) -> None:
+        epibt.improve_sum(self._rng.integers(len(crew), size=DRAWS), crew, board)
+
+    def _call_kernels(self, simulator: Simulator) -> None:
+        super()._call_kernels(simulator)
+        if self._board is not None:
+            self._improve(simulator.arena().crew, self._board)

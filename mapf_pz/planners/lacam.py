@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import TypeVar
 
@@ -16,8 +17,9 @@ from mapf_pz.core.world import allocate
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.planners.base import PlanFollower
 from mapf_pz.planners.plan import Plan
-from mapf_pz.planners.problem import Path, Problem
+from mapf_pz.planners.problem import Path, Problem, problem_of
 from mapf_pz.planners.refine import NeighborhoodSearch, refine
+from mapf_pz.simulator import Simulator
 from mapf_pz.types import Floats, Instance, Ints
 
 MAX_BYTES = 1 << 30
@@ -33,7 +35,7 @@ class LaCAM(PlanFollower):
 
     Given time and room it finds a plan for whatever can be solved; what time is left makes it shorter
     (`mapf_pz.planners.refine`). The search holds at most `MAX_BYTES` at a time, and half of that more while it moves to
-    larger arrays. Compiling, on the first call, is not counted as planning time.
+    larger arrays.
     """
 
     def plan(self, problem: Problem, time_limit: float) -> Path | None:
@@ -54,6 +56,15 @@ class LaCAM(PlanFollower):
             return None
         path = _carried_out(problem, cells)
         return path if refinement is None else refine(refinement, path, deadline)
+
+    def _call_kernels(self, simulator: Simulator) -> None:
+        super()._call_kernels(simulator)
+        problem = problem_of(simulator)
+        ConfigurationSearch(_without_turns(problem), self._rng).double_nodes()
+        if self._anytime:
+            search = NeighborhoodSearch(problem, self._rng)
+            search.begin_anew(np.arange(len(problem.goals)), math.inf)
+            search.path()
 
     def solve(
         self,
@@ -87,7 +98,7 @@ class ConfigurationSearch:
     """A search over configurations, for cardinal agents or for those whose turns are free."""
 
     def __init__(self, problem: Problem, rng: np.random.Generator) -> None:
-        """Begin with the first configuration. Here the search is compiled, so that a clock may start afterwards."""
+        """Begin with the first configuration."""
         num_agents, num_cells = len(problem.goals), problem.leads_to.shape[1] - 1
         cost = np.where(problem.goals == lacam.NONE, -1, _cost_to_go(problem))
         farthest_first = np.argsort(-cost, kind="stable").astype(np.int32)
@@ -96,7 +107,6 @@ class ConfigurationSearch:
         self._nodes, self._constraints = lacam.allocate_nodes(1 << 10, num_agents), lacam.allocate_constraints(1 << 13)
         self._tally = np.zeros(4, np.int64)
         self._status = lacam.begin(problem, farthest_first, self._nodes, self._constraints, self._desk, self._tally)
-        self._go_on(steps=0)
 
     def run(self, deadline: float) -> Ints | None:
         """Return the cells (T + 1, N) of all configurations on the way to the goals, or None."""
@@ -104,7 +114,9 @@ class ConfigurationSearch:
         while self._status in (lacam.RUNNING, lacam.FULL) and time.perf_counter() < deadline:
             if self._status == lacam.FULL and not self._make_room():
                 return None
-            self._status = self._go_on(slice_of_work)
+            self._status = lacam.search(
+                self._problem, slice_of_work, self._nodes, self._constraints, self._desk, self._tally
+            )
         if self._status != lacam.SOLVED:
             return None
         chain = [int(self._tally[lacam.SOLUTION])]
@@ -112,19 +124,20 @@ class ConfigurationSearch:
             chain.append(int(self._nodes.parent[chain[-1]]))
         return self._nodes.cells[chain[::-1]]
 
-    def _go_on(self, steps: int) -> int:
-        return lacam.search(self._problem, steps, self._nodes, self._constraints, self._desk, self._tally)
-
     def _make_room(self) -> bool:
         """Double what is full; tell whether that is allowed."""
         if 2 * sum(array.nbytes for array in (*self._nodes, *self._constraints)) > MAX_BYTES:
             return False
         if self._tally[lacam.NUM_NODES] == len(self._nodes.parent):
-            self._nodes = _doubled(self._nodes)
-            lacam.refill_slots(self._nodes, self._tally)
+            self.double_nodes()
         else:
             self._constraints = _doubled(self._constraints)
         return True
+
+    def double_nodes(self) -> None:
+        """Make room for twice as many configurations."""
+        self._nodes = _doubled(self._nodes)
+        lacam.refill_slots(self._nodes, self._tally)
 
 
 def _without_turns(problem: Problem) -> Problem:

@@ -46,14 +46,13 @@ class NeighborhoodSearch:
     """Paths of all agents, some of which may be missing. They never collide; once all are there, they get no longer."""
 
     def __init__(self, problem: Problem, rng: np.random.Generator) -> None:
-        """Begin without paths. Here the search is compiled, so that a clock may start afterwards."""
+        """Begin without paths."""
         agents, cells = len(problem.goals), problem.to_go.shape[1] - 1
         self._task = task_of(problem)
         shortest = self._task.steps[problem.table, problem.starts, problem.headings % problem.to_go.shape[2]]
         self._shortest = int(shortest.sum())
         self._neighborhood = allocate_neighborhood(agents, cells, int(rng.integers(1, 2**63)))
         self._make_room(self._shortest)
-        self.improve(work=0)
 
     def _make_room(self, num_visits: int) -> None:
         """Forget all paths; about `num_visits` cells are expected on all of them together."""

@@ -1,9 +1,11 @@
+import numpy as np
 import pytest
 
 from mapf_pz.cli import main
 from mapf_pz.commands.solve import lower_bound
 from mapf_pz.instances import load_instance
 from mapf_pz.planners import PLANNERS, Plan, Planner
+from mapf_pz.planners.base import waiting
 from tests.planners.drawing import drawn
 
 
@@ -54,7 +56,7 @@ class Idle(Planner):
     plan = None
 
     def decide(self, simulator):
-        raise NotImplementedError
+        return np.full(simulator.num_agents, waiting(simulator))
 
     def solve(self, instance, time_limit=10.0, max_steps=1000, edge_weights="uniform", distance_bytes=None):
         return self.plan

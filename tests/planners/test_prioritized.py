@@ -205,7 +205,10 @@ def test_it_begins_anew_in_another_order(monkeypatch):
     monkeypatch.setattr(prioritized, "PATIENCE", 1)
     monkeypatch.setattr(NeighborhoodSearch, "begin_anew", begin)
     monkeypatch.setattr(NeighborhoodSearch, "improve", lambda *these, work=100: improve(*these, work=work))
-    assert first_solution(drawn("aB.bA ##### c.d.. .C.D."), time_limit=0.5) is None
+    planner = PrioritizedSIPP(anytime=False)
+    planner.compile("cardinal")
+    orders.clear()
+    assert planner.solve(drawn("aB.bA ##### c.d.. .C.D."), time_limit=0.5) is None
     assert len(orders) > 1
     assert all(sorted(order) == [0, 1, 2, 3] for order in orders)
 

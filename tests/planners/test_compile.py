@@ -1,0 +1,69 @@
+"""Kernels are compiled before any time limit starts: none is compiled while a planner plans."""
+
+import subprocess
+import sys
+
+import pytest
+
+from mapf_pz.planners import PLANNERS
+
+PLAN = """
+import pkgutil
+from itertools import product
+from importlib import import_module
+
+import numpy as np
+
+import mapf_pz
+import mapf_pz.core
+from mapf_pz.core import lacam
+from mapf_pz.core.jit import BatchKernel
+from mapf_pz.instances import RandomObstacles
+from mapf_pz.planners import PLANNERS
+from mapf_pz.types import Instance
+
+name, model = {name!r}, {model!r}
+options = {{"time_limit": 0.2}} if name != "pibt" else {{}}
+
+
+def signatures():
+    found = set()
+    for module in pkgutil.iter_modules(mapf_pz.core.__path__):
+        for kernel in vars(import_module(f"mapf_pz.core.{{module.name}}")).values():
+            for dispatcher in (kernel._serial, kernel._parallel) if isinstance(kernel, BatchKernel) else (kernel,):
+                if hasattr(dispatcher, "signatures"):
+                    found |= {{(dispatcher.py_func.__qualname__, signature) for signature in dispatcher.signatures}}
+    return found
+
+
+allocate = lacam.allocate_nodes
+lacam.allocate_nodes = lambda room, num_agents: allocate(min(room, 4), num_agents)  # must grow
+rng = np.random.default_rng(0)
+PLANNERS[name](**options).compile(model)
+compiled = signatures()
+for weights in ("uniform", "random"):
+    drawn = RandomObstacles(6, 6, 0.2, 8).sample(rng)
+    headings = None if model == "cardinal" else rng.integers(4, size=8)
+    PLANNERS[name](**options).solve(Instance(drawn.grid, drawn.scenario, headings), 0.2, edge_weights=weights)
+assert signatures() == compiled, signatures() - compiled
+for weights, on_target in product(("uniform", "random"), ("nothing", "finish", "restart")):
+    keywords = dict(action_model=model, on_target=on_target, edge_weights=weights, view_size=(1, 1), max_steps=3)
+    env = mapf_pz.parallel_env(source=RandomObstacles(6, 6, 0.2, 8), **keywords)
+    env.reset(seed=0)
+    env.step(dict.fromkeys(env.agents, 0))
+    compiled = signatures()
+    observations, _ = env.reset(seed=0)
+    planner = PLANNERS[name](env, **options)
+    while env.agents:
+        observations = env.step(planner.act(observations))[0]
+    assert signatures() == compiled, (on_target, signatures() - compiled)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", list(PLANNERS))
+@pytest.mark.parametrize("model", ["rotate", "cardinal"])
+def test_planning_compiles_nothing(name, model):
+    program = PLAN.format(name=name, model=model)
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
