@@ -7,6 +7,9 @@ from typing import Any
 
 from mapf_pz.render.rgb import Picture
 
+INVISIBLE = ("dummy", "offscreen")
+"""The drivers that SDL falls back to where there is no display: windows are drawn, but not shown."""
+
 
 class Window:
     """One window; the first picture opens it, in its own size or, where that is larger than the screen, smaller."""
@@ -65,10 +68,21 @@ class Window:
             self._pygame.display.quit()
         self._screen, self.is_closed = None, True
 
+    def _require_display(self) -> None:
+        """Raise `RuntimeError` where SDL has found no display, unless its driver was chosen by `SDL_VIDEODRIVER`."""
+        display = self._pygame.display
+        if display.get_driver() in INVISIBLE and not os.environ.get("SDL_VIDEODRIVER"):
+            display.quit()
+            raise RuntimeError(
+                "no window can be opened: there is no display; use render_mode='rgb_array', save the episode with "
+                "mapf-pz render, or set SDL_VIDEODRIVER"
+            )
+
     def _opened(self, size: tuple[int, int]) -> Any:
         pygame = self._pygame
         try:
             pygame.display.init()
+            self._require_display()
             desktop = pygame.display.get_desktop_sizes()[0]
             share = min(1.0, *(0.92 * room / side for room, side in zip(desktop, size, strict=True)))
             return pygame.display.set_mode([max(1, int(side * share)) for side in size])

@@ -3,6 +3,7 @@ import builtins
 import numpy as np
 import pytest
 
+import mapf_pz
 from mapf_pz.render.window import Window
 
 pygame = pytest.importorskip("pygame")
@@ -55,6 +56,18 @@ def test_no_screen_is_told_in_one_line(monkeypatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "none of that name")
     with pytest.raises(RuntimeError, match="no window can be opened: "):
         Window("title", 4).show(np.zeros((3, 3, 3), np.uint8))
+
+
+def test_no_display(monkeypatch):
+    monkeypatch.delenv("SDL_VIDEODRIVER")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    env = mapf_pz.parallel_env(render_mode="human")
+    with pytest.raises(RuntimeError, match=r"^no window can be opened: there is no display; use .*'rgb_array'"):
+        env.reset(seed=0)
+    monkeypatch.setenv("SDL_VIDEODRIVER", "offscreen")
+    env.reset(seed=0)
+    env.close()
 
 
 def test_missing_pygame_names_the_extra(monkeypatch):
