@@ -14,6 +14,7 @@ from torchrl.envs import EnvBase
 
 from mapf_pz.config import EnvConfig
 from mapf_pz.simulator import Simulator
+from mapf_pz.types import Ints
 
 
 class BatchedMapfEnv(EnvBase):
@@ -30,7 +31,8 @@ class BatchedMapfEnv(EnvBase):
     | `done`, `terminated`, `truncated` | (B, 1) bool | of the team's episode |
 
     An environment that is done keeps its true last observation until it is reset. In `finish` mode, agents that have
-    disappeared observe zeros, earn nothing, and may only wait.
+    disappeared observe zeros, earn nothing, and may only wait. `step` raises `ValueError` for actions of another dtype,
+    shape or range.
     """
 
     def __init__(self, num_envs: int = 64, num_threads: int = 1, **keywords: Any) -> None:
@@ -80,13 +82,27 @@ class BatchedMapfEnv(EnvBase):
         return self._with_flags(self._observed(), terminated, truncated)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        self.simulator.step(tensordict.get(("agents", "action")).numpy())
+        self.simulator.step(self._checked(tensordict.get(("agents", "action"))))
         state = self.simulator.state
         reward = torch.from_numpy(state.agents["reward"].copy()).unsqueeze(-1)
         terminated, truncated = (
             torch.from_numpy(flag.copy()).unsqueeze(-1) for flag in (state.terminated, state.truncated)
         )
         return self._with_flags(self._observed() | {"reward": reward}, terminated, truncated)
+
+    def _checked(self, actions: Tensor) -> Ints:
+        """Return the actions as an array; raises `ValueError` unless they are (B, N) int64 in 0 to A - 1."""
+        numbers, expected = actions.numpy(), self.simulator.state.agents.shape
+        if numbers.dtype != np.int64 or numbers.shape != expected:
+            got = f"{numbers.dtype} of shape {numbers.shape}"
+            raise ValueError(f"('agents', 'action'): expected int64 of shape {expected}, got {got}")
+        highest = self.simulator.num_actions - 1
+        if numbers.view(np.uint64).max() > highest:  # negative numbers are large ones there
+            b, i = np.argwhere((numbers < 0) | (numbers > highest))[0]
+            raise ValueError(
+                f"action {numbers[b, i]} of 'agent_{i}' in environment {b}: expected a whole number from 0 to {highest}"
+            )
+        return numbers
 
     def _observed(self) -> dict[str, Tensor | TensorDict]:
         """Return what the observation specs say of agents, in new tensors."""

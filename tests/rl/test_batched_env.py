@@ -122,3 +122,35 @@ def test_torchrls_wrapper_gives_the_same_episodes(action_model):
             for flag in ("done", "terminated", "truncated"):
                 assert torch.equal(one[flag], other[flag][0]), flag
         one, other = wrapped.reset(), batched.reset()
+
+
+@pytest.mark.parametrize("model", ["rotate", "cardinal"])
+@pytest.mark.parametrize("action", [-1, 7, 2**40, -(2**40)])
+def test_impossible_actions_are_refused(model, action):
+    env = BatchedMapfEnv(3, num_agents=2, action_model=model)
+    start = env.reset()
+    actions = torch.zeros(3, 2, dtype=torch.int64)
+    actions[1, 1] = action
+    highest = env.simulator.num_actions - 1
+    with pytest.raises(ValueError) as caught:
+        env.step(start.set(("agents", "action"), actions))
+    assert str(caught.value).startswith(f"action {action} of 'agent_1' in environment 1: expected ")
+    assert str(caught.value).endswith(f"from 0 to {highest}")
+    actions[1, 1] = highest
+    env.step(start.set(("agents", "action"), actions))
+
+
+@pytest.mark.parametrize(
+    "actions",
+    [
+        torch.zeros(3, 2),
+        torch.zeros(3, 2, dtype=torch.int32),
+        torch.zeros(3, 2, 1, dtype=torch.int64),
+        torch.zeros(3, 2, 4, dtype=torch.int64),
+    ],
+)
+def test_actions_of_another_kind_are_refused(actions):
+    env = BatchedMapfEnv(3, num_agents=2)
+    with pytest.raises(ValueError, match=r"expected int64 of shape \(3, 2\), got ") as caught:
+        env.step(env.reset().set(("agents", "action"), actions))
+    assert "\n" not in str(caught.value)
