@@ -84,6 +84,8 @@ def told(name):
 def test_page(name, tmp_path, monkeypatch):
     if NEEDS_TORCH.search(told(name)):
         pytest.importorskip("torchrl")
+    if "from stable_baselines3" in told(name):
+        pytest.importorskip("stable_baselines3")
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     files = {Path(block.title).stem for block in PAGES[name] if block.title}
