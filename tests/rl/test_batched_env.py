@@ -132,10 +132,8 @@ def test_impossible_actions_are_refused(model, action):
     actions = torch.zeros(3, 2, dtype=torch.int64)
     actions[1, 1] = action
     highest = env.simulator.num_actions - 1
-    with pytest.raises(ValueError) as caught:
+    with pytest.raises(ValueError, match=f"^action {action} of 'agent_1' in environment 1: .* from 0 to {highest}$"):
         env.step(start.set(("agents", "action"), actions))
-    assert str(caught.value).startswith(f"action {action} of 'agent_1' in environment 1: expected ")
-    assert str(caught.value).endswith(f"from 0 to {highest}")
     actions[1, 1] = highest
     env.step(start.set(("agents", "action"), actions))
 
