@@ -18,6 +18,7 @@ from mapf_pz.files import write_whole
 from mapf_pz.instances.textfile import read_text
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.config import AlgorithmName, TrainConfig
+from mapf_pz.rl.observed import Observed
 from mapf_pz.types import Floats, FormatError
 
 WEIGHTS, CONFIG = "policy.safetensors", "config.json"
@@ -46,6 +47,7 @@ class LearnedPolicy:
         """
         self.network = network.eval()
         self.config = config
+        self._observed = Observed.by_policy_of(config.task)
         self.env_kwargs = config.task.observation_keywords()
         self.env_wrappers = config.task.env_wrappers()
         self.deterministic = deterministic
@@ -53,7 +55,7 @@ class LearnedPolicy:
         self.reset_states()
 
     def act(self, observations: dict[str, Any]) -> dict[str, int]:
-        """Return an action for each agent that observes."""
+        """Return an action for each agent that observes; raises `ValueError` for observations of another shape."""
         return dict(zip(observations, self._choose(self._rate(observations)), strict=True)) if observations else {}
 
     def preferences(self, observations: dict[str, Any]) -> dict[str, Floats]:
@@ -62,13 +64,26 @@ class LearnedPolicy:
 
     def _rate(self, observations: dict[str, Any]) -> Tensor:
         """Return the preferences (N, A) of the N agents that observe."""
+        self._check(observations)
         seen = list(observations.values())
-        if isinstance(seen[0], dict):
+        if self._observed.features:
             inputs = [_stack([part[name] for part in seen]) for name in ("image", "features")]
         else:
             inputs = [_stack(seen)]
         with torch.no_grad():
             return self._prefer(list(observations), *inputs)
+
+    def _check(self, observations: dict[str, Any]) -> None:
+        """Raise `ValueError` unless all observations have the shapes that the network was trained on."""
+        expected: Any = self._observed.image
+        if self._observed.features:
+            expected = {"image": self._observed.image, "features": (self._observed.features,)}
+        for agent, observation in observations.items():
+            if (got := _shapes(observation)) != expected:
+                raise ValueError(
+                    f"observation of {agent!r}: this policy observes {_told(expected)}, got {_told(got)}; "
+                    "mapf_pz.evaluate.make_env(policy, ...) makes an environment for it"
+                )
 
     def _prefer(self, names: list[str], image: Tensor, features: Tensor | None = None) -> Tensor:
         """Return the preferences (N, A) of the agents of these names, with image (N, K, h, w) and features (N, F)."""
@@ -215,6 +230,19 @@ def _network(config: TrainConfig, weights: dict[str, Tensor]) -> nn.Module:
         network = ALGORITHMS[config.algorithm].make_network(config)
     network.load_state_dict(weights, assign=True)
     return network
+
+
+def _shapes(observation: Any) -> Any:
+    """Return the shape of an observation, or those of its entries by name."""
+    if isinstance(observation, dict):
+        return {name: np.shape(part) for name, part in observation.items()}
+    return np.shape(observation)
+
+
+def _told(shapes: Any) -> str:
+    if isinstance(shapes, dict):
+        return "a Dict of " + ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+    return f"an image {shapes}"
 
 
 def _stack(arrays: list[np.ndarray]) -> Tensor:

@@ -1,14 +1,17 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
 import mapf_pz
 from mapf_pz.cli import main
 from mapf_pz.commands.train import SUITES
-from mapf_pz.evaluate import load_suite, named_policy
+from mapf_pz.evaluate import load_suite, make_env, named_policy
 from mapf_pz.evaluate.run import run_episodes
-from mapf_pz.rl import load_policy, policy_names
+from mapf_pz.rl import load_policy, policy_names, train
 from mapf_pz.rl import policy as policies
 from mapf_pz.rl.presets import PRESETS
+from tests.rl.tiny import TINY
 
 NAMES = policy_names()
 
@@ -49,3 +52,35 @@ def test_a_policy_in_ten_lines():
     while env.agents:
         observations = env.step(policy.act(observations))[0]
     assert env.metrics()["ISR"] > 0.7
+
+
+@pytest.mark.parametrize(
+    ("name", "keywords", "told"),
+    [
+        ("mappo", {}, "observes a Dict of image (5, 7, 7), features (14,), got an image (7, 5, 5)"),
+        ("mappo", {"view_size": (5, 5)}, "got a Dict of image (5, 5, 5), features (14,)"),
+        ("mappo", {"num_last_actions": 3}, "got a Dict of image (5, 7, 7), features (19,)"),
+        ("central-ppo", {"view_size": (7, 7)}, "got a Dict of image (5, 7, 7), features (14,)"),
+    ],
+)
+def test_observations_of_another_kind_are_refused(name, keywords, told):
+    policy = load_policy(name)
+    env = mapf_pz.parallel_env(**(policy.env_kwargs | keywords if keywords else {}), num_agents=4)
+    observations, _ = env.reset(seed=0)
+    for respond in (policy.act, policy.preferences):
+        with pytest.raises(ValueError, match=r"^observation of 'agent_0': ") as caught:
+            respond(observations)
+        assert told in str(caught.value)
+        assert "make_env(policy, ...)" in str(caught.value)
+    env = make_env(policy, num_agents=4)
+    assert policy.act(env.reset(seed=0)[0]).keys() == set(env.agents)
+
+
+def test_a_policy_of_images_refuses_more(tmp_path):
+    task = dataclasses.replace(TINY.task, features=(), neighbors=1)
+    policy = load_policy(train(dataclasses.replace(TINY, task=task, agent_steps=200), tmp_path))
+    for keywords in ({}, {"features": ("goal_vector",)}):  # not what the neighbors see, too
+        env = mapf_pz.parallel_env(**(policy.env_kwargs | keywords))
+        with pytest.raises(ValueError, match=r"this policy observes an image \(10, 3, 3\), got a"):
+            policy.act(env.reset(seed=0)[0])
+    policy.act(make_env(policy).reset(seed=0)[0])
