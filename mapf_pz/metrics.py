@@ -24,6 +24,8 @@ class EpisodeRecord:
     """(N,): the step since which the agent is on its goal (or has disappeared there); -1 where it is not."""
     arrivals: Ints
     """(N,): goals reached."""
+    goal_counts: Ints
+    """(N,): goals of each agent's sequence, after which it starts over."""
     shortest: Ints
     """(N,): length of each agent's own shortest path from start to goal, in steps; -1 where there is none."""
 
@@ -35,11 +37,15 @@ def episode_metrics(record: EpisodeRecord) -> dict[str, float]:
     sum over agents of the step since which they stay on their goals, unsolved ones counting all steps; `makespan`: the
     latest of these. `ep_length`: steps taken (`finish`: mean step of arrival). `SoC_ratio`: SoC over the sum of the
     agents' shortest paths. `avg_throughput`: goals reached per step of the limit (`restart` only).
+
+    `exhausted_agents` (`restart` only; not POGEMA's): agents that reached the end of the goal sequence that their
+    instance gave them, and started it over. Above 0, the throughput is not that of the instance.
     """
     if record.on_target == "restart":
         return {
             "avg_throughput": float(record.arrivals.sum() / record.max_steps),
             "ep_length": float(record.num_steps),
+            "exhausted_agents": float((record.arrivals >= record.goal_counts).sum()),
         }
     solved = record.settled >= 0
     costs = np.where(solved, record.settled, record.num_steps)

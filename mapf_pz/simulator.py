@@ -69,6 +69,7 @@ class Simulator:
             num_envs, self.num_agents, self.shape[0] * self.shape[1], goals_per_agent(config), config.num_last_actions
         )
         self._starts = np.zeros((num_envs, self.num_agents), np.int32)
+        self._goal_counts = np.ones((num_envs, self.num_agents), np.int32)
         self._start_headings = np.zeros((num_envs, self.num_agents), np.int8)
         self._rules = _rules(config, config.rewards)
         sight, with_edges = self.layout.sight(), "edge_weights" in config.channels
@@ -177,6 +178,7 @@ class Simulator:
                 max_steps=self.config.max_steps,
                 settled=crew["settled"],
                 arrivals=crew["arrivals"],
+                goal_counts=self._goal_counts[b],
                 shortest=self._shortest_steps(b),
             )
         )
@@ -225,7 +227,7 @@ class Simulator:
         self.state.map[b] = m
         self._start_headings[b] = self._headings(instance, rng)
         self._starts[b] = instance.start_cells
-        self.state.goals[b] = self._goals(instance, rng)
+        self.state.goals[b], self._goal_counts[b] = self._goals(instance, rng)
 
     def _check(self, instance: Instance) -> None:
         expected = (self.num_agents, self.shape)
@@ -254,14 +256,20 @@ class Simulator:
     def _guidance(self, grid: Grid, rng: np.random.Generator) -> GuidanceGraph:
         return GuidanceGraph.random(grid.free, rng) if self._graph is None else self._graph
 
-    def _goals(self, instance: Instance, rng: np.random.Generator) -> Ints:
-        """Return each agent's goals in order, (N, G); where only one is given and more are needed, draw the rest."""
-        goals = instance.goal_cells
+    def _goals(self, instance: Instance, rng: np.random.Generator) -> tuple[Ints, Ints]:
+        """Return each agent's goals in order, (N, G), and how many of them come before its sequence repeats, (N,).
+
+        Where an instance has one goal per agent and more are needed, the others are sampled.
+        """
+        goals, counts = instance.goal_cells, instance.scenario.goal_counts
         needed = self.state.goals.shape[2]
         if goals.shape[1] == 1 and needed > 1:
             drawn = place(instance.grid, self.num_agents, rng, goals_per_agent=needed)
             goals = np.concatenate([goals, Instance(instance.grid, drawn).goal_cells[:, 1:]], axis=1)
-        return goals if goals.shape[1] == needed else goals[:, np.arange(needed) % goals.shape[1]]
+            counts = None
+        if counts is None:
+            counts = np.full(self.num_agents, goals.shape[1], np.int32)
+        return np.take_along_axis(goals, np.arange(needed) % counts[:, None], axis=1), counts
 
     def _headings(self, instance: Instance, rng: np.random.Generator) -> Ints:
         initial = self.config.initial_heading

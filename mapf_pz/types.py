@@ -111,6 +111,8 @@ class Scenario:
     """(M, 2) int32, [row, col]."""
     goals: Ints
     """(M, 2) int32, [row, col]; or (M, L, 2): each agent's goals one after the other (lifelong)."""
+    goal_counts: Ints | None = None
+    """(M,) int32, 1 to L: how many of its goals each agent has; the others are ignored. None: all L."""
 
     def __post_init__(self) -> None:
         """Copy, freeze and check the arrays."""
@@ -123,6 +125,16 @@ class Scenario:
             )
         object.__setattr__(self, "starts", starts)
         object.__setattr__(self, "goals", goals)
+        if self.goal_counts is not None:
+            counts, most = frozen(self.goal_counts, np.int32), goals.shape[1] if goals.ndim == 3 else 1
+            if counts.shape != (len(starts),) or counts.min(initial=1) < 1 or counts.max(initial=1) > most:
+                raise ValueError(f"scenario goal_counts: expected {len(starts)} numbers 1 to {most}")
+            object.__setattr__(self, "goal_counts", counts)
+
+    def first(self, count: int) -> Scenario:
+        """Return the scenario of the first `count` agents."""
+        counts = None if self.goal_counts is None else self.goal_counts[:count]
+        return Scenario(self.starts[:count], self.goals[:count], counts)
 
     def __len__(self) -> int:
         """Return the number of agents, M."""

@@ -287,7 +287,12 @@ class Rules:
     def metrics(self) -> dict[str, float]:
         if self.on_target == "restart":
             arrivals = sum(len(steps) for steps in self.arrival_steps)
-            return {"avg_throughput": arrivals / self.max_steps, "ep_length": float(self.step_count)}
+            ends = [len(steps) >= len(goals) for steps, goals in zip(self.arrival_steps, self.goal_lists, strict=True)]
+            return {
+                "avg_throughput": arrivals / self.max_steps,
+                "ep_length": float(self.step_count),
+                "exhausted_agents": float(sum(ends)),
+            }
         if self.on_target == "finish":
             solved = [bool(steps) for steps in self.arrival_steps]
             times = [steps[0] if steps else self.step_count for steps in self.arrival_steps]

@@ -352,7 +352,7 @@ def test_finish_takes_agents_away_one_by_one():
 )
 def test_metrics_of_goals_out_of_reach_and_at_the_start(settled, shortest, metrics):
     """Sources of one's own may have such goals."""
-    record = EpisodeRecord("nothing", 3, 3, np.array(settled), arrivals=np.ones(2, int), shortest=np.array(shortest))
+    record = EpisodeRecord("nothing", 3, 3, np.array(settled), np.ones(2, int), np.ones(2, int), np.array(shortest))
     assert episode_metrics(record) == metrics
 
 
@@ -373,7 +373,33 @@ def test_restart_gives_new_goals_until_the_time_is_up():
         assert truncations == {"agent_0": env.step_count == 6}
         arrivals.append(infos["agent_0"]["arrivals"])
     assert arrivals == [1, 2, 3, 4, 5, 6]
-    assert env.metrics() == {"avg_throughput": 1, "ep_length": 6}
+    assert env.metrics() == {"avg_throughput": 1, "ep_length": 6, "exhausted_agents": 0}
+
+
+def test_the_end_of_a_given_goal_sequence_is_reported():
+    starts, goals = [[0, 0], [1, 0]], [[[0, 1], [0, 0], [0, 1]], [[1, 1], [1, 0], [1, 1]]]
+    scenario = Scenario(starts, goals, goal_counts=[2, 3])
+    env = mapf_pz.parallel_env(
+        map="..\n..\n",
+        scenario=scenario,
+        num_agents=2,
+        on_target="restart",
+        action_model="cardinal",
+        max_steps=9,
+        view_size=(1, 1),
+    )
+    env.reset(seed=0)
+    seen = []
+    for action in (CardinalAction.RIGHT, CardinalAction.LEFT, CardinalAction.RIGHT, CardinalAction.LEFT):
+        go(env, action, action)
+        seen.append((env.goals[:, 1].tolist(), env.metrics()["exhausted_agents"]))
+    assert seen == [([0, 0], 0), ([1, 1], 1), ([0, 1], 2), ([1, 1], 2)]
+
+
+@pytest.mark.parametrize("counts", [[1], [0, 1], [1, 4], [1, 2, 3]])
+def test_goal_counts_that_are_not_of_the_goals(counts):
+    with pytest.raises(ValueError, match="goal_counts: expected 2 numbers 1 to 3"):
+        Scenario([[0, 0], [1, 0]], [[[0, 1], [0, 0], [0, 1]]] * 2, goal_counts=counts)
 
 
 @pytest.mark.parametrize("on_target", ON_TARGET)
@@ -409,7 +435,9 @@ def test_metrics_keys(on_target):
     env.reset(seed=0)
     take(env, WAIT)
     team = {"CSR", "ISR", "SoC", "makespan", "ep_length", "SoC_ratio"}
-    assert env.metrics().keys() == ({"avg_throughput", "ep_length"} if on_target == "restart" else team)
+    assert env.metrics().keys() == (
+        {"avg_throughput", "ep_length", "exhausted_agents"} if on_target == "restart" else team
+    )
     assert all(type(value) is float for value in env.metrics().values())
 
 

@@ -132,7 +132,7 @@ def test_restart_gives_the_next_goal_and_wraps_round():
     assert goals == [(0, 0), (0, 1), (0, 1), (0, 0)]
     assert rewards == [20, 20, 0, 20]
     assert (game.terminated, game.truncated) == ([False], True)
-    assert game.metrics() == {"avg_throughput": 0.75, "ep_length": 4}
+    assert game.metrics() == {"avg_throughput": 0.75, "ep_length": 4, "exhausted_agents": 1}
 
 
 # Rewards.

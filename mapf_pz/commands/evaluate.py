@@ -20,6 +20,7 @@ from tyro.conf import UseAppendAction
 from mapf_pz.config import ActionModel
 from mapf_pz.evaluate import Episode, Trial, evaluate, load_suite, markdown_table, named_policy, terminal_table
 from mapf_pz.evaluate.policies import is_trained
+from mapf_pz.evaluate.report import exhausted
 from mapf_pz.evaluate.run import Casting, Policy
 from mapf_pz.files import write_whole
 from mapf_pz.instances import load_instance, load_map
@@ -155,6 +156,8 @@ def report(
     with interruptible() as check, _progress_bar(check) as show:
         episodes = evaluate(policies, trials, output, jobs, show)
     Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200).print(terminal_table(episodes))
+    for line in exhausted(episodes):
+        print(line)
     if output is None:
         return
     write_whole(output / TABLE_FILE, markdown_table(episodes).encode())

@@ -38,12 +38,22 @@ def grouped(episodes: Iterable[Episode]) -> dict[Group, dict[str, list[float]]]:
 def rows(episodes: Iterable[Episode]) -> list[list[str]]:
     """Return the table: its header, and a row for each trial and policy, with means and their 95 % intervals."""
     groups = grouped(episodes)
-    shown = [name for name in SHOWN if any(name in values for values in groups.values())]
+    shown = [name for name in SHOWN if any(_is_shown(name, values) for values in groups.values())]
     table = [["trial", "agents", "policy", "episodes", *shown]]
     for (about, num_agents, policy), values in groups.items():
         count = max(map(len, values.values()))
         table.append([about, str(num_agents), policy, str(count), *(_cell(values.get(name)) for name in shown)])
     return table
+
+
+def exhausted(episodes: Iterable[Episode]) -> list[str]:
+    """Return a line for each trial and policy in whose episodes agents reached the end of their goal sequences."""
+    return [
+        f"{policy}, {num_agents} agents on {about}: agents reached the end of their goal sequence and started it over "
+        f"in {np.count_nonzero(values['exhausted_agents'])} episodes; their throughput is not comparable"
+        for (about, num_agents, policy), values in grouped(episodes).items()
+        if any(values.get("exhausted_agents", ()))
+    ]
 
 
 def terminal_table(episodes: Iterable[Episode]) -> Table:
@@ -60,6 +70,11 @@ def markdown_table(episodes: Iterable[Episode]) -> str:
     header, *body = rows(episodes)
     lines = [header, ["---"] * len(header), *body]
     return "".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines)
+
+
+def _is_shown(name: str, values: dict[str, list[float]]) -> bool:
+    """Tell whether a metric is shown: `exhausted_agents` only where it is not 0."""
+    return any(values[name]) if name == "exhausted_agents" and name in values else name in values
 
 
 def _cell(values: Sequence[float] | None) -> str:

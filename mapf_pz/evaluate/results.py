@@ -28,6 +28,7 @@ METRICS = (
     "SoC_ratio",
     "makespan",
     "avg_throughput",
+    "exhausted_agents",
     "best_ratio",
     "ep_length",
     "collisions",

@@ -19,7 +19,7 @@ from mapf_pz.instances.jsonfile import MAX_NAME, MAX_NUMBER, JsonObject, is_whol
 from mapf_pz.instances.library import benchmark_file
 from mapf_pz.instances.pogema import load_pogema
 from mapf_pz.instances.textfile import read_text
-from mapf_pz.types import FormatError, Instance, Scenario
+from mapf_pz.types import FormatError, Instance
 
 MAX_CELLS = 2**24
 """Larger random maps are refused."""
@@ -193,7 +193,7 @@ def _of_map(entry: Entry, num_agents: int, folder: Path) -> Trial:
         scenario = load_scenario(source, grid)
         if len(scenario) < num_agents:
             raise ValueError(f"scenario {told!r}: expected {num_agents} agents, got {len(scenario)}")
-        instances.append(Instance(grid, Scenario(scenario.starts[:num_agents], scenario.goals[:num_agents])))
+        instances.append(Instance(grid, scenario.first(num_agents)))
     return _trial(entry, grid.name, num_agents, {}, instances)
 
 

@@ -56,7 +56,7 @@ def _first(agents: Scenario, num_agents: int | None, origin: object) -> Scenario
     if count > len(agents):
         name = "scenario" if isinstance(origin, Scenario) else str(origin)
         raise ValueError(f"{name}: expected {count} agents, got {len(agents)}")
-    return Scenario(agents.starts[:count], agents.goals[:count])
+    return agents.first(count)
 
 
 def _headings(headings: HeadingName | ArrayLike, count: int, rng: np.random.Generator) -> Ints:

@@ -19,15 +19,14 @@ from mapf_pz.types import FormatError, Grid, Instance, Scenario
 PASSABLE, BLOCKED = ".@$!", "#"
 """Characters of free cells (three of them say who may start or end there, all may pass), and of obstacles."""
 MAX_GOALS = 16_000_000
-"""Files of more goals are refused, counting those of shorter sequences as often as they are gone round."""
+"""Files of more goals are refused, when each sequence counts as long as the longest."""
 
 
 def load_pogema(path: str | Path, num_agents: int) -> list[Instance]:
     """Read the instances of a file `SET.mapf.json` or `SET.lmapf.json`, whose maps are in `SET.maps.json` beside it.
 
-    Of each the first `num_agents` agents are taken. Lifelong instances, whose agents have goals one after the other, go
-    round each agent's own sequence where another agent's is longer. (The benchmark's are so long that no agent gets to
-    the end of its own in the 256 steps of an episode.)
+    The first `num_agents` agents of each are taken. In lifelong instances each agent has a sequence of goals; sequences
+    may differ in length. The metric `exhausted_agents` counts the agents that reached the end of theirs.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -40,14 +39,31 @@ def load_pogema(path: str | Path, num_agents: int) -> list[Instance]:
     maps_file = file.with_name(f"{file.name.split('.')[0]}.maps.json")
     maps = parse_object(read_text(maps_file), maps_file)
     grids = {name: _grid(name, rows, maps_file) for name, rows in maps.items()}
-    entries = parse_json(read_text(file), file)
-    if not isinstance(entries, list) or not entries:
-        raise FormatError(file, f"expected a list of instances, got {shortened(entries)}", 1)
+    entries = _entries(file)
     most_goals = MAX_GOALS // len(entries)
     return [
         _instance(entry, num_agents, grids, most_goals, f"{file}: instance {number}")
         for number, entry in enumerate(entries)
     ]
+
+
+def pogema_keys(path: str | Path) -> list[tuple[str, str]]:
+    """Return map name and seed of each instance of a file, in the order of `load_pogema`; raises as that does."""
+    file = Path(path)
+    return [
+        (text_member(entry, "map_name", f"{file}: instance {number}"), str(entry.get("seed", "")))
+        for number, entry in enumerate(_entries(file))
+    ]
+
+
+def _entries(file: Path) -> list[Any]:
+    entries = parse_json(read_text(file), file)
+    if not isinstance(entries, list) or not entries:
+        raise FormatError(file, f"expected a list of instances, got {shortened(entries)}", 1)
+    for number, entry in enumerate(entries):
+        if not isinstance(entry, dict):
+            raise FormatError(f"{file}: instance {number}", f"expected an object, got {shortened(entry)}")
+    return entries
 
 
 def _grid(name: str, rows: Any, origin: Path) -> Grid:
@@ -58,26 +74,26 @@ def _grid(name: str, rows: Any, origin: Path) -> Grid:
     return Grid(parse_cells(rows, max(map(len, rows)), where, 1, PASSABLE, BLOCKED), name)
 
 
-def _instance(entry: Any, num_agents: int, grids: dict[str, Grid], most_goals: int, where: str) -> Instance:
+def _instance(entry: dict[str, Any], num_agents: int, grids: dict[str, Grid], most_goals: int, where: str) -> Instance:
     """Return the instance of an entry; with more than `most_goals` goals it is refused."""
-    if not isinstance(entry, dict):
-        raise FormatError(where, f"expected an object, got {shortened(entry)}")
     name = text_member(entry, "map_name", where)
     if name not in grids:
         raise FormatError(where, f"expected the name of a map, got {shortened(name)}")
     starts = list_member(entry, "agents_xy", where, num_agents)[:num_agents]
     goals = list_member(entry, "targets_xy", where, num_agents)[:num_agents]
+    counts = None
     if not all(map(_is_cell, starts)):
         raise FormatError(where, "expected 'agents_xy' to be [row, col] of each agent")
     if all(map(_is_sequence, goals)):
         longest = max(map(len, goals))
         if num_agents * longest > most_goals:
             raise FormatError(where, f"expected at most {most_goals} goals, got {num_agents} x {longest}")
-        goals = [[own[k % len(own)] for k in range(longest)] for own in goals]
+        counts = np.array(list(map(len, goals)))
+        goals = [own + own[:1] * (longest - len(own)) for own in goals]
     elif not all(map(_is_cell, goals)):
         raise FormatError(where, "expected 'targets_xy' to be [row, col] of each agent, or lists of them")
     try:
-        return Instance(grids[name], Scenario(np.array(starts), np.array(goals)))
+        return Instance(grids[name], Scenario(np.array(starts), np.array(goals), counts))
     except ValueError as error:
         raise FormatError(where, str(error)) from None
 

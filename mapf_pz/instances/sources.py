@@ -65,8 +65,7 @@ class FixedScenario:
         """Check the scenario against the map."""
         if not 1 <= self.num_agents <= len(self.scenario):
             raise ValueError(f"num_agents={self.num_agents}: the scenario has {len(self.scenario)} agents")
-        first = Scenario(self.scenario.starts[: self.num_agents], self.scenario.goals[: self.num_agents])
-        object.__setattr__(self, "_instance", Instance(self.grid, first))
+        object.__setattr__(self, "_instance", Instance(self.grid, self.scenario.first(self.num_agents)))
         check_reachable(self._instance)
 
     @property

@@ -2,7 +2,7 @@ import pytest
 from rich.console import Console
 
 from mapf_pz.evaluate import Episode, markdown_table, terminal_table
-from mapf_pz.evaluate.report import grouped, interval, rows
+from mapf_pz.evaluate.report import exhausted, grouped, interval, rows
 
 EPISODES = [
     Episode("pibt", "maze", 4, 0, {"CSR": 1.0, "SoC": 10.0, "runtime": 0.5}),
@@ -49,6 +49,18 @@ def test_the_table():
         ["maze", "4", "random", "1", "0.25", "", ""],
         ["lifelong", "4", "pibt", "1", "", "2", "0.123"],
     ]
+
+
+def test_agents_at_the_end_of_their_goal_sequences_are_reported():
+    def lifelong(policy, *counts):
+        return [Episode(policy, "maze", 4, e, {"exhausted_agents": float(n)}) for e, n in enumerate(counts)]
+
+    assert exhausted(lifelong("pibt", 0, 0)) == []
+    assert rows(lifelong("pibt", 0, 0))[0] == ["trial", "agents", "policy", "episodes"]
+    assert rows(lifelong("pibt", 0, 3))[1][-1] == "1.5 [0, 3]"
+    (line,) = exhausted([*lifelong("pibt", 0, 0), *lifelong("epibt", 0, 3)])
+    assert line.startswith("epibt, 4 agents on maze: ")
+    assert " in 1 episodes; " in line
 
 
 def test_no_episodes():

@@ -204,7 +204,7 @@ def test_left_and_late_together_truncate():
 def test_lifelong_episodes_only_truncate():
     env = make(on_target="restart", max_steps=30)
     _, info = env.reset(seed=0)
-    assert list(info) == ["is_success", "avg_throughput", "ep_length"]
+    assert list(info) == ["is_success", "avg_throughput", "ep_length", "exhausted_agents"]
     ends = [env.step(env.action_space.sample())[2:4] for _ in range(30)]
     assert ends == [(False, False)] * 29 + [(False, True)]
 
