@@ -119,11 +119,13 @@ def test_warnings_take_one_line(capsys, monkeypatch):
 
 
 @pytest.mark.parametrize("words", [[], ["maps", "list"], ["maps", "--help"]], ids=str)
-def test_a_reader_that_has_seen_enough(words):
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_a_reader_that_has_seen_enough(words, unbuffered):
     read, write = os.pipe()
     os.close(read)
     command = [sys.executable, "-m", "mapf_pz", *words]
-    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
+    environment = os.environ | {"PYTHONUNBUFFERED": unbuffered}
+    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, check=False, env=environment)
     os.close(write)
     assert (done.returncode, done.stderr) == (141, "")
 
@@ -157,6 +159,7 @@ def test_too_little_memory_for_the_cost_to_go(capsys, tmp_path, monkeypatch, wor
     status, out, err = run(capsys, *words, "--map", "empty-8-8", "--num-agents", 2, "--distance-bytes", 1300)
     assert (status, out, len(err)) == (1, [], 1)
     assert err[0].endswith("(on the command line --distance-bytes 2600)")
+    assert not list(tmp_path.iterdir())
 
 
 # Maps.
