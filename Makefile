@@ -4,7 +4,8 @@
 # make lint    checks style and types
 # make docs    builds the documentation: site/index.html
 # make wheel   builds the source archive and the wheel, and tries them outside of this tree
-# make soak, make faults, make coverage, make mutation, make record-pogema   see docs/trust.md
+# make results   measures the documentation's result tables again
+# make soak, make faults, make coverage, make mutation, make mutation-sample, make record-pogema   see docs/trust.md
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -13,7 +14,7 @@ PLAIN_TESTS := tests/core $(addprefix tests/planners/test_, pibt.py epibt.py shi
 OUTSIDE_TESTS := tests/test_env.py tests/wrappers tests/instances/test_library.py tests/render
 KERNEL_TESTS := $(addprefix tests/core/test_, properties.py symmetry.py collision_table.py distance.py)
 
-.PHONY: train test lint format docs figures reproduction bench-peers soak faults coverage mutation record-pogema wheel clean
+.PHONY: train test lint format docs figures reproduction bench-peers soak faults coverage mutation mutation-sample record-pogema wheel clean results
 
 train: .venv/installed
 	$(BIN)/mapf-pz train quickstart --output runs/quickstart --overwrite
@@ -42,6 +43,10 @@ figures: .venv/installed
 reproduction: .venv/installed
 	$(BIN)/python docs/reproduction.py
 
+# Hours; MAPF_PZ_BENCHMARK names the folders of benchmark data. Resumes where it was stopped.
+results: .venv/installed
+	$(BIN)/python -m experiments.results measure
+
 .venv/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[train,render,dev]'
@@ -58,15 +63,17 @@ coverage: .venv/installed
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 $(COVERAGE) --cov-append --cov-report=term-missing:skip-covered \
 		--hypothesis-profile=quick -W ignore:overflow:RuntimeWarning $(PLAIN_TESTS) -k 'not (ten_thousand or benchmark or turned or time_makes)'
 
-# Mutants are made in a clone. What is done is kept in runs/mutation.sqlite, and the next run goes on.
-MUTATION := cd runs/mutation && export PATH=$(CURDIR)/.venv-mutation/bin:$$PATH MAPF_PZ_PYTHON=$(CURDIR)/$(BIN)/python &&
-mutation: .venv/installed .venv-mutation/installed
-	rm -rf runs/mutation
-	git clone --quiet . runs/mutation
-	$(MUTATION) { test -e ../mutation.sqlite || { cosmic-ray init tests/mutation.toml ../mutation.sqlite && \
-		cr-filter-operators ../mutation.sqlite tests/mutation.toml; }; }
-	$(MUTATION) cosmic-ray exec tests/mutation.toml ../mutation.sqlite
-	.venv-mutation/bin/cr-report --surviving-only --show-diff runs/mutation.sqlite
+# Mutants are made in a clone. Finished ones are kept in runs/NAME.sqlite, from which the next run resumes.
+mutation: SAMPLE := true
+mutation-sample: SAMPLE := python -m tests.mutation_sample ../mutation-sample.sqlite
+mutation mutation-sample: .venv/installed .venv-mutation/installed
+	rm -rf runs/$@
+	git clone --quiet . runs/$@
+	cd runs/$@ && export PATH=$(CURDIR)/.venv-mutation/bin:$$PATH MAPF_PZ_PYTHON=$(CURDIR)/$(BIN)/python && \
+		{ test -e ../$@.sqlite || { cosmic-ray init tests/$@.toml ../$@.sqlite && \
+		cr-filter-operators ../$@.sqlite tests/$@.toml && $(SAMPLE); }; } && \
+		cosmic-ray exec tests/$@.toml ../$@.sqlite
+	.venv-mutation/bin/cr-report --surviving-only --show-diff runs/$@.sqlite
 
 .venv-mutation/installed:
 	$(PYTHON) -m venv .venv-mutation

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# The tests that a mutant must fail, those that see most first, with the kernels as plain Python and without plugins.
+# The tests that a mutant must fail, those that see most first, without plugins; mutants of kernels as plain Python.
 set -e
-export NUMBA_DISABLE_JIT=1 PYTHONDONTWRITEBYTECODE=1 PYTEST_DISABLE_PLUGIN_AUTOLOAD=1
-# They take less than half of so many seconds of the processor; who takes more loops.
+export PYTHONDONTWRITEBYTECODE=1 PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 OMP_NUM_THREADS=1
+# They take less than half of so many seconds of the processor; a mutant that takes more is in an endless loop.
 tests() { (ulimit -t "$1"; exec "$MAPF_PZ_PYTHON" -m pytest -x -p no:cacheprovider "${@:2}"); }
 
 rules() {
@@ -26,8 +26,25 @@ planners() {
             or share_goals or seed)"
 }
 
-mutated=$(basename "$(git diff --name-only -- mapf_pz)" .py)
-case $mutated in
+# Packages that are not compiled: the tests of their own folder, without those that start processes.
+package() {
+    tests 300 "$@" -p _hypothesis_pytestplugin \
+        -k "not (test_ray or on_ray or ray_does or processes or process or killed or sigterm or any_text or any_value or mutated or time_makes \
+            or stable_baselines or left_behind or worker)"
+}
+
+file=$(git diff --name-only)
+case $file in
+    mapf_pz/core/* | mapf_pz/metrics.py) export NUMBA_DISABLE_JIT=1 ;;
+    mapf_pz/rl/*) package tests/rl; exit ;;
+    mapf_pz/evaluate/*) package tests/evaluate tests/commands/test_evaluate.py; exit ;;
+    mapf_pz/instances/*) package tests/instances tests/test_bad_input.py tests/test_cli.py; exit ;;
+    mapf_pz/planners/*) package tests/planners tests/commands/test_solve.py tests/commands/test_validate.py; exit ;;
+    mapf_pz/render/*) package tests/render tests/wrappers/test_record.py tests/planners/test_record.py; exit ;;
+    wrappers/*) package tests/wrappers; exit ;;
+esac
+
+case $(basename "$file" .py) in
     pibt | shield) planners "(pibt or shield) and not epibt" pibt shield ;;
     random) planners "(pibt or shield or refine) and not epibt" pibt shield ;;
     epibt) planners epibt epibt ;;

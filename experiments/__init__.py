@@ -1,0 +1,1 @@
+"""Programs behind the documentation's results; they are not part of the package."""

@@ -1,0 +1,246 @@
+"""Measure the documentation's result tables, write them, and check them: `python -m experiments.results COMMAND`.
+
+Every table is a file `docs/results/SUITE.json` and blocks of Markdown, which name it:
+
+    <!-- table: LAYOUT SUITE METRIC ... -->
+    ...
+    <!-- end of table -->
+
+`measure` plays the episodes and writes both; it resumes where it was stopped. `write` writes the blocks. `check` plays
+some episodes of each table again, and compares.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+
+from experiments.tables import TABLES, Results, ResultTable, markdown
+from mapf_pz.evaluate import Episode, Trial, evaluate, load_suite
+from mapf_pz.evaluate.figures import draw_figures
+from mapf_pz.evaluate.published import METRICS, PublishedEpisode, check_possible, load_published
+from mapf_pz.evaluate.report import grouped, interval
+from mapf_pz.evaluate.results import discard
+from mapf_pz.files import write_whole
+from mapf_pz.instances.library import benchmark_file
+from mapf_pz.instances.pogema import load_pogema, pogema_keys
+
+ROOT = Path(__file__).parents[1]
+FILES = ROOT / "docs" / "results"
+RUNS = ROOT / "runs" / "results"
+MEASURED = "measured.json"
+TIMES = ("runtime", "step_ms", "agent_us")
+"""Metrics that depend on the machine."""
+QUICK = 1.0
+"""Episodes in which the policy took no more seconds than this are played again by `check`."""
+BLOCK = re.compile(r"(<!-- table: (\w+) ([\w-]+)((?: \w+)*) -->\n).*?(<!-- end of table -->)", re.S)
+DECIDES = ("core", "instances", "planners", "rl", "simulator.py", "observation.py", "environment.py", "metrics.py")
+"""The parts of the package on which results depend."""
+
+
+def code_digest() -> str:
+    """Return a checksum of the code and the trained policies that decide what happens in an episode."""
+    digest = hashlib.sha256()
+    for part in DECIDES:
+        path = ROOT / "mapf_pz" / part
+        files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
+        for file in files:
+            if file.suffix in (".py", ".json", ".safetensors"):
+                digest.update(str(file.relative_to(ROOT)).encode() + file.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def measure(suites: tuple[str, ...] = (), jobs: int = 2) -> None:
+    """Play the episodes of result tables and write them; takes hours for all.
+
+    Episodes that were played by another version of the code are kept if some of them, played again, are the same.
+
+    Args:
+        suites: which tables; all without any.
+        jobs: processes.
+    """
+    unknown = set(suites) - {table.suite for table in TABLES}
+    if unknown:
+        raise SystemExit(f"suites {', '.join(sorted(unknown))}: expected some of {', '.join(t.suite for t in TABLES)}")
+    for table in TABLES:
+        if suites and table.suite not in suites:
+            continue
+        folder = RUNS / table.suite
+        source = _source(table, folder)
+        episodes = evaluate(table.policies, table.suite, folder, jobs, _show)
+        results = source | _summary(table, episodes)
+        write_whole(FILES / f"{table.suite}.json", json.dumps(results, indent=1).encode())
+        draw_figures(episodes, FILES)
+        print(f"{table.suite}: written", flush=True)
+    write()
+
+
+def write() -> None:
+    """Write the tables into the pages that name them."""
+    for page in _pages():
+        write_whole(page, _with_tables(page.read_text("utf-8")).encode())
+
+
+def check() -> None:
+    """Fail where a page differs from the results, or an episode that is played again differs from its result."""
+    stale = [str(page) for page in _pages() if _with_tables(page.read_text("utf-8")) != page.read_text("utf-8")]
+    if stale:
+        raise SystemExit(f"{', '.join(stale)}: run python -m experiments.results write")
+    for table in TABLES:
+        for difference in differences(table):
+            raise SystemExit(difference)
+        print(f"{table.suite}: as before", flush=True)
+
+
+def differences(table: ResultTable) -> Iterator[str]:
+    """Play the table's quick samples again; yield a line for each whose result is another."""
+    results = load_results(table.suite)
+    trials = {(trial.family, trial.num_agents): trial for trial in load_suite(table.suite)}
+    for sample in results["samples"]:
+        if sample["runtime"] > QUICK:
+            continue
+        policy, number = sample["policy"], sample["episode"]
+        trial = trials[sample["about"], sample["num_agents"]]
+        metrics = _comparable(_play(policy, trial, number).metrics)
+        if metrics != sample["metrics"]:
+            yield f"{policy}, {trial.name}, episode {number}: {metrics} instead of {sample['metrics']}"
+
+
+def load_results(suite: str) -> Results:
+    """Return the results of a suite; raises `FileNotFoundError` where it was not measured."""
+    return json.loads((FILES / f"{suite}.json").read_text("utf-8"))
+
+
+def _play(policy: str, trial: Trial, number: int) -> Episode:
+    """Play one episode of a trial."""
+    instance = trial.instance(number)
+    alone = trial.but(seed=trial.seed + number, episodes=1, instances=None if instance is None else (instance,))
+    return evaluate([policy], [alone])[0]
+
+
+def _source(table: ResultTable, folder: Path) -> dict[str, Any]:
+    """Return what the results in `folder` come from; empty it where that was other code, which decides otherwise."""
+    file = folder / MEASURED
+    code = code_digest()
+    if file.exists():
+        measured = json.loads(file.read_text("utf-8"))
+        if measured["code"] == code:
+            return measured
+        if (FILES / f"{table.suite}.json").exists() and not any(differences(table)):
+            return measured
+        discard(folder)
+    commit = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True)
+    measured = {"command": table.command, "commit": commit.stdout.strip(), "code": code}
+    folder.mkdir(parents=True, exist_ok=True)
+    write_whole(file, json.dumps(measured).encode())
+    return measured
+
+
+def _summary(table: ResultTable, episodes: Sequence[Episode]) -> dict[str, Any]:
+    rows = [
+        {
+            "policy": policy,
+            "about": about,
+            "num_agents": num_agents,
+            "episodes": max(map(len, values.values())),
+            "metrics": {name: _mean(numbers) for name, numbers in values.items()},
+        }
+        for (about, num_agents, policy), values in grouped(episodes).items()
+    ]
+    return {"rows": rows, "published": _published(table), "samples": _samples(episodes)}
+
+
+def _mean(values: Sequence[float]) -> dict[str, float]:
+    low, high = interval(values)
+    return {"mean": float(np.mean(values)), "low": low, "high": high}
+
+
+def _samples(episodes: Sequence[Episode]) -> list[dict[str, Any]]:
+    """Return the first episode of each trial and policy, where it does not depend on the machine."""
+    return [
+        {
+            "policy": episode.policy,
+            "about": episode.about,
+            "num_agents": episode.num_agents,
+            "episode": episode.number,
+            "runtime": round(episode.metrics["runtime"], 3),
+            "metrics": _comparable(episode.metrics),
+        }
+        for episode in episodes
+        if episode.number == 0 and is_reproducible(episode.policy)
+    ]
+
+
+def is_reproducible(policy: str) -> bool:
+    """Tell whether what a policy does depends on its seed alone, and not on the machine's speed."""
+    return "time_limit" not in policy and (policy.partition(":")[0] not in ("lacam", "prioritized") or ":any" in policy)
+
+
+def _comparable(metrics: dict[str, float]) -> dict[str, float]:
+    return {name: value for name, value in metrics.items() if name not in TIMES}
+
+
+def _published(table: ResultTable) -> list[dict[str, Any]]:
+    """Return the means of the published results on the suite's instances, which must be possible there."""
+    if table.published is None:
+        return []
+    trials = load_suite(table.suite)
+    lifelong = trials[0].keywords.get("on_target") == "restart"
+    file = benchmark_file(f"{table.published}.{'lmapf' if lifelong else 'mapf'}.json")
+    most = max(trial.num_agents for trial in trials)
+    instances = dict(zip(pogema_keys(file), load_pogema(file, most), strict=True))
+    episodes = [
+        episode
+        for csv in sorted(file.parent.glob(f"{table.published}.results*.csv"))
+        for episode in load_published(csv)
+        if episode.lifelong == lifelong
+    ]
+    for episode in check_possible(episodes, instances, trials[0].keywords["max_steps"]):
+        print(f"impossible, {table.suite}: {episode}", file=sys.stderr)
+    groups: dict[tuple[str, int], list[PublishedEpisode]] = {}
+    for episode in episodes:
+        if episode.instance in instances or not episode.instance[1]:
+            groups.setdefault((episode.algorithm, episode.num_agents), []).append(episode)
+    return [
+        {"policy": algorithm, "num_agents": num_agents, "episodes": len(members), "metrics": _means(members)}
+        for (algorithm, num_agents), members in groups.items()
+    ]
+
+
+def _means(episodes: Sequence[PublishedEpisode]) -> dict[str, dict[str, float]]:
+    present = [name for name in METRICS if all(name in episode.metrics for episode in episodes)]
+    return {name: _mean([episode.metrics[name] for episode in episodes]) for name in present}
+
+
+def _pages() -> list[Path]:
+    pages = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    return [page for page in pages if BLOCK.search(page.read_text("utf-8"))]
+
+
+def _with_tables(text: str) -> str:
+    """Return a page's text with each table as the results have it."""
+
+    def table(found: re.Match[str]) -> str:
+        begin, layout, suite, metrics, end = found.groups()
+        return f"{begin}\n{markdown(layout, load_results(suite), metrics.split())}\n\n{end}"
+
+    return BLOCK.sub(table, text)
+
+
+def _show(episode: Episode | None, left: int) -> None:
+    """Print how many episodes are left, from time to time."""
+    if left % 100 == 0 and episode is not None:
+        print(f"{left} episodes left of {episode.about}", file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    tyro.extras.subcommand_cli_from_dict({"measure": measure, "write": write, "check": check})

@@ -1,0 +1,107 @@
+"""Result tables: which policies play which suites, and how their results become Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+Results = Mapping[str, Any]
+"""The content of a results file: see `experiments.results.measure`."""
+
+ONE_SHOT = ("pibt", "epibt", "lacam:anytime=False", "lacam:time_limit=1")
+LIFELONG = ("pibt", "epibt", "lacam:anytime=False")
+LEARNED = ("mappo-cardinal", "mappo-cardinal+pibt")
+
+
+@dataclass(frozen=True)
+class ResultTable:
+    """The policies that play a suite's episodes."""
+
+    suite: str
+    """The suite's name, which is also that of the results file."""
+    policies: tuple[str, ...]
+    """Names as `mapf-pz evaluate --policy` takes them."""
+    published: str | None = None
+    """The set of POGEMA's benchmark whose published results are compared, such as `01-random`."""
+
+    @property
+    def command(self) -> str:
+        """The command that plays all episodes."""
+        policies = " ".join(f"--policy {policy}" for policy in self.policies)
+        return f"mapf-pz evaluate {policies} --suite {self.suite} --output runs/results/{self.suite}"
+
+
+TABLES = (
+    ResultTable("pogema-random", (*ONE_SHOT, *LEARNED), "01-random"),
+    ResultTable("pogema-random-lifelong", (*LIFELONG, *LEARNED), "01-random"),
+    ResultTable("pogema-mazes", (*ONE_SHOT, *LEARNED), "02-mazes"),
+    ResultTable("pogema-mazes-lifelong", (*LIFELONG, *LEARNED), "02-mazes"),
+    ResultTable("pogema-warehouse", (*ONE_SHOT, *LEARNED), "03-warehouse"),
+    ResultTable("pogema-warehouse-lifelong", ("pibt", "epibt", *LEARNED), "03-warehouse"),
+    ResultTable("pogema-cities", (*ONE_SHOT, *LEARNED), "04-movingai"),
+    ResultTable("pogema-cities-lifelong", ("pibt", "epibt", *LEARNED), "04-movingai"),
+    # The maps of the puzzles are smaller than the views of the trained policies.
+    ResultTable("pogema-puzzles", ONE_SHOT[:3], "05-puzzles"),
+    ResultTable("pogema-puzzles-lifelong", LIFELONG, "05-puzzles"),
+    ResultTable("paper", ("pibt", "prioritized", "lacam", "mappo", "mappo+pibt")),
+    ResultTable("movingai-small", ("pibt", "lacam")),
+    ResultTable(
+        "lorr-2023", ("pibt", "epibt:depth=3", "epibt:depth=4", "epibt:depth=5", "epibt:depth=5,time_limit=0.1")
+    ),
+    ResultTable("standard", ("pibt", "mappo", "ippo", "mappo-cardinal")),
+)
+
+
+def by_agents(results: Results, metrics: Sequence[str]) -> list[list[str]]:
+    """Return a table with a row for each policy, ours in bold and first, and a column for each number of agents.
+
+    Policies without any of the metrics are left out.
+    """
+    counts = sorted({row["num_agents"] for row in results["rows"]})
+    body: list[list[str]] = []
+    for rows, name in ((results["rows"], "**{}**"), (results["published"], "{}")):
+        for policy in dict.fromkeys(row["policy"] for row in rows):
+            cells = {row["num_agents"]: _cell(row, metrics) for row in rows if row["policy"] == policy}
+            if any(cells.get(count) for count in counts):
+                body.append([name.format(policy), *(cells.get(count, "") for count in counts)])
+    return [["", *map(str, counts)], *body]
+
+
+def by_trial(results: Results, metrics: Sequence[str]) -> list[list[str]]:
+    """Return a table with a row for each trial and a column for each policy."""
+    policies = list(dict.fromkeys(row["policy"] for row in results["rows"]))
+    cells: dict[str, dict[str, str]] = {}
+    for row in results["rows"]:
+        trial = f"{row['about']}, {row['num_agents']} agents"
+        cells.setdefault(trial, {})[row["policy"]] = _cell(row, metrics)
+    body = [[trial, *(found.get(policy, "") for policy in policies)] for trial, found in cells.items()]
+    return [["", *(f"`{policy}`" for policy in policies)], *body]
+
+
+def source(results: Results, _: Sequence[str]) -> list[str]:
+    """Return the lines that tell the command, the commit and the code that the results come from."""
+    return [
+        "```sh",
+        f"{results['command']}  # commit {results['commit'][:7]}, code {results['code']}",
+        "```",
+    ]
+
+
+LAYOUTS: dict[str, Callable[[Results, Sequence[str]], list[list[str]]]] = {"agents": by_agents, "trials": by_trial}
+
+
+def markdown(layout: str, results: Results, metrics: Sequence[str]) -> str:
+    """Return a block of Markdown: `agents` or `trials` (a table of these metrics), or `source`."""
+    if layout == "source":
+        return "\n".join(source(results, metrics))
+    header, *body = LAYOUTS[layout](results, metrics)
+    return "\n".join(f"| {' | '.join(row)} |" for row in [header, ["---"] * len(header), *body])
+
+
+def _cell(row: Mapping[str, Any], metrics: Sequence[str]) -> str:
+    return ", ".join(_number(row["metrics"][name]["mean"]) for name in metrics if name in row["metrics"])
+
+
+def _number(value: float) -> str:
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
