@@ -10,6 +10,7 @@ import random
 import sys
 from argparse import ArgumentParser, Namespace
 from collections import defaultdict
+from functools import cache
 from pathlib import Path
 
 from cosmic_ray.tools.filters.filter_app import FilterApp
@@ -46,17 +47,20 @@ def package(module: Path) -> str:
 
 
 def is_annotation(mutation: MutationSpec) -> bool:
-    """Tell whether a mutation lies in an annotation, or in the bounds of a type."""
-    tree = ast.parse(mutation.module_path.read_text("utf-8"))
-    line, column = mutation.start_pos
-    for node in ast.walk(tree):
-        inside = [getattr(node, "annotation", None), getattr(node, "returns", None)]
-        for part in inside:
-            if isinstance(part, ast.expr) and part.end_lineno is not None and part.end_col_offset is not None:
-                begin, end = (part.lineno, part.col_offset), (part.end_lineno, part.end_col_offset)
-                if begin <= (line, column) < end:
-                    return True
-    return False
+    """Tell whether a mutation lies in an annotation."""
+    return any(begin <= mutation.start_pos < end for begin, end in _annotations(mutation.module_path))
+
+
+@cache
+def _annotations(module: Path) -> list[tuple[tuple[int, int], tuple[int, int]]]:
+    """Return where the annotations of a module begin and end: line and column."""
+    nodes = list(ast.walk(ast.parse(module.read_text("utf-8"))))
+    parts = [getattr(node, name, None) for node in nodes for name in ("annotation", "returns")]
+    return [
+        ((part.lineno, part.col_offset), (part.end_lineno or 0, part.end_col_offset or 0))
+        for part in parts
+        if isinstance(part, ast.expr)
+    ]
 
 
 def _place(item: WorkItem) -> tuple[str, tuple[int, int], str, int]:
