@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -52,7 +52,7 @@ class ResumeOptions:
     output: Positional[Path]
     """The run's folder."""
     agent_steps: int | None = None
-    """Length of the whole run, in steps of all agents together, instead of the one that it was begun with."""
+    """Minimum length of the whole run, in steps of all agents together; None: as the run was configured."""
     evaluate: str = "quickstart"
     """The suite to evaluate on afterwards, a name or a file; `none`: no evaluation and no episode."""
 
@@ -76,7 +76,7 @@ def train(run: Run) -> None:
 
 
 def _train(run: Run) -> None:
-    config = run.config if isinstance(run, TrainOptions) else load_config(run.output / CONFIG)
+    config = _config_of(run)
     trials = () if run.evaluate == "none" else load_suite(run.evaluate)
     for trial in trials:
         _check_fits(config, trial)
@@ -92,6 +92,14 @@ def _train(run: Run) -> None:
     report({run.output.name: policy}, trials, run.output)
     env = make_env(policy, **trials[-1].env_keywords(0))
     save_episode(env, policy, trials[-1].seed, run.output / EPISODE_FILE, fps=8, who=run.output.name)
+
+
+def _config_of(run: Run) -> TrainConfig:
+    """Return the configuration of the whole run."""
+    if isinstance(run, TrainOptions):
+        return run.config
+    config = load_config(run.output / CONFIG)
+    return config if run.agent_steps is None else replace(config, agent_steps=run.agent_steps)
 
 
 def _check_fits(config: TrainConfig, trial: Trial) -> None:
@@ -112,13 +120,13 @@ def _check_no_evaluation(output: Path) -> None:
 
 def _learn(run: Run, config: TrainConfig) -> None:
     """Train or resume with a bar of progress."""
-    if isinstance(run, TrainOptions):
-        with _progress_bar(config.agent_steps) as show:
-            train_policy(config, run.output, show, overwrite=run.overwrite)
-        return
-    agent_steps = config.agent_steps if run.agent_steps is None else run.agent_steps
+    agent_steps = config.num_updates * config.steps_per_update
+    print(f"training: {config.num_updates} updates of {config.steps_per_update} agent steps, {agent_steps} in all")
     with _progress_bar(agent_steps) as show:
-        resume_policy(run.output, run.agent_steps, show)
+        if isinstance(run, TrainOptions):
+            train_policy(config, run.output, show, overwrite=run.overwrite)
+        else:
+            resume_policy(run.output, run.agent_steps, show)
 
 
 @contextmanager

@@ -65,7 +65,6 @@ def collecting(algorithm: Algorithm, config: TrainConfig, seed: int, updates: in
     W x (B / W) x T; `update_policy_weights_` tells them what was learnt.
 
     Raises:
-        ValueError: B environments cannot be shared out evenly.
         ImportError: Ray is asked for and not installed.
     """
     with ExitStack() as afterwards:
@@ -127,9 +126,7 @@ _COLLECTORS: dict[CollectorName, Callable[[Algorithm, TrainConfig, int, int, Exi
 
 def _shares(algorithm: Algorithm, config: TrainConfig, seed: int) -> list[MakeWorkerEnv]:
     """Share the environments out evenly among the workers."""
-    number, rest = divmod(config.ppo.num_envs, config.num_workers)
-    if rest:
-        raise ValueError(f"num_envs={config.ppo.num_envs}: expected a multiple of num_workers={config.num_workers}")
+    number = config.ppo.num_envs // config.num_workers
     MakeEnv(algorithm, config, seed, 1)().reset()  # raises here, in one line, what would be a worker's traceback
     return [MakeWorkerEnv(algorithm, config, seed + w * number, number) for w in range(config.num_workers)]
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from tyro.conf import arg
 
@@ -75,10 +76,10 @@ class TaskConfig:
     """The terms of the reward; the defaults are those of `reward="progress"`."""
 
     def __post_init__(self) -> None:
-        """Refuse numbers that are too small."""
-        for name, least in (("num_frames", 1), ("neighbors", 0), ("neighbor_radius", 0)):
-            if getattr(self, name) < least:
-                raise ValueError(f"{name}={getattr(self, name)}: expected a whole number, {least} or more")
+        """Check names and numbers; what depends on the map is checked when the environment is created."""
+        _check_names(self)
+        _check_counts(self, 1, "height", "width", "num_agents", "max_steps", "num_last_actions", "num_frames")
+        _check_counts(self, 0, "neighbors", "neighbor_radius")
 
     def env_keywords(self) -> dict[str, Any]:
         """Return the keywords of the environment to train in."""
@@ -118,6 +119,12 @@ class ModelConfig:
     head: tuple[int, ...] = (128,)
     """Widths of the hidden layers from the code to the actions, and to the value."""
 
+    def __post_init__(self) -> None:
+        """Check names and numbers."""
+        _check_names(self)
+        _check_counts(self, 1, "conv_channels", "hidden", "head")
+        _check_counts(self, 0, "num_blocks", "recurrent")
+
 
 @dataclass(frozen=True)
 class PPOConfig:
@@ -148,6 +155,14 @@ class PPOConfig:
     credit: Credit = "agent"
     """Of `central-ppo`: one advantage for the `team`, or one for each `agent`; the other algorithms have the latter."""
 
+    def __post_init__(self) -> None:
+        """Check names and numbers."""
+        _check_names(self)
+        _check_counts(self, 1, "num_envs", "steps_per_batch", "num_epochs", "minibatch_size")
+        _check_positive(self, math.inf, "learning_rate", "clip_epsilon", "max_grad_norm")
+        _check_from_zero(self, 1, "gamma", "lmbda")
+        _check_from_zero(self, math.inf, "entropy_coeff", "critic_coeff")
+
 
 @dataclass(frozen=True)
 class CuriosityConfig:
@@ -167,9 +182,13 @@ class CuriosityConfig:
     """Share of each minibatch that the predictor learns from."""
 
     def __post_init__(self) -> None:
-        """Refuse a share that is none."""
-        if not 0 < self.update_fraction <= 1:
-            raise ValueError(f"update_fraction={self.update_fraction}: expected more than 0, and at most 1")
+        """Check names and numbers."""
+        _check_names(self)
+        _check_counts(self, 1, "size")
+        _check_positive(self, math.inf, "learning_rate")
+        _check_positive(self, 1, "update_fraction")
+        _check_from_zero(self, 1, "gamma")
+        _check_from_zero(self, math.inf, "weight")
 
 
 @dataclass(frozen=True)
@@ -187,7 +206,7 @@ class TrainConfig:
     curiosity: CuriosityConfig = field(default_factory=CuriosityConfig)
     """What agents earn for being surprised."""
     agent_steps: int = 2_000_000
-    """Length of the run: steps of all agents together."""
+    """Minimum length of the run, in steps of all agents together; the run takes whole updates."""
     seed: int = 0
     """Decides instances, initial weights and exploration."""
     checkpoint_interval: int = 200_000
@@ -204,3 +223,61 @@ class TrainConfig:
     """Where the networks compute; `auto`: on a GPU if there is one. Environments are always stepped on the CPU."""
     num_threads: int = 1
     """Threads of torch and of the kernels, in each process. More help only where as many cores are idle."""
+
+    def __post_init__(self) -> None:
+        """Check names and numbers, and that the workers can share the environments evenly."""
+        _check_names(self)
+        _check_counts(
+            self, 1, "agent_steps", "checkpoint_interval", "validation_episodes", "num_workers", "num_threads"
+        )
+        _check_counts(self, 0, "seed", "validation_interval")
+        if self.collector != "single" and self.ppo.num_envs % self.num_workers:
+            raise ValueError(f"num_envs={self.ppo.num_envs}: expected a multiple of num_workers={self.num_workers}")
+
+    @property
+    def steps_per_update(self) -> int:
+        """Steps of all agents together between two updates."""
+        return self.ppo.num_envs * self.ppo.steps_per_batch * self.task.num_agents
+
+    @property
+    def num_updates(self) -> int:
+        """Updates of the run: as many as `agent_steps` needs, the last one in full."""
+        return math.ceil(self.agent_steps / self.steps_per_update)
+
+
+def _check_names(config: object) -> None:
+    """Raise `ValueError` for a name that is not among those its field allows."""
+    for name, kind in get_type_hints(type(config)).items():
+        if get_origin(kind) is Literal and getattr(config, name) not in get_args(kind):
+            allowed = ", ".join(map(repr, get_args(kind)))
+            raise ValueError(f"{name}={getattr(config, name)!r}: expected one of {allowed}")
+
+
+def _check_counts(config: object, least: int, *names: str) -> None:
+    """Raise `ValueError` unless these fields are whole numbers, or tuples of them, of at least `least`."""
+    for name in names:
+        value = getattr(config, name)
+        numbers = value if isinstance(value, tuple) else (value,)
+        if not all(isinstance(number, int) and number >= least for number in numbers):
+            expected = "whole numbers, each" if isinstance(value, tuple) else "a whole number,"
+            raise ValueError(f"{name}={value!r}: expected {expected} {least} or more")
+
+
+def _check_positive(config: object, most: float, *names: str) -> None:
+    """Raise `ValueError` unless these fields are greater than 0, at most `most`, and finite."""
+    for name in names:
+        value = getattr(config, name)
+        if not 0 < value <= most or math.isinf(value):
+            raise ValueError(f"{name}={value!r}: expected a number greater than 0{_bound(most)}")
+
+
+def _check_from_zero(config: object, most: float, *names: str) -> None:
+    """Raise `ValueError` unless these fields are 0 or greater, at most `most`, and finite."""
+    for name in names:
+        value = getattr(config, name)
+        if not 0 <= value <= most or math.isinf(value):
+            raise ValueError(f"{name}={value!r}: expected a number, 0 or greater{_bound(most)}")
+
+
+def _bound(most: float) -> str:
+    return "" if math.isinf(most) else f", at most {most:g}"

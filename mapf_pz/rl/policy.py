@@ -222,8 +222,6 @@ def _network(config: TrainConfig, weights: dict[str, Tensor]) -> nn.Module:
     stages = len(model.conv_channels) * (model.num_blocks if model.encoder == "residual" else 1)
     if stages + len(model.head) > len(weights):
         raise ValueError(f"expected those of {stages} + {len(model.head)} layers, got {len(weights)} tensors")
-    if min(model.hidden, *model.conv_channels, *model.head, 1) < 1:
-        raise ValueError("expected layers of 1 number or more")
     if any(weight.dtype != torch.float32 for weight in weights.values()):
         raise ValueError("expected numbers of 32 bits")
     with torch.device("meta"):

@@ -78,7 +78,7 @@ def resume(
 
     Args:
         folder: the run's folder.
-        agent_steps: length of the whole run instead of the one that it was begun with, in steps of all agents.
+        agent_steps: minimum length of the whole run, in steps of all agents together; None: as the run was configured.
         on_progress: as in `train`.
         make_algorithm: as in `train`.
 
@@ -93,7 +93,7 @@ def resume(
     checkpoint = run.checkpoints.latest()
     config = load_config(folder / CONFIG)
     position = read_position(checkpoint)
-    if position.agent_steps != position.updates * _steps_per_update(config):
+    if position.agent_steps != position.updates * config.steps_per_update:
         raise FormatError(checkpoint, f"not a checkpoint of the run that {CONFIG} describes")
     if agent_steps is not None:
         if agent_steps < position.agent_steps:
@@ -145,18 +145,9 @@ def _device(config: TrainConfig) -> torch.device:
     return torch.device("cuda" if present and config.device != "cpu" else "cpu")
 
 
-def _steps_per_update(config: TrainConfig) -> int:
-    """Return the steps of all agents between two updates."""
-    return config.ppo.num_envs * config.ppo.steps_per_batch * config.task.num_agents
-
-
-def _num_updates(config: TrainConfig) -> int:
-    return max(1, config.agent_steps // _steps_per_update(config))
-
-
 def _collecting(config: TrainConfig, algorithm: Algorithm, done: int) -> AbstractContextManager[BaseCollector | None]:
     """Create the environments for the updates from `done` on; None if there are none left."""
-    left = _num_updates(config) - done
+    left = config.num_updates - done
     if left <= 0:
         return nullcontext()
     seed = config.seed if done == 0 else int(np.random.SeedSequence([config.seed, done]).generate_state(1)[0])
@@ -174,17 +165,16 @@ def _updates(
     """Run the loop from update `done` on; yield a row of progress after each update."""
     if collector is None:
         return
-    num_updates = _num_updates(config)
     watch, validation = Stopwatch(), Validation(algorithm, config)
     batches = iter(collector)
     began = time.perf_counter() - seconds_before
-    for update in range(done, num_updates):
+    for update in range(done, config.num_updates):
         with watch.time("collecting"), watch.calls(algorithm.actor, "acting"):
             batch = next(batches)
         with watch.time("learning"):
-            losses = learner.learn(batch, update / num_updates)
+            losses = learner.learn(batch, update / config.num_updates)
             collector.update_policy_weights_()  # pyright: ignore[reportCallIssue] (annotated without the usual call)
-        agent_steps, seconds = (update + 1) * _steps_per_update(config), time.perf_counter() - began
+        agent_steps, seconds = (update + 1) * config.steps_per_update, time.perf_counter() - began
         yield {
             "agent_steps": agent_steps,
             "seconds": seconds,
@@ -192,7 +182,7 @@ def _updates(
             **_shares(watch.lap()),
             **episode_means(batch.get("next"), batch.get(("next", "done"))),
             **losses,
-            **validation.after(agent_steps, last=update + 1 == num_updates),
+            **validation.after(agent_steps, last=update + 1 == config.num_updates),
         }
 
 

@@ -65,3 +65,20 @@ def test_an_evaluation_in_the_folder_is_kept(capsys, tmp_path):
     status, [line] = train(capsys, "quickstart", *SMALL.split(), "--evaluate", "none", "--output", tmp_path)
     assert (status, list(tmp_path.iterdir())) == (1, [tmp_path / "episodes.csv"])
     assert "holds an evaluation" in line
+
+
+def test_the_length_of_the_run_is_shown(capsys, tmp_path):
+    words = [*SMALL.split(), "--evaluate", "none", "--output", str(tmp_path)]
+    assert main(["train", "quickstart", *words]) == 0
+    assert "training: 2 updates of 96 agent steps, 192 in all" in capsys.readouterr().out
+    assert main(["train", "resume", str(tmp_path), "--agent-steps", "193", "--evaluate", "none"]) == 0
+    assert "training: 3 updates of 96 agent steps, 288 in all" in capsys.readouterr().out
+    assert len((tmp_path / "progress.csv").read_text().splitlines()) == 1 + 3
+
+
+def test_a_length_below_one_is_refused(capsys, tmp_path):
+    for length in ("0", "-5"):
+        with pytest.raises(SystemExit):
+            main(["train", "quickstart", "--agent-steps", length, "--output", str(tmp_path / "run")])
+        assert f"agent_steps={length}: expected a whole number, 1 or more" in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "run").exists()

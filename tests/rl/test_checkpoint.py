@@ -1,5 +1,6 @@
 import dataclasses
 import json
+import math
 import os
 import signal
 import subprocess
@@ -22,7 +23,7 @@ from mapf_pz.rl.train import resume
 from tests.rl import tiny
 from tests.rl.tiny import rows
 
-TINY = dataclasses.replace(tiny.TINY, agent_steps=1200, checkpoint_interval=1)
+TINY = dataclasses.replace(tiny.TINY, agent_steps=1152, checkpoint_interval=1)
 PER_UPDATE = 4 * 16 * 3
 SHORT = "train quickstart --agent-steps 40000 --checkpoint-interval 1 --num-envs 4 --steps-per-batch 8 --num-epochs 1"
 SMALL = "--num-agents 3 --height 7 --width 7 --evaluate none"
@@ -80,14 +81,14 @@ def test_rows_after_the_checkpoint_are_cut(tmp_path):
 
 
 def test_a_finished_run_can_be_made_longer_and_not_shorter(tmp_path):
-    train(dataclasses.replace(TINY, agent_steps=400), tmp_path)
+    train(dataclasses.replace(TINY, agent_steps=384), tmp_path)
     resume(tmp_path)
     assert len(rows(tmp_path)) == 2
     with pytest.raises(ValueError, match="has come to 384 already"):
-        resume(tmp_path, agent_steps=200)
-    resume(tmp_path, agent_steps=600)
+        resume(tmp_path, agent_steps=192)
+    resume(tmp_path, agent_steps=576)
     assert len(rows(tmp_path)) == 3
-    assert load_policy(tmp_path).config.agent_steps == 600
+    assert load_policy(tmp_path).config.agent_steps == 576
 
 
 def test_a_new_run_in_the_folder_replaces_the_checkpoints(tmp_path):
@@ -247,7 +248,7 @@ def test_a_killed_run_continues_from_its_last_checkpoint(tmp_path, capsys):
     assert done.agent_steps < 5000
     assert main(["train", "resume", str(tmp_path), "--agent-steps", "5000", "--evaluate", "none"]) == 0
     assert config["agent_steps"] == 40000
-    assert steps(tmp_path) == [96 * (i + 1) for i in range(5000 // 96)]
+    assert steps(tmp_path) == [96 * (i + 1) for i in range(math.ceil(5000 / 96))]
     assert load_policy(tmp_path).act({}) == {}
     assert not list((tmp_path / "checkpoints").glob(".*"))
 

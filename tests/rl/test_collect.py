@@ -72,6 +72,6 @@ def test_processes_train_like_one(tmp_path, config, algorithm):
     load_policy(tmp_path / "processes")
 
 
-def test_environments_are_shared_out_evenly(tmp_path, config):
+def test_environments_are_shared_out_evenly(config):
     with pytest.raises(ValueError, match="num_envs=4: expected a multiple of num_workers=3"):
-        train(dataclasses.replace(config, collector="processes", num_workers=3), tmp_path)
+        dataclasses.replace(config, collector="processes", num_workers=3)

@@ -88,7 +88,7 @@ def test_a_trained_policy_acts_as_its_network(tmp_path, name):
         task=TaskConfig(height=6, width=6, num_agents=3, max_steps=12, view_size=(3, 3)),
         model=MODELS[name],
         ppo=PPOConfig(num_envs=4, steps_per_batch=8, num_epochs=1, minibatch_size=16),
-        agent_steps=200,
+        agent_steps=192,
     )
     policy = load_policy(train(config, tmp_path), deterministic=True)
     observations, _ = mapf_pz.parallel_env(**policy.env_kwargs, num_agents=5).reset(seed=0)

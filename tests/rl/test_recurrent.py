@@ -122,7 +122,7 @@ def test_agents_permuted_memories_permuted():
 def test_training_resuming_and_acting(tmp_path, name):
     config = dataclasses.replace(TINY, algorithm=name)
     folder = train(dataclasses.replace(config, agent_steps=400), tmp_path)
-    resume(folder, agent_steps=600)
+    resume(folder, agent_steps=576)
     assert len((folder / "progress.csv").read_text().splitlines()) == 4
     policy = load_policy(folder, deterministic=True)
     env = mapf_pz.parallel_env(**policy.env_kwargs, num_agents=3)
@@ -150,7 +150,7 @@ def test_training_resuming_and_acting(tmp_path, name):
 
 
 def test_each_agent_has_its_own_memory_until_it_is_reset(tmp_path):
-    folder = train(dataclasses.replace(TINY, agent_steps=200), tmp_path)
+    folder = train(dataclasses.replace(TINY, agent_steps=192), tmp_path)
     policy = load_policy(folder)
     first, _ = mapf_pz.parallel_env(**policy.env_kwargs, num_agents=4).reset(seed=3)
     second, _ = mapf_pz.parallel_env(**policy.env_kwargs, num_agents=4).reset(seed=4)
@@ -169,7 +169,7 @@ def test_each_agent_has_its_own_memory_until_it_is_reset(tmp_path):
 
 
 def test_same_seed_same_actions(tmp_path):
-    folder = train(dataclasses.replace(TINY, agent_steps=200), tmp_path)
+    folder = train(dataclasses.replace(TINY, agent_steps=192), tmp_path)
 
     def episode(policy):
         env = mapf_pz.parallel_env(**policy.env_kwargs, num_agents=4, on_target="finish", max_steps=30)

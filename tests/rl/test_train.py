@@ -1,5 +1,6 @@
 import dataclasses
 import json
+import re
 
 import pytest
 import torch
@@ -39,6 +40,63 @@ def test_a_run_leaves_its_files_and_a_policy_that_acts(tmp_path, algorithm):
     env.step(actions)
 
 
+@pytest.mark.parametrize(("asked", "updates"), [(1, 1), (192, 1), (193, 2), (384, 2)])
+def test_a_run_is_at_least_as_long_as_asked_for(tmp_path, asked, updates):
+    config = dataclasses.replace(TINY, agent_steps=asked)
+    assert (config.num_updates, config.steps_per_update) == (updates, 192)
+    assert [int(row["agent_steps"]) for row in rows(train(config, tmp_path))] == [192, 384][:updates]
+
+
+@pytest.mark.parametrize(
+    ("part", "name", "values"),
+    [
+        ("task", "num_agents", [0, -1, 2.5]),
+        ("task", "height", [0]),
+        ("task", "max_steps", [0]),
+        ("task", "action_mode", ["best"]),
+        ("model", "encoder", ["transformer"]),
+        ("model", "conv_channels", [(0,), (4, -1)]),
+        ("model", "hidden", [0]),
+        ("model", "recurrent", [-1]),
+        ("model", "num_blocks", [-1]),
+        ("model", "head", [(0,)]),
+        ("ppo", "num_envs", [0]),
+        ("ppo", "steps_per_batch", [0]),
+        ("ppo", "num_epochs", [0]),
+        ("ppo", "minibatch_size", [0]),
+        ("ppo", "learning_rate", [0, -1.0, float("nan"), float("inf")]),
+        ("ppo", "gamma", [-0.1, 1.1, float("nan")]),
+        ("ppo", "lmbda", [-0.1, 1.1]),
+        ("ppo", "clip_epsilon", [0, -1]),
+        ("ppo", "entropy_coeff", [-1, float("inf")]),
+        ("ppo", "critic_coeff", [-1]),
+        ("ppo", "max_grad_norm", [0]),
+        ("ppo", "credit", ["none"]),
+        ("curiosity", "kind", ["icm"]),
+        ("curiosity", "weight", [-1]),
+        ("curiosity", "gamma", [2]),
+        ("curiosity", "size", [0]),
+        ("curiosity", "learning_rate", [0]),
+        ("curiosity", "update_fraction", [0, 1.5]),
+        (None, "algorithm", ["dqn"]),
+        (None, "agent_steps", [0, -5, 1e6]),
+        (None, "seed", [-1]),
+        (None, "checkpoint_interval", [0]),
+        (None, "validation_interval", [-1]),
+        (None, "validation_episodes", [0]),
+        (None, "collector", ["threads"]),
+        (None, "num_workers", [0]),
+        (None, "device", ["gpu"]),
+        (None, "num_threads", [0]),
+    ],
+)
+def test_values_that_are_not_allowed_are_refused(part, name, values):
+    config = TINY if part is None else getattr(TINY, part)
+    for value in values:
+        with pytest.raises(ValueError, match=f"^{name}={re.escape(repr(value))}: expected "):
+            dataclasses.replace(config, **{name: value})
+
+
 def contents(folder):
     return {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
 
@@ -69,7 +127,7 @@ def test_a_run_is_replaced_only_when_asked_to(tmp_path):
 )
 @pytest.mark.parametrize("collector", ["single", "processes"])
 def test_a_refused_task_leaves_the_run_as_it_was(tmp_path, change, collector):
-    train(dataclasses.replace(TINY, agent_steps=200), tmp_path)
+    train(dataclasses.replace(TINY, agent_steps=192), tmp_path)
     before = contents(tmp_path)
     config = dataclasses.replace(TINY, task=dataclasses.replace(TINY.task, **change), collector=collector)
     with pytest.raises((ValueError, FileNotFoundError)) as caught:
@@ -162,7 +220,7 @@ def test_truncation_bootstraps_and_termination_does_not(name, credit, group):
 def test_missing_and_damaged_policies_are_one_line(tmp_path):
     with pytest.raises(FileNotFoundError, match="expected the folder of a training run"):
         load_policy(tmp_path / "nothing")
-    folder = train(dataclasses.replace(TINY, agent_steps=200), tmp_path / "run")
+    folder = train(dataclasses.replace(TINY, agent_steps=192), tmp_path / "run")
     config = json.loads((folder / "config.json").read_text())
     config["model"]["hidden"] = 32
     (folder / "config.json").write_text(json.dumps(config))
@@ -178,7 +236,7 @@ def test_missing_and_damaged_policies_are_one_line(tmp_path):
 
 
 def test_a_team_policy_says_how_many_agents_it_acts_for(tmp_path):
-    policy = load_policy(train(dataclasses.replace(TINY, algorithm="central-ppo", agent_steps=200), tmp_path))
+    policy = load_policy(train(dataclasses.replace(TINY, algorithm="central-ppo", agent_steps=192), tmp_path))
     env = mapf_pz.parallel_env(**policy.env_kwargs, num_agents=4)
     with pytest.raises(ValueError, match="exactly 3 agents, 4 observe"):
         policy.act(env.reset(seed=0)[0])

@@ -8,7 +8,7 @@ TINY = TrainConfig(
     task=TaskConfig(height=6, width=6, num_agents=3, max_steps=12, view_size=(3, 3)),
     model=ModelConfig(conv_channels=(4,), hidden=16),
     ppo=PPOConfig(num_envs=4, steps_per_batch=16, num_epochs=1, minibatch_size=32),
-    agent_steps=600,
+    agent_steps=576,
 )
 TIMINGS = {"seconds", "agent_steps_per_second", "collecting_share", "acting_share", "learning_share"}
 
