@@ -26,9 +26,11 @@ planners() {
             or share_goals or seed)"
 }
 
-# Packages that are not compiled: the tests of their own folder, without those that start processes.
+# Packages that are not compiled: the module's own tests and those of its folder, without those that start processes.
 package() {
-    tests 300 "$@" -p _hypothesis_pytestplugin \
+    local own
+    own=$(basename "$file" .py)
+    tests 300 $(compgen -G "$1/test_${own:0:5}*.py") "$@" -p _hypothesis_pytestplugin \
         -k "not (test_ray or on_ray or ray_does or processes or process or killed or sigterm or any_text or any_value or mutated or time_makes \
             or stable_baselines or left_behind or worker)"
 }
