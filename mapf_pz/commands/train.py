@@ -22,7 +22,7 @@ from mapf_pz.interrupts import interruptible
 from mapf_pz.rl import load_policy
 from mapf_pz.rl import train as train_policy
 from mapf_pz.rl.config import TrainConfig
-from mapf_pz.rl.policy import CONFIG, load_config
+from mapf_pz.rl.config_file import CONFIG, load_config
 from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.train import resume as resume_policy
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, cast, get_args
 
+from pydantic import PlainSerializer, PlainValidator, ValidationInfo
 from tyro.conf import arg
 
 from mapf_pz.action_modes import ActionMode
 from mapf_pz.config import REWARDS, ActionModel, Frame, RewardConfig, View, WeightsName
+from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances.sources import RandomObstacles
+from mapf_pz.rl.checks import check_counts, check_from_zero, check_names, check_positive
 
 AlgorithmName = Literal["mappo", "ippo", "central-ppo"]
 CollectorName = Literal["single", "processes", "ray"]
@@ -18,6 +21,31 @@ Credit = Literal["team", "agent"]
 CuriosityName = Literal["none", "rnd", "random-features", "inverse-dynamics"]
 DeviceName = Literal["auto", "cpu", "cuda"]
 EncoderName = Literal["conv", "report", "residual"]
+
+GRAPH = "edge_weights.safetensors"
+"""The file of a task's own guidance graph, in the run's folder: its arrays `move` and `wait`."""
+
+
+def _stored_weights(weights: WeightsName | GuidanceGraph) -> str:
+    """Return what the configuration's file says of the weights: their name, or that of the graph's file."""
+    return GRAPH if isinstance(weights, GuidanceGraph) else weights
+
+
+def _loaded_weights(stored: Any, info: ValidationInfo) -> Any:
+    """Return the weights; `info.context` reads the graph's file."""
+    if stored == GRAPH and info.context is not None:
+        return info.context()
+    if stored not in get_args(WeightsName):
+        raise ValueError(f"expected one of {', '.join(map(repr, (*get_args(WeightsName), GRAPH)))}")
+    return stored
+
+
+EdgeWeights = Annotated[
+    WeightsName | GuidanceGraph,
+    PlainValidator(_loaded_weights),
+    PlainSerializer(_stored_weights),
+    arg(constructor=cast("Any", WeightsName), help_behavior_hint="(default: uniform)"),  # names alone can be typed
+]
 
 OBSERVATION_FIELDS = (
     "action_model",
@@ -62,7 +90,7 @@ class TaskConfig:
     """The features beside the image."""
     num_last_actions: int = 2
     """How many actions `last_actions` remembers."""
-    edge_weights: WeightsName = "uniform"
+    edge_weights: EdgeWeights = "uniform"
     """The guidance graph: it shapes the cost to go, and with it the channels, the features and the reward."""
     num_frames: int = 1
     """How many of its latest observations each agent observes, stacked: 1 is the present one alone."""
@@ -77,9 +105,9 @@ class TaskConfig:
 
     def __post_init__(self) -> None:
         """Check names and numbers; what depends on the map is checked when the environment is created."""
-        _check_names(self)
-        _check_counts(self, 1, "height", "width", "num_agents", "max_steps", "num_last_actions", "num_frames")
-        _check_counts(self, 0, "neighbors", "neighbor_radius")
+        check_names(self)
+        check_counts(self, 1, "height", "width", "num_agents", "max_steps", "num_last_actions", "num_frames")
+        check_counts(self, 0, "neighbors", "neighbor_radius")
 
     def env_keywords(self) -> dict[str, Any]:
         """Return the keywords of the environment to train in."""
@@ -121,9 +149,9 @@ class ModelConfig:
 
     def __post_init__(self) -> None:
         """Check names and numbers."""
-        _check_names(self)
-        _check_counts(self, 1, "conv_channels", "hidden", "head")
-        _check_counts(self, 0, "num_blocks", "recurrent")
+        check_names(self)
+        check_counts(self, 1, "conv_channels", "hidden", "head")
+        check_counts(self, 0, "num_blocks", "recurrent")
 
 
 @dataclass(frozen=True)
@@ -157,11 +185,11 @@ class PPOConfig:
 
     def __post_init__(self) -> None:
         """Check names and numbers."""
-        _check_names(self)
-        _check_counts(self, 1, "num_envs", "steps_per_batch", "num_epochs", "minibatch_size")
-        _check_positive(self, math.inf, "learning_rate", "clip_epsilon", "max_grad_norm")
-        _check_from_zero(self, 1, "gamma", "lmbda")
-        _check_from_zero(self, math.inf, "entropy_coeff", "critic_coeff")
+        check_names(self)
+        check_counts(self, 1, "num_envs", "steps_per_batch", "num_epochs", "minibatch_size")
+        check_positive(self, math.inf, "learning_rate", "clip_epsilon", "max_grad_norm")
+        check_from_zero(self, 1, "gamma", "lmbda")
+        check_from_zero(self, math.inf, "entropy_coeff", "critic_coeff")
 
 
 @dataclass(frozen=True)
@@ -183,12 +211,12 @@ class CuriosityConfig:
 
     def __post_init__(self) -> None:
         """Check names and numbers."""
-        _check_names(self)
-        _check_counts(self, 1, "size")
-        _check_positive(self, math.inf, "learning_rate")
-        _check_positive(self, 1, "update_fraction")
-        _check_from_zero(self, 1, "gamma")
-        _check_from_zero(self, math.inf, "weight")
+        check_names(self)
+        check_counts(self, 1, "size")
+        check_positive(self, math.inf, "learning_rate")
+        check_positive(self, 1, "update_fraction")
+        check_from_zero(self, 1, "gamma")
+        check_from_zero(self, math.inf, "weight")
 
 
 @dataclass(frozen=True)
@@ -226,11 +254,9 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         """Check names and numbers, and that the workers can share the environments evenly."""
-        _check_names(self)
-        _check_counts(
-            self, 1, "agent_steps", "checkpoint_interval", "validation_episodes", "num_workers", "num_threads"
-        )
-        _check_counts(self, 0, "seed", "validation_interval")
+        check_names(self)
+        check_counts(self, 1, "agent_steps", "checkpoint_interval", "validation_episodes", "num_workers", "num_threads")
+        check_counts(self, 0, "seed", "validation_interval")
         if self.collector != "single" and self.ppo.num_envs % self.num_workers:
             raise ValueError(f"num_envs={self.ppo.num_envs}: expected a multiple of num_workers={self.num_workers}")
 
@@ -243,41 +269,3 @@ class TrainConfig:
     def num_updates(self) -> int:
         """Updates of the run: as many as `agent_steps` needs, the last one in full."""
         return math.ceil(self.agent_steps / self.steps_per_update)
-
-
-def _check_names(config: object) -> None:
-    """Raise `ValueError` for a name that is not among those its field allows."""
-    for name, kind in get_type_hints(type(config)).items():
-        if get_origin(kind) is Literal and getattr(config, name) not in get_args(kind):
-            allowed = ", ".join(map(repr, get_args(kind)))
-            raise ValueError(f"{name}={getattr(config, name)!r}: expected one of {allowed}")
-
-
-def _check_counts(config: object, least: int, *names: str) -> None:
-    """Raise `ValueError` unless these fields are whole numbers, or tuples of them, of at least `least`."""
-    for name in names:
-        value = getattr(config, name)
-        numbers = value if isinstance(value, tuple) else (value,)
-        if not all(isinstance(number, int) and number >= least for number in numbers):
-            expected = "whole numbers, each" if isinstance(value, tuple) else "a whole number,"
-            raise ValueError(f"{name}={value!r}: expected {expected} {least} or more")
-
-
-def _check_positive(config: object, most: float, *names: str) -> None:
-    """Raise `ValueError` unless these fields are greater than 0, at most `most`, and finite."""
-    for name in names:
-        value = getattr(config, name)
-        if not 0 < value <= most or math.isinf(value):
-            raise ValueError(f"{name}={value!r}: expected a number greater than 0{_bound(most)}")
-
-
-def _check_from_zero(config: object, most: float, *names: str) -> None:
-    """Raise `ValueError` unless these fields are 0 or greater, at most `most`, and finite."""
-    for name in names:
-        value = getattr(config, name)
-        if not 0 <= value <= most or math.isinf(value):
-            raise ValueError(f"{name}={value!r}: expected a number, 0 or greater{_bound(most)}")
-
-
-def _bound(most: float) -> str:
-    return "" if math.isinf(most) else f", at most {most:g}"

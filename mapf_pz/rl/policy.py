@@ -8,21 +8,19 @@ from typing import Any
 
 import numpy as np
 import torch
-from pydantic import TypeAdapter, ValidationError
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
 from mapf_pz.action_modes import ACTION_MODES
 from mapf_pz.files import write_whole
-from mapf_pz.instances.textfile import read_text
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.config import AlgorithmName, TrainConfig
+from mapf_pz.rl.config_file import CONFIG, load_config
 from mapf_pz.rl.observed import Observed
 from mapf_pz.types import Floats, FormatError
 
-WEIGHTS, CONFIG = "policy.safetensors", "config.json"
-_CONFIG_ADAPTER = TypeAdapter(TrainConfig)
+WEIGHTS = "policy.safetensors"
 _DAMAGE = (SafetensorError, RuntimeError, ValueError, TypeError, LookupError, OverflowError)
 
 
@@ -162,21 +160,6 @@ POLICIES: dict[AlgorithmName, type[LearnedPolicy]] = {
 def save_weights(folder: Path, network: nn.Module) -> None:
     """Write the network's weights to `folder`, beside the configuration that the run wrote when it began."""
     write_whole(folder / WEIGHTS, save({name: weight.contiguous() for name, weight in network.state_dict().items()}))
-
-
-def config_as_json(config: TrainConfig) -> bytes:
-    """Return what `load_config` reads."""
-    return _CONFIG_ADAPTER.dump_json(config, indent=2)
-
-
-def load_config(file: Path) -> TrainConfig:
-    """Read a run's configuration; raises `FormatError` where it is malformed."""
-    try:
-        return _CONFIG_ADAPTER.validate_json(read_text(file))
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise FormatError(file, f"{place}: {first['msg']}") from None
 
 
 def policy_names() -> list[str]:

@@ -13,13 +13,14 @@ from torchrl.record.loggers.tensorboard import TensorboardLogger
 
 from mapf_pz.files import replacing, write_whole
 from mapf_pz.rl.checkpoint import FOLDER, Checkpoints, Position, read_position, restore
-from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.config import GRAPH, TrainConfig
+from mapf_pz.rl.config_file import CONFIG, save_config
 from mapf_pz.rl.learner import Learner
-from mapf_pz.rl.policy import CONFIG, WEIGHTS, config_as_json, save_weights
+from mapf_pz.rl.policy import WEIGHTS, save_weights
 from mapf_pz.types import FormatError
 
 PROGRESS, CURVE, TENSORBOARD = "progress.csv", "learning_curve.png", "tensorboard"
-RUN_FILES = (CONFIG, WEIGHTS, PROGRESS, CURVE, FOLDER, TENSORBOARD)
+RUN_FILES = (CONFIG, GRAPH, WEIGHTS, PROGRESS, CURVE, FOLDER, TENSORBOARD)
 """Everything that a run writes into its folder."""
 RECENT_EPISODES = 100
 """Training episodes whose mean CSR tells which checkpoint is the best."""
@@ -66,7 +67,7 @@ class RunFolder:
             self.checkpoints.clear()
             for name in (PROGRESS, CURVE, WEIGHTS):
                 (self.path / name).unlink(missing_ok=True)
-        write_whole(self.path / CONFIG, config_as_json(config))
+        save_config(self.path, config)
         self._begin_tensorboard()
 
     @property

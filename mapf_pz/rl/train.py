@@ -18,8 +18,8 @@ from mapf_pz.rl.algorithms import ALGORITHMS, Algorithm
 from mapf_pz.rl.checkpoint import read_position
 from mapf_pz.rl.collect import collecting
 from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.config_file import CONFIG, load_config
 from mapf_pz.rl.learner import Learner
-from mapf_pz.rl.policy import CONFIG, load_config
 from mapf_pz.rl.run import RunFolder
 from mapf_pz.rl.stopwatch import Stopwatch
 from mapf_pz.rl.validation import Validation, episode_means

@@ -17,8 +17,9 @@ from safetensors.torch import load_file, save_file
 from mapf_pz.rl import load_policy
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.checkpoint import Checkpoints, Position, read_position, restore
+from mapf_pz.rl.config_file import CONFIG, config_as_json
 from mapf_pz.rl.learner import Learner
-from mapf_pz.rl.policy import CONFIG, WEIGHTS, config_as_json, save_weights
+from mapf_pz.rl.policy import WEIGHTS, save_weights
 from tests.rl.tiny import TINY
 from tests.spoiling import TOKENS, Case, as_json, bounded, changed, fuzzed, outcome, refused
 

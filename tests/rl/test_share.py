@@ -12,8 +12,8 @@ from mapf_pz.evaluate import Trial, evaluate, make_env
 from mapf_pz.instances.sources import RandomObstacles
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
+from mapf_pz.rl.config_file import config_as_json, load_config
 from mapf_pz.rl.observed import Observed, observation_transforms
-from mapf_pz.rl.policy import config_as_json, load_config
 from mapf_pz.rl.share import Share
 from mapf_pz.wrappers import History, Sharing
 
