@@ -79,6 +79,27 @@ def test_random_maps_hold_all_agents():
         assert np.unique(labels).size == 1
 
 
+class TooSmallMaps:
+    """Generates `remaining` maps of one free cell, then an empty one."""
+
+    remaining = 0
+
+    def __call__(self, generator):
+        self.remaining -= 1
+        return generate.empty(2, 2) if self.remaining < 0 else Grid([[True, False], [False, False]])
+
+
+def test_random_maps_are_generated_a_hundred_times():
+    maps = TooSmallMaps()
+    source = RandomMaps(maps, num_agents=2)
+    maps.remaining = 99
+    assert source.sample(rng()).grid.free.all()
+    maps.remaining = 100
+    with pytest.raises(ValueError, match="2 agents fit on none of 100 maps: the largest component had 1 cells"):
+        source.sample(rng())
+    assert maps.remaining == 0
+
+
 def test_a_fixed_scenario_gives_its_first_agents():
     source = FixedScenario(GRID, SCENARIO, 2)
     assert source.sample(rng()).scenario.starts.tolist() == [[0, 0], [1, 1]]

@@ -11,6 +11,7 @@ import zipfile
 import pytest
 import torch
 from torchrl.checkpoint import Checkpoint
+from torchrl.envs import Transform
 
 import mapf_pz
 from mapf_pz.cli import main
@@ -97,12 +98,41 @@ def test_a_new_run_in_the_folder_replaces_the_checkpoints(tmp_path):
     assert [read_position(file).updates for file in (tmp_path / "checkpoints").iterdir()] == [1]
 
 
-def test_episodes_after_resuming_are_not_the_first_ones(tmp_path):
-    train_interrupted(TINY, tmp_path, 1)
-    resume(tmp_path)
-    compared = ("episodes", "CSR", "ISR", "return")
-    first, second = ([row[key] for key in compared] for row in rows(tmp_path)[:2])
-    assert first != second
+class RecordInstances(Transform):
+    """Record the first observations and positions of each episode."""
+
+    def __init__(self, instances):
+        super().__init__()
+        self.instances = instances
+
+    def _reset(self, tensordict, tensordict_reset):
+        chosen = tensordict.get("_reset", torch.ones(tensordict_reset.batch_size, dtype=torch.bool)).flatten()
+        group = tensordict_reset["agents"][chosen]
+        for image, position in zip(group["observation", "image"], group["position"], strict=True):
+            self.instances.append(image.numpy().tobytes() + position.numpy().tobytes())
+        return tensordict_reset
+
+
+@pytest.mark.parametrize("algorithm", ["mappo", "central-ppo"])
+def test_resumed_runs_train_on_new_instances(tmp_path, algorithm):
+    instances = []
+
+    class Recording(ALGORITHMS[algorithm]):
+        def transforms(self, seed):
+            return [RecordInstances(instances), *super().transforms(seed)]
+
+    def recorded(run):
+        instances.clear()
+        run()
+        assert len(set(instances)) == len(instances) > 4
+        return set(instances)
+
+    config = dataclasses.replace(TINY, algorithm=algorithm)
+    first = recorded(lambda: train_interrupted(config, tmp_path, 1, make_algorithm=Recording))
+    second = recorded(lambda: resume(tmp_path, 576, make_algorithm=Recording))
+    third = recorded(lambda: resume(tmp_path, 960, make_algorithm=Recording))
+    assert not first & second
+    assert not (first | second) & third
 
 
 def test_a_checkpoint_holds_weights_moments_and_random_numbers(tmp_path):

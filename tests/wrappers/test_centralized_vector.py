@@ -1,8 +1,10 @@
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.vector import SyncVectorEnv
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
+from mapf_pz.config import RewardConfig
+from mapf_pz.types import Action
 from mapf_pz.wrappers import CentralizedVectorEnv, centralized_env
 
 SMALL = {"map": ".....\n..@..\n.....\n", "num_agents": 3, "max_steps": 7, "view_size": (3, 3)}
@@ -41,6 +43,24 @@ def test_the_same_episodes_as_one_after_the_other(on_target, action_mode, team_r
         assert_same(ours.step(actions), theirs.step(actions))
     assert_same(ours.reset(seed=[3, None, 4, None]), theirs.reset(seed=[3, None, 4, None]))
     assert_same(ours.reset(), theirs.reset())
+
+
+@pytest.mark.parametrize(("team_reward", "each_step"), [("sum", -3.0), ("mean", -1.0)])
+def test_the_step_after_an_episode_resets_it_without_a_reward(team_reward, each_step):
+    """Gymnasium's `AutoresetMode.NEXT_STEP`, with agents that wait away from their goals."""
+    options = SMALL | {"max_steps": 4, "reward": RewardConfig(step_cost=1), "team_reward": team_reward}
+    envs = CentralizedVectorEnv(2, **options)
+    assert envs.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    envs.reset(seed=0)
+    actions = np.zeros(envs.action_space.shape)
+    actions[..., Action.WAIT] = 1
+    for _ in range(2):
+        for step in range(5):  # four of the episode, and the one that resets it
+            _, rewards, terminated, truncated, infos = envs.step(actions)
+            assert rewards.tolist() == [each_step if step < 4 else 0.0] * 2
+            assert truncated.tolist() == [step == 3] * 2
+            assert infos["ep_length"].tolist() == [4.0 if step == 3 else 0.0] * 2
+            assert not terminated.any()
 
 
 def test_make_vec():

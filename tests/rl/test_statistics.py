@@ -1,0 +1,57 @@
+"""Statistics that runs report, and the distributions that policies sample from; all seeds are fixed."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+import mapf_pz
+from mapf_pz.rl.algorithms import ALGORITHMS
+from mapf_pz.rl.config import TaskConfig
+from mapf_pz.rl.policy import SharedPolicy
+from mapf_pz.rl.validation import FIRST_SEED, Validation
+from mapf_pz.types import CardinalAction
+from tests.rl.tiny import TINY
+
+
+def test_validation_counts_the_first_episode_of_each_environment():
+    """An agent that always moves right in a corridor succeeds if its goal is to the right, and then soon."""
+    task = TaskConfig(
+        height=1, width=6, density=0, num_agents=1, max_steps=12, view_size=(1, 3), action_model="cardinal"
+    )
+    config = dataclasses.replace(TINY, task=task, validation_episodes=40)
+    algorithm = ALGORITHMS["mappo"](config)
+    algorithm.network.head[-1].bias.data[CardinalAction.RIGHT] = 50
+    env = mapf_pz.parallel_env(**task.env_keywords())
+    solved = []
+    for seed in range(FIRST_SEED, FIRST_SEED + 40):
+        env.reset(seed=seed)
+        solved.append(env.goals[0, 1] > env.positions[0, 1])
+    found = Validation(algorithm, config).measure()
+    assert 10 < sum(solved) < 30
+    assert found["validation_CSR"] == found["validation_ISR"] == pytest.approx(np.mean(solved))
+
+
+class FixedLogits(nn.Module):
+    """The same logits for every agent, whatever it observes."""
+
+    def __init__(self, logits):
+        super().__init__()
+        self.logits = logits
+
+    def forward(self, image, features=None):
+        return (self.logits.expand(len(image), -1),)
+
+
+def test_a_shared_policy_samples_from_the_softmax_of_its_logits():
+    probabilities, num_agents = torch.tensor([0.5, 0.3, 0.15, 0.05]), 10_000
+    config = dataclasses.replace(TINY, task=dataclasses.replace(TINY.task, features=()))
+    policy = SharedPolicy(FixedLogits(probabilities.log() + 3), config, seed=1)
+    observation = np.zeros((5, 3, 3), np.float32)
+    actions = policy.act({f"agent_{i}": observation for i in range(num_agents)})
+    observed = np.bincount(list(actions.values()), minlength=4)
+    expected = num_agents * probabilities.numpy()
+    # Chi-squared with 3 degrees of freedom exceeds 16.27 with probability 0.001.
+    assert ((observed - expected) ** 2 / expected).sum() < 16.27
