@@ -401,6 +401,11 @@ def test_medians_and_ratios():
     ]
 
 
+def test_a_process_clock_that_stands_still(monkeypatch):
+    monkeypatch.setattr("mapf_pz.benchmark.bouts.time.process_time", lambda: 1.0)
+    assert measure({"quick": timed(lambda: 1)}, seconds=0)["quick"].cpu_rate > 0
+
+
 POGEMA = """
 class GridConfig:
     def __init__(self, map, num_agents, obs_radius, max_episode_steps, **rest):
