@@ -103,9 +103,9 @@ class CentralizedVectorEnv(VectorEnv[TeamObservation, ArrayLike, NDArray[Any]]):
         self.simulator.step(self._decoded(values.clip(-1, 1)))
         if again.any():
             self.simulator.reset(np.flatnonzero(again).tolist())
-        rewards = np.where(again, 0.0, self._team_reward(state.agents["reward"].astype(np.float64), axis=1))
-        terminated = state.terminated & ~again
-        truncated = state.truncated & ~state.terminated & ~again
+        rewards = self._team_reward(state.agents["reward"].astype(np.float64), axis=1)  # the reset makes them 0
+        terminated = state.terminated.copy()
+        truncated = state.truncated & ~state.terminated
         self._over = terminated | truncated
         return self._observed(), rewards, terminated, truncated, self._infos(self._over)
 

@@ -110,15 +110,24 @@ def make_reference(algorithm):
     return ReferencePPO(distribution, log_prob_and_entropy, values, weights, config.ppo), actor, critic
 
 
+def assert_episodes_end_within(batch, observed):
+    """Check that episodes terminate and are truncated before the last step, and keep their last observations."""
+    ended, terminated = batch["next", "done"][:, :-1, 0], batch["next", "terminated"][:, :-1, 0]
+    assert terminated.any()
+    assert (ended & ~terminated).any()
+    for key in observed:
+        differs = (batch["next"][key][:, :-1] != batch[key][:, 1:]).flatten(2).any(-1)
+        assert not differs[~ended].any()
+    assert differs[ended].all()  # features hold the last actions, and resets clear them
+
+
 @pytest.mark.parametrize("recurrent", [0, 6])
 @pytest.mark.parametrize(("name", "credit"), ALL)
 @pytest.mark.filterwarnings("error")
 def test_updates_are_those_of_the_papers(name, credit, recurrent):
     config = configured(name, recurrent, credit=credit, max_grad_norm=0.3)
     algorithm, batch = make(config)
-    ended, terminated = batch["next", "done"][:, :-1], batch["next", "terminated"][:, :-1]
-    assert terminated.any()
-    assert (ended & ~terminated).any()
+    assert_episodes_end_within(batch, algorithm.observed_keys())
     reference, actor, critic = make_reference(algorithm)
     learner = Learner(algorithm, config)
     for progress in (0.0, 0.25, 0.5):  # the same batch again, so that probability ratios are clipped
