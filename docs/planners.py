@@ -1,6 +1,6 @@
 """Figures of docs/benchmark.md that `mapf-pz evaluate` does not give: `PYTHONPATH=. python docs/planners.py COMMAND`.
 
-`published` and `tracker` read the benchmarks' files in the folders that the variable `MAPF_PZ_BENCHMARK` names.
+`tracker` reads the benchmarks' files in the folders that the variable `MAPF_PZ_BENCHMARK` names.
 """
 
 from __future__ import annotations
@@ -29,24 +29,6 @@ def print_table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> None
     """Print a table in Markdown."""
     for row in (header, ["---"] * len(header), *rows):
         print("|", " | ".join(map(str, row)), "|", flush=True)
-
-
-def published(part: str = "01-random", kind: str = "lmapf", metric: str = "avg_throughput") -> None:
-    """Print the means that POGEMA's benchmark has published, over the instances of its files.
-
-    Args:
-        part: `01-random`, `03-warehouse` or `05-puzzles`.
-        kind: `mapf`, one goal for each agent, or `lmapf`, lifelong.
-        metric: `CSR`, `ISR`, `SoC`, `makespan`, or for `lmapf` `avg_throughput`.
-    """
-    values: dict[str, dict[int, list[float]]] = defaultdict(lambda: defaultdict(list))
-    with benchmark_file(f"{part}.results.csv").open(newline="") as file:
-        for row in csv.DictReader(file):
-            if row["kind"] == kind:
-                values[row["algorithm"]][int(row["num_agents"])].append(float(row[metric]))
-    counts = sorted({count for by_count in values.values() for count in by_count})
-    rows = [[name, *(f"{np.mean(by_count[n]):.3g}" for n in counts)] for name, by_count in values.items()]
-    print_table(["published", *map(str, counts)], rows)
 
 
 def tracker(
@@ -170,4 +152,4 @@ def _race(source: FixedMap, world: World, planner: Planner, slow: Any, steps: in
 
 
 if __name__ == "__main__":
-    tyro.extras.subcommand_cli_from_dict({"published": published, "tracker": tracker, "speed": speed})
+    tyro.extras.subcommand_cli_from_dict({"tracker": tracker, "speed": speed})

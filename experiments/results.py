@@ -78,21 +78,32 @@ def measure(suites: tuple[str, ...] = (), jobs: int = 2) -> None:
         source = _source(table, folder)
         episodes = evaluate(table.policies, table.suite, folder, jobs, _show)
         results = source | _summary(table, episodes)
-        write_whole(FILES / f"{table.suite}.json", json.dumps(results, indent=1).encode())
-        draw_figures(episodes, FILES)
+        write_whole(FILES / f"{table.suite}.json", as_json(results).encode())
+        if table.figure:
+            draw_figures(episodes, FILES)
         print(f"{table.suite}: written", flush=True)
     write()
 
 
+def as_json(results: Results) -> str:
+    """Return results as JSON, with the items of its lists in a line each."""
+    members = [
+        f"{json.dumps(name)}: [\n{lines}\n]" if isinstance(value, list) else f"{json.dumps(name)}: {json.dumps(value)}"
+        for name, value in results.items()
+        for lines in [",\n".join(map(json.dumps, value))]
+    ]
+    return "{\n" + ",\n".join(members) + "\n}\n"
+
+
 def write() -> None:
     """Write the tables into the pages that name them."""
-    for page in _pages():
-        write_whole(page, _with_tables(page.read_text("utf-8")).encode())
+    for page in pages():
+        write_whole(page, with_tables(page.read_text("utf-8")).encode())
 
 
 def check() -> None:
     """Fail where a page differs from the results, or an episode that is played again differs from its result."""
-    stale = [str(page) for page in _pages() if _with_tables(page.read_text("utf-8")) != page.read_text("utf-8")]
+    stale = [str(page) for page in pages() if with_tables(page.read_text("utf-8")) != page.read_text("utf-8")]
     if stale:
         raise SystemExit(f"{', '.join(stale)}: run python -m experiments.results write")
     for table in TABLES:
@@ -160,8 +171,9 @@ def _summary(table: ResultTable, episodes: Sequence[Episode]) -> dict[str, Any]:
 
 
 def _mean(values: Sequence[float]) -> dict[str, float]:
+    """Return the mean and its 95 % interval, with six digits."""
     low, high = interval(values)
-    return {"mean": float(np.mean(values)), "low": low, "high": high}
+    return {name: float(f"{v:.6g}") for name, v in (("mean", np.mean(values)), ("low", low), ("high", high))}
 
 
 def _samples(episodes: Sequence[Episode]) -> list[dict[str, Any]]:
@@ -221,12 +233,13 @@ def _means(episodes: Sequence[PublishedEpisode]) -> dict[str, dict[str, float]]:
     return {name: _mean([episode.metrics[name] for episode in episodes]) for name in present}
 
 
-def _pages() -> list[Path]:
-    pages = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-    return [page for page in pages if BLOCK.search(page.read_text("utf-8"))]
+def pages() -> list[Path]:
+    """Return the pages that have tables."""
+    candidates = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    return [page for page in candidates if BLOCK.search(page.read_text("utf-8"))]
 
 
-def _with_tables(text: str) -> str:
+def with_tables(text: str) -> str:
     """Return a page's text with each table as the results have it."""
 
     def table(found: re.Match[str]) -> str:

@@ -24,6 +24,8 @@ class ResultTable:
     """Names as `mapf-pz evaluate --policy` takes them."""
     published: str | None = None
     """The set of POGEMA's benchmark whose published results are compared, such as `01-random`."""
+    figure: bool = False
+    """Whether a figure is drawn, too."""
 
     @property
     def command(self) -> str:
@@ -33,8 +35,8 @@ class ResultTable:
 
 
 TABLES = (
-    ResultTable("pogema-random", (*ONE_SHOT, *LEARNED), "01-random"),
-    ResultTable("pogema-random-lifelong", (*LIFELONG, *LEARNED), "01-random"),
+    ResultTable("pogema-random", (*ONE_SHOT, *LEARNED), "01-random", figure=True),
+    ResultTable("pogema-random-lifelong", (*LIFELONG, *LEARNED), "01-random", figure=True),
     ResultTable("pogema-mazes", (*ONE_SHOT, *LEARNED), "02-mazes"),
     ResultTable("pogema-mazes-lifelong", (*LIFELONG, *LEARNED), "02-mazes"),
     ResultTable("pogema-warehouse", (*ONE_SHOT, *LEARNED), "03-warehouse"),
@@ -50,6 +52,7 @@ TABLES = (
         "lorr-2023", ("pibt", "epibt:depth=3", "epibt:depth=4", "epibt:depth=5", "epibt:depth=5,time_limit=0.1")
     ),
     ResultTable("standard", ("pibt", "mappo", "ippo", "mappo-cardinal")),
+    ResultTable("central-4", ("central-ppo",)),
 )
 
 
@@ -79,6 +82,11 @@ def by_trial(results: Results, metrics: Sequence[str]) -> list[list[str]]:
     return [["", *(f"`{policy}`" for policy in policies)], *body]
 
 
+def by_policy(results: Results, metrics: Sequence[str]) -> list[list[str]]:
+    """Return a table with a row for each policy and a column for each trial."""
+    return [list(row) for row in zip(*by_trial(results, metrics), strict=True)]
+
+
 def source(results: Results, _: Sequence[str]) -> list[str]:
     """Return the lines that tell the command, the commit and the code that the results come from."""
     return [
@@ -88,11 +96,15 @@ def source(results: Results, _: Sequence[str]) -> list[str]:
     ]
 
 
-LAYOUTS: dict[str, Callable[[Results, Sequence[str]], list[list[str]]]] = {"agents": by_agents, "trials": by_trial}
+LAYOUTS: dict[str, Callable[[Results, Sequence[str]], list[list[str]]]] = {
+    "agents": by_agents,
+    "trials": by_trial,
+    "policies": by_policy,
+}
 
 
 def markdown(layout: str, results: Results, metrics: Sequence[str]) -> str:
-    """Return a block of Markdown: `agents` or `trials` (a table of these metrics), or `source`."""
+    """Return a block of Markdown: a table of these metrics in one of the `LAYOUTS`, or `source`."""
     if layout == "source":
         return "\n".join(source(results, metrics))
     header, *body = LAYOUTS[layout](results, metrics)

@@ -1,0 +1,119 @@
+"""The documentation's result tables are those of the results files, and what policies do has not changed since."""
+
+import json
+import os
+
+import pytest
+
+from experiments import results
+from experiments.results import as_json, differences, is_reproducible, load_results
+from experiments.tables import TABLES, ResultTable, markdown
+
+
+def row(policy, num_agents, about="maze", **means):
+    return {
+        "policy": policy,
+        "about": about,
+        "num_agents": num_agents,
+        "metrics": {name: {"mean": mean} for name, mean in means.items()},
+    }
+
+
+RESULTS = {
+    "command": "mapf-pz evaluate --suite s",
+    "commit": "0123456789",
+    "code": "abc",
+    "rows": [row("pibt", 8, CSR=0.98765, SoC=1e4), row("pibt", 16, CSR=1.0), row("mappo", 16, CSR=0.5)],
+    "published": [row("LaCAM", 16, CSR=0.25), row("LaCAM", 80, CSR=0.25), row("RHCR", 16, SoC=1.0)],
+}
+AGENTS = """
+|  | 8 | 16 |
+| --- | --- | --- |
+| **pibt** | 0.988 | 1 |
+| **mappo** |  | 0.5 |
+| LaCAM |  | 0.25 |
+"""
+TRIALS = """
+|  | `pibt` | `mappo` |
+| --- | --- | --- |
+| maze, 8 agents | 0.988, 10000 |  |
+| maze, 16 agents | 1 | 0.5 |
+"""
+POLICIES = """
+|  | maze, 8 agents | maze, 16 agents |
+| --- | --- | --- |
+| `pibt` | 0.988 | 1 |
+| `mappo` |  | 0.5 |
+"""
+SOURCE = """
+```sh
+mapf-pz evaluate --suite s  # commit 0123456, code abc
+```
+"""
+
+
+@pytest.mark.parametrize(
+    ("layout", "metrics", "expected"),
+    [
+        ("agents", ["CSR"], AGENTS),
+        ("trials", ["CSR", "SoC"], TRIALS),
+        ("policies", ["CSR"], POLICIES),
+        ("source", [], SOURCE),
+    ],
+)
+def test_layouts(layout, metrics, expected):
+    assert markdown(layout, RESULTS, metrics) == expected.strip()
+
+
+def test_results_files_are_json():
+    assert json.loads(as_json(RESULTS)) == RESULTS
+
+
+@pytest.mark.parametrize(
+    ("policy", "expected"),
+    [
+        ("pibt", True),
+        ("epibt:depth=5", True),
+        ("epibt:depth=5,time_limit=0.1", False),
+        ("lacam", False),
+        ("lacam:anytime=False", True),
+        ("lacam:time_limit=1", False),
+        ("prioritized", False),
+        ("mappo+pibt", True),
+    ],
+)
+def test_which_policies_depend_on_the_machine(policy, expected):
+    assert is_reproducible(policy) == expected
+
+
+def test_pages_have_the_tables_of_the_results():
+    for page in results.pages():
+        text = page.read_text("utf-8")
+        assert results.with_tables(text) == text, f"{page}: run python -m experiments.results write"
+
+
+def test_every_table_is_measured_by_its_command():
+    for table in TABLES:
+        found = load_results(table.suite)
+        assert found["command"] == table.command
+        assert {row["policy"] for row in found["rows"]} == set(table.policies)
+
+
+def test_another_result_is_reported(monkeypatch):
+    table = ResultTable("standard", ("pibt",))
+    found = load_results("standard")
+    (sample,) = [one for one in found["samples"] if one["policy"] == "pibt" and one["num_agents"] == 8]
+    monkeypatch.setattr(results, "load_results", lambda suite: {"samples": [sample]})
+    assert list(differences(table)) == []
+    sample["metrics"]["SoC"] += 1
+    (line,) = differences(table)
+    assert line.startswith("pibt, 8 agents on random 12 x 12, 15 % obstacles, episode 0: {'CSR': ")
+    assert " instead of " in line
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("table", TABLES, ids=lambda table: table.suite)
+def test_episodes_end_as_when_they_were_measured(table, benchmark, pogema_benchmark, monkeypatch):
+    pytest.importorskip("torchrl")
+    monkeypatch.setenv("MAPF_PZ_BENCHMARK", os.pathsep.join(map(str, (benchmark, pogema_benchmark))))
+    assert list(differences(table)) == []
