@@ -104,8 +104,7 @@ class CentralizedVectorEnv(VectorEnv[TeamObservation, ArrayLike, NDArray[Any]]):
         if again.any():
             self.simulator.reset(np.flatnonzero(again).tolist())
         rewards = self._team_reward(state.agents["reward"].astype(np.float64), axis=1)  # the reset makes them 0
-        terminated = state.terminated.copy()
-        truncated = state.truncated & ~state.terminated
+        terminated, truncated = state.terminated.copy(), state.truncated.copy()  # never both
         self._over = terminated | truncated
         return self._observed(), rewards, terminated, truncated, self._infos(self._over)
 
