@@ -1,0 +1,65 @@
+"""Measure how many agent steps a second are trained on: `python -m experiments.training_speed --device cuda`."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import tyro
+
+from mapf_pz.rl.config import DeviceName, ModelConfig, TrainConfig
+from mapf_pz.rl.presets import PRESETS
+from mapf_pz.rl.train import train
+
+SMALL, LARGE = (256, 64), (2048, 256)
+"""Minibatch size, and environments stepped together."""
+CONV = ModelConfig(conv_channels=(64, 64), hidden=256, head=(256,))
+RESIDUAL = ModelConfig(encoder="residual", conv_channels=(64, 64), num_blocks=2, hidden=512, head=(512,))
+
+
+def configs() -> dict[str, TrainConfig]:
+    """Return the runs that are measured: the preset `mappo`, with larger minibatches, batches and networks."""
+    preset = PRESETS["mappo"]
+
+    def changed(model: ModelConfig, minibatch_size: int, num_envs: int) -> TrainConfig:
+        return replace(preset, model=model, ppo=replace(preset.ppo, minibatch_size=minibatch_size, num_envs=num_envs))
+
+    return {
+        "preset": preset,
+        "minibatches of 2048": changed(preset.model, LARGE[0], SMALL[1]),
+        "256 environments": changed(preset.model, *LARGE),
+        "256 environments, convolutions of 64 and 64, 256 features": changed(CONV, *LARGE),
+        "256 environments, residual, 512 features": changed(RESIDUAL, *LARGE),
+    }
+
+
+def measure(device: DeviceName = "auto", updates: int = 5, runs: tuple[str, ...] = ()) -> None:
+    """Train a few updates of each run, and print the rate from the second update on.
+
+    Args:
+        device: where the networks compute.
+        updates: how many, at least 3.
+        runs: the names of some runs; all without any.
+    """
+    for name, config in configs().items():
+        if runs and name not in runs:
+            continue
+        config = replace(config, device=device, agent_steps=updates * config.steps_per_update)
+        moments: list[float] = []
+        rows: list[dict[str, float]] = []
+
+        def note(row: dict[str, float], moments: list[float] = moments, rows: list[dict[str, float]] = rows) -> None:
+            moments.append(time.perf_counter())
+            rows.append(row)
+
+        with TemporaryDirectory() as folder:
+            train(config, Path(folder) / "run", note)
+        rate = config.steps_per_update * (updates - 1) / (moments[-1] - moments[0])
+        shares = ", ".join(f"{part} {rows[-1][f'{part}_share']:.2f}" for part in ("collecting", "acting", "learning"))
+        print(f"{name}: {rate:,.0f} agent steps per second; {shares}", flush=True)
+
+
+if __name__ == "__main__":
+    tyro.cli(measure)
