@@ -44,6 +44,12 @@ def step(env, *actions):
     env.step(dict(zip(env.agents, actions, strict=True)))
 
 
+def test_pogemas_default_radius():
+    env, _ = env_of([[0, 0]], [[2, 3]])
+    (seen,) = FromPogema(Scripted(), env).observe()
+    assert seen.shape == (3, 11, 11)
+
+
 def test_default_observation():
     env, _ = env_of([[0, 0], [0, 1]], [[2, 3], [0, 0]])
     first, second = FromPogema(Scripted(), env, obs_radius=1).observe()

@@ -197,6 +197,7 @@ GOOD = {"random": [5, 5, 0.1], "num_agents": 2}
         (GOOD | {"best": "3"}, "trial 0: expected 'best' to be a number above 0, got '3'"),
         (GOOD | {"best": 0}, "trial 0: expected 'best' to be a number above 0, got 0"),
         (GOOD | {"about": "two\nlines"}, "trial 0: expected 'about' to be a line of text"),
+        (GOOD | {"about": ""}, "trial 0: expected 'about' to be a line of text"),
         (GOOD | {"scenarios": ["random-1"]}, "trial 0: expected 'scenarios' beside 'map' only"),
         (SOURCES["map"] | {"scenarios": [], "num_agents": 1}, "trial 0: expected 'scenarios' to be a list of"),
         (SOURCES["map"] | {"scenarios": [1], "num_agents": 1}, "trial 0: expected 'scenarios' to be a list of"),
@@ -210,6 +211,12 @@ GOOD = {"random": [5, 5, 0.1], "num_agents": 2}
 )
 def test_wrong_entries(folder, entry, message):
     assert re.match(message, told(folder, entry))
+
+
+def test_the_largest_random_maps(folder, monkeypatch):
+    monkeypatch.setattr("mapf_pz.evaluate.suite.MAX_CELLS", 30)
+    assert told(folder, {"random": [5, 7, 0.1], "num_agents": 1}).startswith("trial 0: expected 'random' to be")
+    assert len(loaded(folder, {"random": [5, 6, 0.1], "num_agents": 1})) == 1
 
 
 def test_the_trial_is_counted(folder):

@@ -48,6 +48,20 @@ def test_a_row_that_is_certain_acts_as_the_action(mode):
         assert (env.headings == plain.headings).all()
 
 
+@pytest.mark.parametrize("beyond", [1.5, 100.0])
+def test_values_beyond_the_space_count_as_its_bounds(beyond):
+    def play(scale):
+        env = make("softmax")
+        env.reset(seed=0)
+        states = []
+        for step in range(20):
+            env.step({agent: scale * np.roll([1.0, -1.0, -1.0, 1.0], step) for agent in env.agents})
+            states.append([env.positions.tolist(), env.headings.tolist()])
+        return states
+
+    assert play(beyond) == play(1.0)
+
+
 def test_the_seed_decides_what_is_drawn():
     def play(env, seed):
         env.reset(seed=seed)

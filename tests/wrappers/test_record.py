@@ -67,6 +67,15 @@ def test_cardinal_agents_have_no_headings_and_equal_weights_are_left_out():
     assert env.recording.weights is None
 
 
+@pytest.mark.parametrize(("bytes_free", "shape"), [(0, 2), (-1, 1)])
+def test_the_observations_that_fit(monkeypatch, bytes_free, shape):
+    """Of 7 planes of 3 x 3 cells, before and after each of 6 steps."""
+    monkeypatch.setattr("mapf_pz.wrappers.record.MAX_OBSERVED_BYTES", 2 * (6 + 1) * 7 * 3 * 3 + bytes_free)
+    env = Record(drawn())
+    play(env)
+    assert env.recording.observed.shape[1] == shape
+
+
 @pytest.mark.parametrize(("observed", "shape"), [(0, 0), (1, 1), (None, 2), (5, 2)])
 def test_how_many_agents_observations_are_kept(observed, shape):
     env = Record(drawn(), observed)
