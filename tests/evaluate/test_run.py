@@ -126,7 +126,10 @@ def test_time_limit_counts_as_unsolved():
 def test_play_yields_the_beginning_and_each_step():
     policy = Forward()
     env = make_env(policy, **on("a...A").env_keywords(0))
-    assert [env.positions[0, 1] for _ in play(env, policy, seed=0)] == [0, 1, 2, 3, 4]
+    played = [(env.positions[0, 1], seconds) for seconds in play(env, policy, seed=0)]
+    assert [position for position, _ in played] == [0, 1, 2, 3, 4]
+    assert played[0][1] == 0
+    assert all(seconds > 0 for _, seconds in played[1:])
     assert policy.episodes == 1
 
 
