@@ -93,7 +93,7 @@ SUITE = {
         {"lorr": "a.json", "max_steps": 6, "about": "lorr"},
     ],
 }
-EPISODES = f'{",".join(COLUMNS)}\na,"b,c",1,0,1,0.5,{"," * 9}2\nüä,b,2,1,{"," * 9}1e-3,7,0.25\n'.encode()
+EPISODES = f'{",".join(COLUMNS)}\na,"b,c",1,0,1,0.5,{"," * 10}2\nüä,b,2,1,{"," * 10}1e-3,7,0.25\n'.encode()
 
 
 def episodes(folder):
