@@ -26,11 +26,12 @@ planners() {
             or share_goals or seed)"
 }
 
-# Packages that are not compiled: the module's own tests and those of its folder, without those that start processes.
+# Packages that are not compiled: the module's own tests, those of the other arguments and those of the folder, which is
+# the first, without those that start processes.
 package() {
     local own
     own=$(basename "$file" .py)
-    tests 300 $(compgen -G "$1/test_${own:0:5}*.py") "$@" -p _hypothesis_pytestplugin \
+    tests 300 $(compgen -G "$1/test_${own:0:5}*.py") "${@:2}" "$1" -p _hypothesis_pytestplugin \
         -k "not (test_ray or on_ray or ray_does or processes or process or killed or sigterm or any_text or any_value or mutated or time_makes \
             or stable_baselines or left_behind or worker or compiles)"
 }
@@ -38,7 +39,7 @@ package() {
 file=$(git diff --name-only)
 case $file in
     mapf_pz/core/* | mapf_pz/metrics.py) export NUMBA_DISABLE_JIT=1 ;;
-    mapf_pz/rl/*) package tests/rl; exit ;;
+    mapf_pz/rl/*) package tests/rl tests/rl/test_{update,train,policies}.py; exit ;;
     mapf_pz/evaluate/*) package tests/evaluate tests/commands/test_evaluate.py; exit ;;
     mapf_pz/instances/*) package tests/instances tests/test_bad_input.py tests/test_cli.py; exit ;;
     mapf_pz/planners/*) package tests/planners tests/commands/test_solve.py tests/commands/test_validate.py; exit ;;
