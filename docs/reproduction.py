@@ -33,12 +33,15 @@ FULL = PRESETS["central-ppo"]
 AS_CODED = TrainConfig(
     task=replace(
         FULL.task,
-        view="front",
-        channels=("view", "goal", "orientation", "edge_weights", "other_goals"),
-        features=(),
-        edge_weights="random",
+        env=replace(
+            FULL.task.env,
+            view="front",
+            channels=("view", "goal", "orientation", "edge_weights", "other_goals"),
+            features=(),
+            edge_weights="random",
+            reward=RewardConfig(pay_blocked_forward=True),
+        ),
         action_mode="affine",
-        reward=RewardConfig(pay_blocked_forward=True),
     ),
     algorithm="central-ppo",
     model=FULL.model,
@@ -67,7 +70,12 @@ class Variation:
     flaws: tuple[type[Flaw], ...] = ()
 
     def but(self, name: str, without: type[Flaw] | None = None, **changes: Any) -> Variation:
-        """Return a variation of this one; `changes` are of the parts of the configuration: `ppo={"gamma": 0.9}`."""
+        """Return a variation of this one; `changes` are of the parts of the configuration: `ppo={"gamma": 0.9}`.
+
+        `env` is the part of the task that is an environment.
+        """
+        if "env" in changes:
+            changes["task"] = {"env": replace(self.config.task.env, **changes.pop("env"))} | changes.get("task", {})
         parts = {part: replace(getattr(self.config, part), **fields) for part, fields in changes.items()}
         return Variation(name, replace(self.config, **parts), tuple(flaw for flaw in self.flaws if flaw is not without))
 
@@ -75,23 +83,25 @@ class Variation:
 def variations() -> Iterator[Variation]:
     """Yield the rows in their order."""
     now = Variation("as coded", AS_CODED, (Bytes, AllGoals, Freeze))
-    yield Variation("as printed", AS_CODED).but("as printed", task={"action_mode": "sigmoid", "reward": RewardConfig()})
+    yield Variation("as printed", AS_CODED).but(
+        "as printed", task={"action_mode": "sigmoid"}, env={"reward": RewardConfig()}
+    )
     yield now
     yield (now := now.but("- observations as bytes", without=Bytes))
-    yield (now := now.but("- reward for driving into walls", task={"reward": RewardConfig()}))
+    yield (now := now.but("- reward for driving into walls", env={"reward": RewardConfig()}))
     yield (now := now.but("- actions drawn from the matrix: argmax", task={"action_mode": "argmax"}))
     yield (now := now.but("- agents that freeze", without=Freeze))
     yield (now := now.but("- all goals alike", without=AllGoals))
     ours = replace(now.config, ppo=replace(FULL.ppo, credit="team"))
     yield (now := Variation("+ PPO's settings of this project", ours))
-    yield (now := now.but("+ reward for progress", task={"reward": REWARDS["progress"], "edge_weights": "uniform"}))
+    yield (now := now.but("+ reward for progress", env={"reward": REWARDS["progress"], "edge_weights": "uniform"}))
     yield (now := now.but("+ credit for each agent", ppo={"credit": "agent"}))
-    seen = now.config.task.channels
-    yield (now := now.but("+ idea 3: goal and own location", task={"features": ("goal_vector", "location")}))
+    seen = now.config.task.env.channels
+    yield (now := now.but("+ idea 3: goal and own location", env={"features": ("goal_vector", "location")}))
     known = {"channels": (*seen, "cost_to_go"), "features": ("goal_vector", "location", "action_advantage")}
-    yield (now := now.but("+ idea 2: cost to go", task=known))
-    past = {"features": (*now.config.task.features, "last_actions"), "num_last_actions": 2}
-    yield (now := now.but("+ idea 5: past actions", task=past))
+    yield (now := now.but("+ idea 2: cost to go", env=known))
+    past = {"features": (*now.config.task.env.features, "last_actions"), "num_last_actions": 2}
+    yield (now := now.but("+ idea 5: past actions", env=past))
     full = Variation("central-ppo", replace(AS_CODED, task=FULL.task, model=FULL.model, ppo=FULL.ppo))
     yield full
     yield from ideas(full)
@@ -102,10 +112,10 @@ def variations() -> Iterator[Variation]:
 
 def ideas(full: Variation) -> Iterator[Variation]:
     """Yield the report's ideas for future work that `central-ppo` does not have, each added to it alone."""
-    features = full.config.task.features
-    yield full.but("central-ppo: idea 1: edge weights, crisscross", task={"edge_weights": "crisscross"})
+    features = full.config.task.env.features
+    yield full.but("central-ppo: idea 1: edge weights, crisscross", env={"edge_weights": "crisscross"})
     yield full.but(
-        "central-ppo: idea 3: goal and own location", task={"features": (*features, "goal_vector", "location")}
+        "central-ppo: idea 3: goal and own location", env={"features": (*features, "goal_vector", "location")}
     )
     for kind in ("rnd", "inverse-dynamics"):
         yield full.but(f"central-ppo: idea 4: curiosity, {kind}", curiosity={"kind": kind})

@@ -8,7 +8,7 @@ import tyro
 import mapf_pz
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.rl import load_policy, train
-from mapf_pz.rl.config import TaskConfig, TrainConfig
+from mapf_pz.rl.config import TRAINING_ENV, TaskConfig, TrainConfig
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Example:
 
 def main(example: Example) -> float:
     """Train, evaluate, and return the share of episodes in which all agents reached their goals."""
-    task = TaskConfig(height=12, width=12, density=0.15, num_agents=8, max_steps=96)
+    task = TaskConfig(replace(TRAINING_ENV, num_agents=8, max_steps=96), height=12, width=12, density=0.15)
     config = replace(TrainConfig(), task=task, agent_steps=example.agent_steps)
     train(config, example.output, on_progress=lambda row: print(f"{row['agent_steps']:9.0f} CSR {row['CSR']:.2f}"))
 

@@ -90,11 +90,12 @@ def _run(name: str, words: list[str]) -> None:
     try:
         with interrupts_deferred() as check:  # packages that are interrupted while they load may lose it
             command = getattr(import_module(module), function)
+            from mapf_pz.commands.env_flags import ENV_FLAGS
             from mapf_pz.core.jit import reporting_compilation
 
             check()
         with reporting_compilation(_report_compilation):
-            tyro.cli(command, prog=f"mapf-pz {name}", args=words, config=config)
+            tyro.cli(command, prog=f"mapf-pz {name}", args=words, config=config, registry=ENV_FLAGS)
     except ModuleNotFoundError as error:
         raise ImportError(f"{error}: pip install 'mapf-pz[train,render]'") from error
 

@@ -20,6 +20,18 @@ CollisionSystem = Literal["soft", "priority", "block_both"]
 OnTarget = Literal["nothing", "finish", "restart"]
 View = Literal["front", "centered"]
 Frame = Literal["egocentric", "map"]
+ChannelName = Literal[
+    "view",
+    "goal",
+    "orientation",
+    "edge_weights",
+    "cost_to_go",
+    "heuristic",
+    "other_goals",
+    "others_next",
+    "others_at_goal",
+]
+FeatureName = Literal["goal_vector", "location", "action_advantage", "last_actions", "time"]
 RenderMode = Literal["human", "rgb_array", "ansi"]
 WeightsName = Literal["uniform", "random", "crisscross"]
 HeadingName = Literal["random", "east"]
@@ -80,9 +92,12 @@ REWARDS: dict[str, RewardConfig] = {
 """The rewards that have a name."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True)
 class EnvConfig:
-    """All keywords of `parallel_env`. Raises `ValueError` that names the field and what is allowed."""
+    """All keywords of `parallel_env`. Raises `ValueError` that names the field and what is allowed.
+
+    Configurations are equal if all fields are. A map given as an array becomes a `Grid`, headings become a tuple.
+    """
 
     map: str | Path | Bools | Grid | None = None
     """A map's name, the path of a `.map` file, a map drawn as text, or a bool array (True = free). Default:
@@ -107,9 +122,9 @@ class EnvConfig:
     """`egocentric`: up is the agent's heading; `map`: up is north. Default: egocentric; cardinal: map."""
     see_through_walls: bool = True
     """False hides what has an obstacle on the straight line to it."""
-    channels: tuple[str, ...] = ("view", "goal", "orientation", "edge_weights")
+    channels: tuple[ChannelName, ...] = ("view", "goal", "orientation", "edge_weights")
     """The observation's channels, in this order. The default is the report's."""
-    features: tuple[str, ...] = ()
+    features: tuple[FeatureName, ...] = ()
     """Numbers observed beside the image, in this order; with any, the observation is a Dict(image, features)."""
     num_last_actions: int = 4
     """How many actions the feature `last_actions` remembers."""
@@ -128,14 +143,16 @@ class EnvConfig:
     """What `render()` gives: `rgb_array` a (rows, cols, 3) uint8 picture, `ansi` a text; `human` shows a window."""
 
     def __post_init__(self) -> None:
-        """Check every field that can be checked without the map, and resolve the defaults that depend on others."""
+        """Check every field that can be checked without the map, and give sequences one form."""
         self._check_choices()
-        cardinal = self.action_model == "cardinal"
-        object.__setattr__(self, "view", self.view or ("centered" if cardinal else "front"))
-        object.__setattr__(self, "frame", self.frame or ("map" if cardinal else "egocentric"))
+        if not isinstance(self.map, (str, Path, Grid, type(None))):
+            object.__setattr__(self, "map", Grid.from_array(self.map))
+        object.__setattr__(self, "initial_heading", _headings(self.initial_heading))
         object.__setattr__(self, "view_size", _pair("view_size", self.view_size))
-        object.__setattr__(self, "channels", _names("channels", self.channels))
-        object.__setattr__(self, "features", _names("features", self.features))
+        object.__setattr__(self, "channels", _names("channels", self.channels, get_args(ChannelName)))
+        object.__setattr__(self, "features", _names("features", self.features, get_args(FeatureName)))
+        if not self.channels:
+            raise ValueError(f"channels: expected at least one of {', '.join(get_args(ChannelName))}")
         for name in ("max_steps", "num_last_actions"):
             _positive(name, getattr(self, name))
         for name in ("num_agents", "distance_bytes"):
@@ -143,9 +160,10 @@ class EnvConfig:
                 _positive(name, getattr(self, name))
         if self.source is not None:
             self._check_source(self.source)
-        if cardinal and (self.view, self.frame) != ("centered", "map"):
+        view, frame = self.resolved_view, self.resolved_frame
+        if self.action_model == "cardinal" and (view, frame) != ("centered", "map"):
             raise ValueError("action_model='cardinal': agents have no front, so view='centered' and frame='map' only")
-        if self.frame == "map" and self.view == "front":
+        if frame == "map" and view == "front":
             raise ValueError("frame='map': allowed only with view='centered'")
 
     def _check_choices(self) -> None:
@@ -191,6 +209,20 @@ class EnvConfig:
                 raise TypeError(f"unknown keyword {name!r}: {hint}")
         return cls(**keywords)
 
+    def keywords(self) -> dict[str, Any]:
+        """Return all fields by name, as keywords of `parallel_env`."""
+        return dict(vars(self))
+
+    @property
+    def resolved_view(self) -> View:
+        """`view`, or its default for the action model."""
+        return self.view or ("centered" if self.action_model == "cardinal" else "front")
+
+    @property
+    def resolved_frame(self) -> Frame:
+        """`frame`, or its default for the action model."""
+        return self.frame or ("map" if self.action_model == "cardinal" else "egocentric")
+
     @property
     def rewards(self) -> RewardConfig:
         """The terms of the reward, also where `reward` is a name."""
@@ -212,12 +244,24 @@ def _pair(name: str, value: Any) -> tuple[int, int]:
     return int(height), int(width)
 
 
-def _names(name: str, value: Any) -> tuple[str, ...]:
+def _headings(value: HeadingName | ArrayLike) -> str | tuple[int, ...]:
+    if isinstance(value, str):
+        return value
+    headings = np.asarray(value)
+    if headings.ndim != 1 or not np.isin(headings, range(4)).all():
+        raise ValueError(f"initial_heading={_shown(value)}: expected 'random', 'east', or N numbers 0 to 3")
+    return tuple(map(int, headings))
+
+
+def _names(name: str, value: Any, known: tuple[str, ...]) -> tuple[str, ...]:
     if not isinstance(value, (tuple, list)) or not all(isinstance(item, str) for item in value):
         example = f", such as ({value!r},)" if isinstance(value, str) else ""
         raise ValueError(f"{name}={_shown(value)}: expected a tuple or list of names{example}")
     if len(set(value)) < len(value):
         raise ValueError(f"{name}={_shown(value)}: expected different names")
+    for item in value:
+        if item not in known:
+            raise ValueError(f"{name}: unknown {item!r}, expected names out of {', '.join(known)}")
     return tuple(value)
 
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mapf_pz.types import HEADING_STEPS, Bools, Floats, Heading, frozen
+from mapf_pz.types import HEADING_STEPS, Bools, EqualByValue, Floats, Heading, frozen
 
 
 @dataclass(frozen=True, eq=False)
-class GuidanceGraph:
+class GuidanceGraph(EqualByValue):
     """Edge weights of a map. Weights are planning costs, not durations: every action still takes one step.
 
     Raises `ValueError` unless the shapes fit and every weight is greater than 0.

@@ -17,14 +17,10 @@ from mapf_pz.types import Action, CardinalAction, Floats
 
 
 class ObservationLayout:
-    """How one agent's observation is laid out. Raises `ValueError` for unknown names and too large a view."""
+    """How one agent's observation is laid out. Raises `ValueError` for a view larger than the map."""
 
     def __init__(self, config: EnvConfig, shape: tuple[int, int]) -> None:
         """Lay out `config`'s channels and features for maps of `shape` (H, W)."""
-        _check_names("channels", config.channels, CHANNELS)
-        _check_names("features", config.features, FEATURES)
-        if not config.channels:
-            raise ValueError(f"channels: expected at least one of {', '.join(CHANNELS)}")
         if config.view_size[0] > shape[0] or config.view_size[1] > shape[1]:
             raise ValueError(f"view_size={config.view_size}: expected at most the map's size, {shape}")
         self._config = config
@@ -63,8 +59,8 @@ class ObservationLayout:
     def sight(self) -> Sight:
         """Return the geometry of the view, as the kernels take it."""
         config = self._config
-        row = config.view_size[0] - 1 if config.view == "front" else config.view_size[0] // 2
-        return make_sight(config.view_size, row, config.frame == "egocentric", config.see_through_walls)
+        row = config.view_size[0] - 1 if config.resolved_view == "front" else config.view_size[0] // 2
+        return make_sight(config.view_size, row, config.resolved_frame == "egocentric", config.see_through_walls)
 
     def write(self, num_threads: int, scene: Scene, image: Floats, features: Floats) -> None:
         """Fill `image` (B, N, K, h * w) and `features` (B, N, F), both float32, with what all agents observe."""
@@ -77,9 +73,3 @@ class ObservationLayout:
             gone = ~scene.state.agents["was_active"]
             image[gone] = 0
             features[gone] = 0
-
-
-def _check_names(field: str, names: tuple[str, ...], known: dict[str, Any]) -> None:
-    for name in names:
-        if name not in known:
-            raise ValueError(f"{field}: unknown {name!r}, expected names out of {', '.join(known)}")

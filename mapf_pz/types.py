@@ -7,9 +7,9 @@ one order: east, south, west, north.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import IntEnum
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -81,8 +81,32 @@ def frozen(array: ArrayLike, dtype: type[Scalar]) -> NDArray[Scalar]:
     return copy
 
 
+class EqualByValue:
+    """Base of frozen dataclasses that hold arrays: equal where all fields are, entry by entry, and hashable."""
+
+    def __eq__(self, other: object) -> bool:
+        """Compare the fields, except those declared with `compare=False`."""
+        if type(other) is not type(self):
+            return NotImplemented
+        return self is other or all(map(_equal, _compared(self), _compared(other)))
+
+    def __hash__(self) -> int:
+        """Hash the same fields."""
+        return hash(tuple(value.tobytes() if isinstance(value, np.ndarray) else value for value in _compared(self)))
+
+
+def _compared(instance: Any) -> list[Any]:
+    return [getattr(instance, field.name) for field in fields(instance) if field.compare]
+
+
+def _equal(one: Any, other: Any) -> bool:
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        return np.array_equal(one, other)
+    return one == other
+
+
 @dataclass(frozen=True, eq=False)
-class Grid:
+class Grid(EqualByValue):
     """A map: which cells are free. Raises `ValueError` unless `free` is a two-dimensional array with cells."""
 
     free: Bools
@@ -97,6 +121,17 @@ class Grid:
             raise ValueError(f"map {self.name!r}: expected an array of H x W cells, got the shape {free.shape}")
         object.__setattr__(self, "free", free)
 
+    @classmethod
+    def from_array(cls, array: ArrayLike) -> Grid:
+        """Return the map of a bool array (H, W), True where a cell is free; raises `TypeError` for another dtype."""
+        # Other arrays are not converted: in many of them 1 is an obstacle.
+        free = np.asarray(array)
+        if free.dtype != np.bool_:
+            got = f"{type(array).__name__} of {free.dtype}"
+            expected = "a name, a .map file, a drawing, or a bool array with True for free"
+            raise TypeError(f"map: expected {expected}, got {got}")
+        return cls(free)
+
     @property
     def shape(self) -> tuple[int, int]:
         """(H, W)."""
@@ -104,7 +139,7 @@ class Grid:
 
 
 @dataclass(frozen=True, eq=False)
-class Scenario:
+class Scenario(EqualByValue):
     """Where agents start and where they shall go. Raises `ValueError` unless the shapes are as said below."""
 
     starts: Ints
@@ -151,7 +186,7 @@ def _coordinates(name: str, values: ArrayLike) -> Ints:
 
 
 @dataclass(frozen=True, eq=False)
-class Instance:
+class Instance(EqualByValue):
     """One episode's beginning: a map and a scenario of exactly N agents, checked against each other.
 
     Raises `ValueError` naming the first agent that starts or ends outside the map or on an obstacle, or that shares
@@ -164,9 +199,9 @@ class Instance:
     """Starts and goals of the N agents."""
     headings: Ints | None = None
     """(N,) int8 initial headings; None leaves them to the environment's `initial_heading`."""
-    start_cells: Ints = field(init=False, repr=False)
+    start_cells: Ints = field(init=False, repr=False, compare=False)
     """(N,) int64 numbers of the start cells, `row * W + col`."""
-    goal_cells: Ints = field(init=False, repr=False)
+    goal_cells: Ints = field(init=False, repr=False, compare=False)
     """(N, L) int64 numbers of the goal cells."""
 
     def __post_init__(self) -> None:

@@ -80,7 +80,11 @@ def refuses(error, message, make):
             ValueError,
             "initial_heading: expected 'random', 'east' or 2 numbers 0 to 3",
         ),
-        ({"initial_heading": [0, 4]}, ValueError, "initial_heading: expected 'random', 'east' or 2 numbers 0 to 3"),
+        (
+            {"initial_heading": [0, 4]},
+            ValueError,
+            "initial_heading=\\[0, 4\\]: expected 'random', 'east', or N numbers 0 to 3",
+        ),
         (
             {"edge_weights": GuidanceGraph.uniform(np.ones((4, 3), np.bool_))},
             ValueError,

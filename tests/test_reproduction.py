@@ -62,7 +62,7 @@ def test_every_variation_can_be_trained():
 def test_the_causes_are_taken_away_one_at_a_time():
     rows = {row.name: row for row in reproduction.variations()}
     assert rows["as coded"].flaws == (flaws.Bytes, flaws.AllGoals, flaws.Freeze)
-    assert rows["as coded"].config.task.reward.pay_blocked_forward
+    assert rows["as coded"].config.task.env.reward.pay_blocked_forward
     assert rows["- all goals alike"].flaws == ()
     assert rows["as printed"].config.task.action_mode == "sigmoid"
 

@@ -104,10 +104,11 @@ def _config_of(run: Run) -> TrainConfig:
 
 def _check_fits(config: TrainConfig, trial: Trial) -> None:
     """Raise `ValueError` if the policy that `config` trains cannot act in the trial."""
-    task, expected = config.task, trial.keywords.get("action_model", config.task.action_model)
+    task, action_model = config.task, config.task.env.action_model
+    expected = trial.keywords.get("action_model", action_model)
     advice = "choose another suite with --evaluate, or --evaluate none"
-    if task.action_model != expected:
-        raise ValueError(f"action_model={task.action_model!r}: {trial.name!r} needs {expected!r}; {advice}")
+    if action_model != expected:
+        raise ValueError(f"action_model={action_model!r}: {trial.name!r} needs {expected!r}; {advice}")
     if config.algorithm == "central-ppo" and task.num_agents != trial.num_agents:
         raise ValueError(f"num_agents={task.num_agents}: {trial.name!r} needs {trial.num_agents}; {advice}")
 

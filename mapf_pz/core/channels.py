@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mapf_pz.config import ChannelName
 from mapf_pz.core.stage import CROWD, EDGES, FACING
 from mapf_pz.core.state import Array
 
@@ -29,7 +30,7 @@ class Channel:
     """Whether cells in view are looked up one by one."""
 
 
-CHANNELS: dict[str, Channel] = {
+CHANNELS: dict[ChannelName, Channel] = {
     # 0 free, 0.5 another agent, 1 obstacle or outside, -1 unseen
     "view": Channel(shows=(CROWD,), low=-1),
     # 1 on the agent's own goal
@@ -68,7 +69,7 @@ class Planes(NamedTuple):
     others_at_goal_at: int = -1
 
 
-def arrange(names: Sequence[str]) -> Planes:
+def arrange(names: Sequence[ChannelName]) -> Planes:
     """Return where these channels are in the image, one after the other."""
     at, shown, drawn = 0, [], []
     first: dict[str, int] = {}

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import prange
 
+from mapf_pz.config import FeatureName
 from mapf_pz.core.jit import BatchKernel
 from mapf_pz.core.path import advantage
 from mapf_pz.core.scene import Scene
@@ -119,7 +120,7 @@ class Feature:
     needs_distances: bool = False
 
 
-FEATURES: dict[str, Feature] = {
+FEATURES: dict[FeatureName, Feature] = {
     "goal_vector": Feature(write_goal_vector, lambda _actions, _remembered: 4),
     "location": Feature(write_location, lambda _actions, _remembered: 6),
     "action_advantage": Feature(write_action_advantage, lambda actions, _remembered: actions, needs_distances=True),

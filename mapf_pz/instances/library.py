@@ -10,8 +10,6 @@ from importlib import resources
 from itertools import chain
 from pathlib import Path
 
-import numpy as np
-
 from mapf_pz.instances.download import cache_folder
 from mapf_pz.instances.movingai import parse_cells, read_map, read_scenario
 from mapf_pz.types import Bools, Grid, Scenario
@@ -50,7 +48,7 @@ def load_map(map: str | Path | Bools | Grid) -> Grid:
         return _parse_drawing(map)
     if isinstance(map, (str, Path)):
         return read_map(_resolve(map, ".map", chain([_bundled()], _benchmark("maps"))))
-    return _from_array(map)
+    return Grid.from_array(map)
 
 
 def load_scenario(scenario: str | Path | Scenario, grid: Grid | None = None) -> Scenario:
@@ -114,15 +112,6 @@ def _resolve(source: object, ending: str, folders: Iterable[Path]) -> Path:
     near = difflib.get_close_matches(source, dict.fromkeys(names))
     hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
     raise ValueError(f"no {ending} file is named {source!r}: {hint}A path ends in {ending}; {ADVICE}")
-
-
-def _from_array(array: Bools) -> Grid:
-    # Other arrays are not converted: in many of them 1 is an obstacle.
-    free = np.asarray(array)
-    if free.dtype != np.bool_:
-        got = f"{type(array).__name__} of {free.dtype}"
-        raise TypeError(f"map: expected a name, a .map file, a drawing, or a bool array with True for free, got {got}")
-    return Grid(free)
 
 
 def _parse_drawing(text: str) -> Grid:

@@ -16,7 +16,7 @@ MAX_DRAWS = 100
 """So many maps are drawn in search of one that holds all agents."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class FixedMap:
     """New random starts and goals on one map in each episode, all in its largest component.
 
@@ -29,7 +29,7 @@ class FixedMap:
     """N."""
     goals_per_agent: int = 1
     """L, the goals of each agent, one after the other."""
-    _cells: Ints = field(init=False, repr=False)
+    _cells: Ints = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Find the component, and try it once."""
@@ -46,7 +46,7 @@ class FixedMap:
         return Instance(self.grid, place_on(self._cells, self.num_agents, rng, self.goals_per_agent))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class FixedScenario:
     """The first agents of one scenario in each episode.
 
@@ -59,7 +59,7 @@ class FixedScenario:
     """The agents, of which the first `num_agents` are taken."""
     num_agents: int
     """N."""
-    _instance: Instance = field(init=False, repr=False)
+    _instance: Instance = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Check the scenario against the map."""
@@ -78,7 +78,7 @@ class FixedScenario:
         return self._instance
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class RandomMaps:
     """A new map, starts and goals in each episode.
 
@@ -86,7 +86,7 @@ class RandomMaps:
     components are too small for the agents again and again, or when a map has another size than the first.
     """
 
-    generator: Callable[[np.random.Generator], Grid]
+    generator: Callable[[np.random.Generator], Grid] = field(compare=False)
     """Draws a map; always of the same size."""
     num_agents: int
     """N."""
@@ -94,9 +94,11 @@ class RandomMaps:
     """L, the goals of each agent, one after the other."""
     shape: tuple[int, int] = field(init=False)
     """(H, W) of every map."""
+    _generates: tuple[object, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Try the generator."""
+        object.__setattr__(self, "_generates", _call(self.generator))
         rng = np.random.default_rng(0)
         object.__setattr__(self, "shape", self.generator(rng).shape)
         self.sample(rng)
@@ -122,7 +124,7 @@ class RandomMaps:
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class RandomObstacles:
     """A new map of random obstacles, starts and goals in each episode; raises `ValueError` as `RandomMaps` does."""
 
@@ -136,7 +138,7 @@ class RandomObstacles:
     """N."""
     goals_per_agent: int = 1
     """L, the goals of each agent, one after the other."""
-    _maps: RandomMaps = field(init=False, repr=False)
+    _maps: RandomMaps = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Make the source."""
@@ -158,7 +160,7 @@ class RandomObstacles:
         return self._maps.sample(rng)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class InstanceList:
     """One of some instances in each episode, each as likely as the others.
 
@@ -202,6 +204,13 @@ class InstanceList:
     def sample(self, rng: np.random.Generator) -> Instance:
         """Draw one of the instances."""
         return self.instances[int(rng.integers(len(self.instances)))]
+
+
+def _call(generator: Callable[[np.random.Generator], Grid]) -> tuple[object, ...]:
+    """Return what a generator calls and with which arguments: equal partials are different objects."""
+    if not isinstance(generator, partial):
+        return (generator,)
+    return generator.func, generator.args, tuple(sorted(generator.keywords.items()))
 
 
 def _size(instance: Instance) -> str:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal, cast, get_args
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import PlainSerializer, PlainValidator, ValidationInfo
+from pydantic import ConfigDict, PlainSerializer, PlainValidator
 from tyro.conf import arg
 
 from mapf_pz.action_modes import ActionMode
-from mapf_pz.config import REWARDS, ActionModel, Frame, RewardConfig, View, WeightsName
-from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.config import DEFAULT_NUM_AGENTS, REWARDS, EnvConfig
+from mapf_pz.instances.configured import goals_per_agent, make_source
 from mapf_pz.instances.sources import RandomObstacles
 from mapf_pz.rl.checks import check_counts, check_from_zero, check_names, check_positive
+from mapf_pz.rl.saved_env import dump_env, load_env
 
 AlgorithmName = Literal["mappo", "ippo", "central-ppo"]
 CollectorName = Literal["single", "processes", "ray"]
@@ -22,36 +23,24 @@ CuriosityName = Literal["none", "rnd", "random-features", "inverse-dynamics"]
 DeviceName = Literal["auto", "cpu", "cuda"]
 EncoderName = Literal["conv", "report", "residual"]
 
-GRAPH = "edge_weights.safetensors"
-"""The file of a task's own guidance graph, in the run's folder: its arrays `move` and `wait`."""
-
-
-def _stored_weights(weights: WeightsName | GuidanceGraph) -> str:
-    """Return what the configuration's file says of the weights: their name, or that of the graph's file."""
-    return GRAPH if isinstance(weights, GuidanceGraph) else weights
-
-
-def _loaded_weights(stored: Any, info: ValidationInfo) -> Any:
-    """Return the weights; `info.context` reads the graph's file."""
-    if stored == GRAPH and info.context is not None:
-        return info.context()
-    if stored not in get_args(WeightsName):
-        raise ValueError(f"expected one of {', '.join(map(repr, (*get_args(WeightsName), GRAPH)))}")
-    return stored
-
-
-EdgeWeights = Annotated[
-    WeightsName | GuidanceGraph,
-    PlainValidator(_loaded_weights),
-    PlainSerializer(_stored_weights),
-    arg(constructor=cast("Any", WeightsName), help_behavior_hint="(default: uniform)"),  # names alone can be typed
-]
+TRAINING_ENV = EnvConfig(
+    num_agents=8,
+    max_steps=96,
+    view_size=(7, 7),
+    view="centered",
+    channels=("view", "cost_to_go", "orientation", "others_next", "others_at_goal"),
+    features=("action_advantage", "last_actions"),
+    num_last_actions=2,
+    reward=REWARDS["progress"],
+)
+"""The environment that a task has by default."""
 
 OBSERVATION_FIELDS = (
     "action_model",
     "view_size",
     "view",
     "frame",
+    "see_through_walls",
     "channels",
     "features",
     "num_last_actions",
@@ -62,63 +51,52 @@ OBSERVATION_FIELDS = (
 
 @dataclass(frozen=True)
 class TaskConfig:
-    """What the agents train on, and what they observe and earn."""
+    """What the agents train on: an environment, and what is not part of one."""
 
-    map: str | None = None
-    """A map's name or the path of a `.map` file; None draws a new random map for every episode."""
+    env: Annotated[EnvConfig, PlainValidator(load_env), PlainSerializer(dump_env)] = TRAINING_ENV
+    """The environment. If it has no map, scenario or source, a new random map is generated for each episode."""
     height: int = 12
-    """Rows of a random map."""
+    """Number of rows of a random map."""
     width: int = 12
-    """Columns of a random map."""
+    """Number of columns of a random map."""
     density: float = 0.15
-    """Share of obstacles on a random map."""
-    num_agents: int = 8
-    """N, the number of agents."""
-    max_steps: int = 96
-    """An episode is truncated after this many steps."""
-    action_model: ActionModel = "rotate"
-    """`rotate` or `cardinal`."""
-    view_size: tuple[int, int] = (7, 7)
-    """(h, w) of each agent's view."""
-    view: View | None = "centered"
-    """`front` or `centered`."""
-    frame: Frame | None = None
-    """`egocentric` or `map`; None: as the action model has it."""
-    channels: tuple[str, ...] = ("view", "cost_to_go", "orientation", "others_next", "others_at_goal")
-    """The channels of the image."""
-    features: tuple[str, ...] = ("action_advantage", "last_actions")
-    """The features beside the image."""
-    num_last_actions: int = 2
-    """How many actions `last_actions` remembers."""
-    edge_weights: EdgeWeights = "uniform"
-    """The guidance graph: it shapes the cost to go, and with it the channels, the features and the reward."""
+    """Fraction of cells of a random map that are obstacles."""
     num_frames: int = 1
-    """How many of its latest observations each agent observes, stacked: 1 is the present one alone."""
+    """Number of latest observations that each agent sees, stacked; 1 is the current one only."""
     neighbors: int = 0
-    """How many of the nearest other agents' observations each agent gets after its own."""
+    """Number of nearest other agents whose observations each agent sees after its own."""
     neighbor_radius: int = 8
-    """How many rows, and how many columns, away those may be."""
+    """Maximum distance to such a neighbor, in rows and in columns."""
     action_mode: ActionMode = "argmax"
-    """How the action matrix of `central-ppo` becomes actions."""
-    reward: RewardConfig = REWARDS["progress"]
-    """The terms of the reward; the defaults are those of `reward="progress"`."""
+    """How the action matrix of `central-ppo` is turned into actions."""
 
     def __post_init__(self) -> None:
         """Check names and numbers; what depends on the map is checked when the environment is created."""
         check_names(self)
-        check_counts(self, 1, "height", "width", "num_agents", "max_steps", "num_last_actions", "num_frames")
+        check_counts(self, 1, "height", "width", "num_frames")
         check_counts(self, 0, "neighbors", "neighbor_radius")
+
+    @property
+    def num_agents(self) -> int:
+        """N; reads the scenario's file if that alone determines it."""
+        return self.env.num_agents or make_source(self.env_config()).num_agents
+
+    def env_config(self) -> EnvConfig:
+        """Return the environment to train in: `env`, with random maps as its source if it has nothing else."""
+        env = self.env
+        if (env.map, env.scenario, env.source) != (None, None, None):
+            return env
+        num_agents = env.num_agents or DEFAULT_NUM_AGENTS
+        source = RandomObstacles(self.height, self.width, self.density, num_agents, goals_per_agent(env))
+        return replace(env, source=source)
 
     def env_keywords(self) -> dict[str, Any]:
         """Return the keywords of the environment to train in."""
-        keywords = self.observation_keywords() | {"max_steps": self.max_steps, "reward": self.reward}
-        if self.map is not None:
-            return keywords | {"map": self.map, "num_agents": self.num_agents}
-        return keywords | {"source": RandomObstacles(self.height, self.width, self.density, self.num_agents)}
+        return self.env_config().keywords()
 
     def observation_keywords(self) -> dict[str, Any]:
         """Return the keywords that any environment needs for a policy of this task to act in it."""
-        return {name: getattr(self, name) for name in OBSERVATION_FIELDS}
+        return {name: getattr(self.env, name) for name in OBSERVATION_FIELDS}
 
     def env_wrappers(self) -> tuple[tuple[str, dict[str, int]], ...]:
         """Return the names and keywords of the wrappers that it needs besides, innermost first."""
@@ -223,6 +201,7 @@ class CuriosityConfig:
 class TrainConfig:
     """One training run."""
 
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")  # also of the configurations inside
     task: TaskConfig = field(default_factory=TaskConfig)
     """What is learnt."""
     algorithm: AlgorithmName = "mappo"

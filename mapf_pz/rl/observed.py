@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from tensordict import NestedKey
 from torchrl.envs import CatFrames, Transform
 
-from mapf_pz.config import EnvConfig
 from mapf_pz.observation import ObservationLayout
 from mapf_pz.rl.config import TaskConfig
 from mapf_pz.rl.share import Share
@@ -26,8 +25,8 @@ class Observed:
 
     @classmethod
     def by_policy_of(cls, task: TaskConfig) -> Observed:
-        """Return the shapes for a task; raises `ValueError` for unknown channels or features."""
-        layout = ObservationLayout(EnvConfig.from_keywords(**task.observation_keywords()), task.view_size)
+        """Return the shapes for a task."""
+        layout = ObservationLayout(task.env, task.env.view_size)
         own = cls(layout.image_shape, layout.num_features, layout.num_actions)
         return own.stacked(task.num_frames * (1 + task.neighbors))
 
@@ -47,8 +46,8 @@ def observation_transforms(task: TaskConfig) -> list[Transform]:
         transforms.append(Share(task.neighbors, task.neighbor_radius))
     if task.num_frames > 1:
         seen: NestedKey = ("agents", "observation")
-        image: NestedKey = (*seen, "image") if task.features else seen
+        image: NestedKey = (*seen, "image") if task.env.features else seen
         transforms.append(CatFrames(task.num_frames, dim=-3, in_keys=[image]))
-        if task.features:
+        if task.env.features:
             transforms.append(CatFrames(task.num_frames, dim=-1, in_keys=[(*seen, "features")]))
     return transforms

@@ -13,14 +13,14 @@ from torchrl.record.loggers.tensorboard import TensorboardLogger
 
 from mapf_pz.files import replacing, write_whole
 from mapf_pz.rl.checkpoint import FOLDER, Checkpoints, Position, read_position, restore
-from mapf_pz.rl.config import GRAPH, TrainConfig
-from mapf_pz.rl.config_file import CONFIG, save_config
+from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.config_file import CONFIG_FILES, config_files, save_config
 from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.policy import WEIGHTS, save_weights
 from mapf_pz.types import FormatError
 
 PROGRESS, CURVE, TENSORBOARD = "progress.csv", "learning_curve.png", "tensorboard"
-RUN_FILES = (CONFIG, GRAPH, WEIGHTS, PROGRESS, CURVE, FOLDER, TENSORBOARD)
+RUN_FILES = (*CONFIG_FILES, WEIGHTS, PROGRESS, CURVE, FOLDER, TENSORBOARD)
 """Everything that a run writes into its folder."""
 RECENT_EPISODES = 100
 """Training episodes whose mean CSR tells which checkpoint is the best."""
@@ -58,6 +58,7 @@ class RunFolder:
 
     def begin(self, config: TrainConfig) -> None:
         """Prepare the folder: remove whatever is newer than the restored checkpoint, or everything without one."""
+        config_files(config)  # raises for a configuration that cannot be saved, before anything is removed
         self.path.mkdir(parents=True, exist_ok=True)
         if self._rows:
             self.checkpoints.sweep()

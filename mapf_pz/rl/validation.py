@@ -56,7 +56,7 @@ class Validation:
         over = torch.zeros(*env.batch_size, 1, dtype=torch.bool)
         steps: list[TensorDictBase] = []
         ended: list[Tensor] = []
-        for _ in range(self._config.task.max_steps):
+        for _ in range(self._config.task.env.max_steps):
             step, now = env.step_and_maybe_reset(self._algorithm.actor(now.to(device)).to(env.device))
             steps.append(step["next"].select("done", "terminated", ("agents", "at_goal"), ("agents", "episode_reward")))
             ended.append(steps[-1]["done"] & ~over)

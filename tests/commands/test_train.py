@@ -1,10 +1,17 @@
 import json
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from mapf_pz import Grid, Scenario
 from mapf_pz.cli import main
+from mapf_pz.config import REWARDS
+from mapf_pz.instances import write_map, write_scenario
 
 pytest.importorskip("torchrl")
+
+from mapf_pz.rl.config_file import load_config
 
 SMALL = "--agent-steps 100 --num-envs 4 --steps-per-batch 8 --num-epochs 1 --num-agents 3 --height 7 --width 7"
 
@@ -82,3 +89,29 @@ def test_a_length_below_one_is_refused(capsys, tmp_path):
             main(["train", "quickstart", "--agent-steps", length, "--output", str(tmp_path / "run")])
         assert f"agent_steps={length}: expected a whole number, 1 or more" in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "run").exists()
+
+
+def test_every_field_of_the_environment_is_a_flag(tmp_path):
+    grid = Grid(np.ones((7, 7), np.bool_))
+    write_map(grid, tmp_path / "hall.map")
+    write_scenario(Scenario([[0, 0], [1, 1], [2, 2]], [[6, 6], [5, 5], [4, 4]]), grid, tmp_path / "hall.scen")
+    words = ["--map", tmp_path / "hall.map", "--scenario", tmp_path / "hall.scen", "--on-target", "finish"]
+    words += ["--collision-system", "priority", "--no-see-through-walls", "--initial-heading", "east"]
+    words += ["--edge-weights", "crisscross", "--goal", "3", "--channels", "view", "goal"]
+    run = tmp_path / "run"
+    words = [*SMALL.split(), *map(str, words), "--evaluate", "none", "--output", str(run)]
+    assert main(["train", "quickstart", *words]) == 0
+    env = load_config(run / "config.json").task.env
+    assert (env.map, env.scenario) == (str(tmp_path / "hall.map"), str(tmp_path / "hall.scen"))
+    assert (env.on_target, env.collision_system, env.see_through_walls) == ("finish", "priority", False)
+    assert (env.initial_heading, env.edge_weights, env.channels) == ("east", "crisscross", ("view", "goal"))
+    assert env.reward == replace(REWARDS["progress"], goal=3.0)
+
+
+def test_help_shows_no_field_that_cannot_be_typed(capsys):
+    with pytest.raises(SystemExit):
+        main(["train", "quickstart", "--help"])
+    told = capsys.readouterr().out
+    assert "--on-target {nothing,finish,restart}" in told
+    assert "--source" not in told
+    assert "--render-mode" not in told

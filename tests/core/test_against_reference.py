@@ -77,7 +77,9 @@ class Lockstep:
             **self._weights(b, instance.grid),
             rewards=config.rewards,
             **{name: getattr(config, name) for name in (*COMBINATION_NAMES, "max_steps", "num_last_actions")},
-            **{name: getattr(config, name) for name in ("view_size", "view", "frame", "see_through_walls")},
+            **{name: getattr(config, name) for name in ("view_size", "see_through_walls")},
+            view=config.resolved_view,
+            frame=config.resolved_frame,
             **{name: getattr(config, name) for name in ("channels", "features")},
         )
         if config.edge_weights != "random":
@@ -314,8 +316,8 @@ def test_the_environment_hands_out_the_same(action_model, collision_system, on_t
         game = Reference(
             instance.grid.free.tolist(), instance.scenario.starts.tolist(), instance.headings.tolist(),
             instance.scenario.goals.tolist(), features=config.features, max_steps=9, view_size=(3, 3),
-            view=config.view, frame=config.frame, action_model=action_model, collision_system=collision_system,
-            on_target=on_target,
+            view=config.resolved_view, frame=config.resolved_frame, action_model=action_model,
+            collision_system=collision_system, on_target=on_target,
         )  # fmt: skip
         compare_dictionaries(game, env, observations, infos, env.agents)
         while env.agents:

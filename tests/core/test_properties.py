@@ -125,11 +125,11 @@ def plane_of(config, name):
 def place_in_view(config, offset, heading):
     """Where a cell `offset` away lies in the view of an agent with this heading."""
     row, col = offset.tolist()
-    quarter_turns = (heading + 1) % 4 if config.frame == "egocentric" else 0  # from looking north
+    quarter_turns = (heading + 1) % 4 if config.resolved_frame == "egocentric" else 0  # from looking north
     for _ in range(quarter_turns):
         row, col = -col, row  # turn the world to the left, as the agent turned right
     height, width = config.view_size
-    return row + (height - 1 if config.view == "front" else height // 2), col + width // 2
+    return row + (height - 1 if config.resolved_view == "front" else height // 2), col + width // 2
 
 
 def test_place_in_view():

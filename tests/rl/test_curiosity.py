@@ -16,7 +16,7 @@ from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.observed import Observed
 from mapf_pz.rl.train import resume
 from tests.rl import tiny
-from tests.rl.tiny import rows, untimed
+from tests.rl.tiny import changed, rows, untimed
 
 KINDS = ["rnd", "random-features", "inverse-dynamics"]
 TINY = dataclasses.replace(tiny.TINY, curiosity=CuriosityConfig(size=16), agent_steps=768)
@@ -53,7 +53,7 @@ def rollout(config, steps, max_steps=None):
     """An algorithm's steps in its form of the environment, reset where episodes end."""
     torch.manual_seed(0)
     algorithm = ALGORITHMS[config.algorithm](config)
-    keywords = config.task.env_keywords() | {"max_steps": max_steps or config.task.max_steps}
+    keywords = config.task.env_keywords() | {"max_steps": max_steps or config.task.env.max_steps}
     env = TransformedEnv(BatchedMapfEnv(config.ppo.num_envs, **keywords), Compose(*algorithm.transforms(config.seed)))
     env.set_seed(0)
     torch.manual_seed(1)
@@ -152,7 +152,7 @@ def test_the_reward_is_added_to_what_the_loss_learns_from(algorithm, credit):
 
 def test_an_observation_without_features():
     config = curious("inverse-dynamics")
-    config = dataclasses.replace(config, task=dataclasses.replace(config.task, features=()))
+    config = dataclasses.replace(config, task=changed(config.task, features=()))
     curiosity = make_curiosity(config)
     assert curiosity is not None
     assert curiosity.reward(rollout(config, 5)).shape == (4, 5, 3, 1)

@@ -17,7 +17,7 @@ from safetensors.torch import load_file, save_file
 from mapf_pz.rl import load_policy
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.checkpoint import Checkpoints, Position, read_position, restore
-from mapf_pz.rl.config_file import CONFIG, config_as_json
+from mapf_pz.rl.config_file import config_files
 from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.policy import WEIGHTS, save_weights
 from tests.rl.tiny import TINY
@@ -39,7 +39,7 @@ def trained(tmp_path_factory):
         restore(file, learner)
         return read_position(file)
 
-    return {CONFIG: config_as_json(TINY), WEIGHTS: (folder / WEIGHTS).read_bytes()}, members, read_checkpoint
+    return config_files(TINY) | {WEIGHTS: (folder / WEIGHTS).read_bytes()}, members, read_checkpoint
 
 
 def as_archive(file, members, compression=zipfile.ZIP_STORED):

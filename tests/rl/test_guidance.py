@@ -11,12 +11,10 @@ from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances import load_map
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.train import resume
-from tests.rl.tiny import TINY
+from tests.rl.tiny import TINY, changed
 
 GRAPH = GuidanceGraph.random(load_map("empty-8-8").free, np.random.default_rng(0))
-CONFIG = dataclasses.replace(
-    TINY, task=dataclasses.replace(TINY.task, map="empty-8-8", edge_weights=GRAPH), agent_steps=192
-)
+CONFIG = dataclasses.replace(TINY, task=changed(TINY.task, map="empty-8-8", edge_weights=GRAPH), agent_steps=192)
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +64,7 @@ def test_a_run_without_a_graph_leaves_none_behind(tmp_path):
 
 @pytest.mark.parametrize("change", [{"map": None}, {"map": "empty-16-16"}])
 def test_a_graph_of_another_shape_is_refused(tmp_path, change):
-    config = dataclasses.replace(CONFIG, task=dataclasses.replace(CONFIG.task, **change))
+    config = dataclasses.replace(CONFIG, task=changed(CONFIG.task, **change))
     with pytest.raises(ValueError, match=r"edge_weights of shape \(8, 8\): the map's shape is "):
         train(config, tmp_path / "run")
     assert not (tmp_path / "run").exists()
@@ -78,7 +76,9 @@ def test_a_damaged_graph_is_one_line(run, content):
     file.unlink()
     if content is not None:
         file.write_bytes(content)
-    with pytest.raises(mapf_pz.FormatError, match=r"edge_weights\.safetensors: not a guidance graph: ") as caught:
+    with pytest.raises(
+        mapf_pz.FormatError, match=r"edge_weights\.safetensors: not a saved value of edge_weights: "
+    ) as caught:
         load_policy(run)
     assert "\n" not in str(caught.value)
 
@@ -86,5 +86,7 @@ def test_a_damaged_graph_is_one_line(run, content):
 def test_a_name_that_is_not_known_is_refused(run):
     file = run / "config.json"
     file.write_text(file.read_text().replace("edge_weights.safetensors", "../elsewhere.safetensors"))
-    with pytest.raises(mapf_pz.FormatError, match=r"task\.edge_weights: .*expected one of 'uniform'"):
+    with pytest.raises(
+        mapf_pz.FormatError, match=r"task\.env: .*edge_weights='\.\./elsewhere.*': expected one of 'uniform'"
+    ):
         load_policy(run)

@@ -6,10 +6,11 @@ import torch
 
 import mapf_pz
 from mapf_pz.rl import load_policy, train
-from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
+from mapf_pz.rl.config import ModelConfig, PPOConfig, TrainConfig
 from mapf_pz.rl.encoders import IMAGE_LAYERS
 from mapf_pz.rl.models import Actor, LocalCritic, TeamActor, TeamCritic, TeamValue
 from mapf_pz.rl.observed import Observed
+from tests.rl.tiny import TINY
 
 SIZES = [(1, 1), (3, 3), (5, 9), (7, 7), (11, 11), (20, 20), (2, 25)]
 MODELS = {name: ModelConfig(encoder=name, conv_channels=(4, 6), hidden=16, head=(8,)) for name in IMAGE_LAYERS}
@@ -85,7 +86,7 @@ def test_number_of_residual_blocks(num_blocks):
 @pytest.mark.parametrize("name", IMAGE_LAYERS)
 def test_a_trained_policy_acts_as_its_network(tmp_path, name):
     config = TrainConfig(
-        task=TaskConfig(height=6, width=6, num_agents=3, max_steps=12, view_size=(3, 3)),
+        task=TINY.task,
         model=MODELS[name],
         ppo=PPOConfig(num_envs=4, steps_per_batch=8, num_epochs=1, minibatch_size=16),
         agent_steps=192,

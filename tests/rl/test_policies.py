@@ -11,7 +11,7 @@ from mapf_pz.evaluate.run import run_episodes
 from mapf_pz.rl import load_policy, policy_names, train
 from mapf_pz.rl import policy as policies
 from mapf_pz.rl.presets import PRESETS
-from tests.rl.tiny import TINY
+from tests.rl.tiny import TINY, changed
 
 NAMES = policy_names()
 
@@ -77,7 +77,7 @@ def test_observations_of_another_kind_are_refused(name, keywords, told):
 
 
 def test_a_policy_of_images_refuses_more(tmp_path):
-    task = dataclasses.replace(TINY.task, features=(), neighbors=1)
+    task = changed(TINY.task, features=(), neighbors=1)
     policy = load_policy(train(dataclasses.replace(TINY, task=task, agent_steps=192), tmp_path))
     for keywords in ({}, {"features": ("goal_vector",)}):  # not what the neighbors see, too
         env = mapf_pz.parallel_env(**(policy.env_kwargs | keywords))

@@ -15,7 +15,7 @@ from tests.rl import tiny
 
 TINY = dataclasses.replace(
     tiny.TINY,
-    task=dataclasses.replace(tiny.TINY.task, max_steps=5),
+    task=tiny.changed(tiny.TINY.task, max_steps=5),
     model=dataclasses.replace(tiny.TINY.model, recurrent=12),
     ppo=dataclasses.replace(tiny.TINY.ppo, num_epochs=2),
 )

@@ -12,13 +12,15 @@ from mapf_pz.evaluate import Trial, evaluate, make_env
 from mapf_pz.instances.sources import RandomObstacles
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
-from mapf_pz.rl.config_file import config_as_json, load_config
+from mapf_pz.rl.config_file import CONFIG, config_files, load_config
 from mapf_pz.rl.observed import Observed, observation_transforms
 from mapf_pz.rl.share import Share
 from mapf_pz.wrappers import History, Sharing
+from tests.rl.tiny import changed
 
-TASK = TaskConfig(height=7, width=6, num_agents=4, max_steps=9, view_size=(3, 3), features=("time", "goal_vector"))
-PLAIN = dataclasses.replace(TASK, features=())
+FIELDS = {"num_agents": 4, "max_steps": 9, "view_size": (3, 3), "features": ("time", "goal_vector")}
+TASK = changed(TaskConfig(), height=7, width=6, **FIELDS)
+PLAIN = changed(TASK, features=())
 CHANGES = [{"neighbors": 2, "neighbor_radius": 3}, {"num_frames": 3}]
 CHANGES += [CHANGES[0] | CHANGES[1], {"num_frames": 2, "neighbors": 5}]
 
@@ -36,7 +38,7 @@ def parts(seen):
 
 def batched_parts(task, now):
     seen = now["agents", "observation"]
-    return [seen["image"].numpy(), seen["features"].numpy()] if task.features else [seen.numpy()]
+    return [seen["image"].numpy(), seen["features"].numpy()] if task.env.features else [seen.numpy()]
 
 
 @pytest.mark.parametrize("changes", CHANGES, ids=str)
@@ -46,7 +48,7 @@ def test_specs_hold_and_are_the_shapes_that_networks_are_built_for(task, changes
     env = make(task)
     check_env_specs(env)
     observed = Observed.by_policy_of(task)
-    expected = [observed.image, (observed.features,)] if task.features else [observed.image]
+    expected = [observed.image, (observed.features,)] if task.env.features else [observed.image]
     assert [part.shape[2:] for part in batched_parts(task, env.reset())] == expected
     space = make_env(Asking(task), **task.env_keywords()).observation_space("agent_0")
     assert [box.shape for box in parts(space)] == expected
@@ -171,7 +173,7 @@ def test_wrong_numbers_are_refused(tmp_path, name, value):
     with pytest.raises(ValueError, match=f"{name}={value}: expected a whole number, "):
         TaskConfig(**{name: value})
     file = tmp_path / "config.json"
-    text = config_as_json(TrainConfig(task=TaskConfig(neighbor_radius=7))).decode()
+    text = config_files(TrainConfig(task=TaskConfig(neighbor_radius=7)))[CONFIG].decode()
     before = {"num_frames": 1, "neighbors": 0, "neighbor_radius": 7}[name]
     file.write_text(text.replace(f'"{name}": {before}', f'"{name}": {value}'))
     with pytest.raises(mapf_pz.FormatError, match=f"{name}={value}"):

@@ -13,14 +13,13 @@ from mapf_pz.rl.config import TaskConfig
 from mapf_pz.rl.policy import SharedPolicy
 from mapf_pz.rl.validation import FIRST_SEED, Validation
 from mapf_pz.types import CardinalAction
-from tests.rl.tiny import TINY
+from tests.rl.tiny import TINY, changed
 
 
 def test_validation_counts_the_first_episode_of_each_environment():
     """An agent that always moves right in a corridor succeeds if its goal is to the right, and then soon."""
-    task = TaskConfig(
-        height=1, width=6, density=0, num_agents=1, max_steps=12, view_size=(1, 3), action_model="cardinal"
-    )
+    fields = {"num_agents": 1, "max_steps": 12, "view_size": (1, 3), "action_model": "cardinal"}
+    task = changed(TaskConfig(), height=1, width=6, density=0, **fields)
     config = dataclasses.replace(TINY, task=task, validation_episodes=40)
     algorithm = ALGORITHMS["mappo"](config)
     algorithm.network.head[-1].bias.data[CardinalAction.RIGHT] = 50
@@ -47,7 +46,7 @@ class FixedLogits(nn.Module):
 
 def test_a_shared_policy_samples_from_the_softmax_of_its_logits():
     probabilities, num_agents = torch.tensor([0.5, 0.3, 0.15, 0.05]), 10_000
-    config = dataclasses.replace(TINY, task=dataclasses.replace(TINY.task, features=()))
+    config = dataclasses.replace(TINY, task=changed(TINY.task, features=()))
     policy = SharedPolicy(FixedLogits(probabilities.log() + 3), config, seed=1)
     observation = np.zeros((5, 3, 3), np.float32)
     actions = policy.act({f"agent_{i}": observation for i in range(num_agents)})

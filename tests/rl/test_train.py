@@ -9,11 +9,12 @@ from torchrl.envs import Compose, RewardScaling, TransformedEnv
 
 import mapf_pz
 from mapf_pz.evaluate import Trial, evaluate
+from mapf_pz.instances import RandomObstacles
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.algorithms import ALGORITHMS, MAPPO
 from mapf_pz.rl.config import CuriosityConfig
 from mapf_pz.rl.train import Progress
-from tests.rl.tiny import TINY, rows, untimed
+from tests.rl.tiny import TINY, changed, rows, untimed
 
 
 @pytest.mark.parametrize("algorithm", ["mappo", "ippo", "central-ppo"])
@@ -50,9 +51,9 @@ def test_a_run_is_at_least_as_long_as_asked_for(tmp_path, asked, updates):
 @pytest.mark.parametrize(
     ("part", "name", "values"),
     [
-        ("task", "num_agents", [0, -1, 2.5]),
+        ("env", "num_agents", [0, -1, 2.5]),
         ("task", "height", [0]),
-        ("task", "max_steps", [0]),
+        ("env", "max_steps", [0]),
         ("task", "action_mode", ["best"]),
         ("model", "encoder", ["transformer"]),
         ("model", "conv_channels", [(0,), (4, -1)]),
@@ -91,7 +92,7 @@ def test_a_run_is_at_least_as_long_as_asked_for(tmp_path, asked, updates):
     ],
 )
 def test_values_that_are_not_allowed_are_refused(part, name, values):
-    config = TINY if part is None else getattr(TINY, part)
+    config = TINY if part is None else TINY.task.env if part == "env" else getattr(TINY, part)
     for value in values:
         with pytest.raises(ValueError, match=f"^{name}={re.escape(repr(value))}: expected "):
             dataclasses.replace(config, **{name: value})
@@ -121,15 +122,14 @@ def test_a_run_is_replaced_only_when_asked_to(tmp_path):
         {"density": 1.5},
         {"num_agents": 500},
         {"view_size": (7, 7)},
-        {"channels": ("colour",)},
-        {"features": ("mood",)},
+        {"source": RandomObstacles(6, 6, 0.1, 3)},  # a run cannot save it
     ],
 )
 @pytest.mark.parametrize("collector", ["single", "processes"])
 def test_a_refused_task_leaves_the_run_as_it_was(tmp_path, change, collector):
     train(dataclasses.replace(TINY, agent_steps=192), tmp_path)
     before = contents(tmp_path)
-    config = dataclasses.replace(TINY, task=dataclasses.replace(TINY.task, **change), collector=collector)
+    config = dataclasses.replace(TINY, task=changed(TINY.task, **change), collector=collector)
     with pytest.raises((ValueError, FileNotFoundError)) as caught:
         train(config, tmp_path, overwrite=True)
     assert "\n" not in str(caught.value)
@@ -244,7 +244,7 @@ def test_a_team_policy_says_how_many_agents_it_acts_for(tmp_path):
 
 @pytest.mark.parametrize("algorithm", ["mappo", "ippo", "central-ppo"])
 def test_all_ideas_at_once(tmp_path, algorithm):
-    task = dataclasses.replace(
+    task = changed(
         TINY.task,
         channels=("view", "cost_to_go", "heuristic"),
         features=("goal_vector", "location", "last_actions"),

@@ -14,10 +14,12 @@ from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.models import LocalCritic, TeamCritic, TeamValue
 from mapf_pz.rl.observed import Observed
 from tests.rl.reference_ppo import ReferencePPO, categorical, normal, recurrent_distribution
+from tests.rl.tiny import changed
 
 # Two agents on four cells: within a batch, some episodes terminate and others are truncated.
+FIELDS = {"num_agents": 2, "max_steps": 7, "view_size": (1, 1), "action_model": "cardinal"}
 SMALL = TrainConfig(
-    task=TaskConfig(height=2, width=2, density=0, num_agents=2, max_steps=7, view_size=(1, 1), action_model="cardinal"),
+    task=changed(TaskConfig(), height=2, width=2, density=0, **FIELDS),
     model=ModelConfig(conv_channels=(4,), hidden=16, head=(16,)),
     ppo=PPOConfig(num_envs=6, steps_per_batch=32, num_epochs=2, minibatch_size=64, learning_rate=3e-3),
     agent_steps=6 * 32 * 2 * 4,

@@ -1,11 +1,22 @@
 """A training run of a second, and what it wrote."""
 
 import csv
+import dataclasses
 
+from mapf_pz.config import EnvConfig
 from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
 
+ENV_FIELDS = {field.name for field in dataclasses.fields(EnvConfig)}
+
+
+def changed(task, **fields):
+    """Return the task with other fields, of its own or of its environment."""
+    env = {name: fields.pop(name) for name in fields.keys() & ENV_FIELDS}
+    return dataclasses.replace(task, env=dataclasses.replace(task.env, **env), **fields)
+
+
 TINY = TrainConfig(
-    task=TaskConfig(height=6, width=6, num_agents=3, max_steps=12, view_size=(3, 3)),
+    task=changed(TaskConfig(), height=6, width=6, num_agents=3, max_steps=12, view_size=(3, 3)),
     model=ModelConfig(conv_channels=(4,), hidden=16),
     ppo=PPOConfig(num_envs=4, steps_per_batch=16, num_epochs=1, minibatch_size=32),
     agent_steps=576,

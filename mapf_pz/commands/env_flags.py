@@ -1,0 +1,45 @@
+"""The command line's form of `EnvConfig`: flags for the fields that can be typed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
+
+from tyro.conf import Suppress
+from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
+
+from mapf_pz.config import EnvConfig, HeadingName, RewardConfig, WeightsName
+
+_TYPED: dict[str, Any] = {
+    "map": str | None,
+    "scenario": str | None,
+    "edge_weights": WeightsName,
+    "initial_heading": HeadingName,
+    "reward": RewardConfig,
+    "source": Annotated[None, Suppress],
+    "render_mode": Annotated[None, Suppress],
+}
+"""Fields that are typed as something else than they may be in Python."""
+
+ENV_FLAGS = ConstructorRegistry()
+"""Lets tyro read an `EnvConfig`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Fields(EnvConfig):
+    """The same fields under another type, which has tyro's own rule for dataclasses."""
+
+
+@ENV_FLAGS.struct_rule
+def _env_flags(info: StructTypeInfo) -> StructConstructorSpec | None:
+    """Return the flags of an `EnvConfig`."""
+    if info.type is not EnvConfig:
+        return None
+    spec = ConstructorRegistry.get_struct_spec(replace(info, type=_Fields))
+    if not isinstance(spec, StructConstructorSpec):
+        raise TypeError(f"tyro cannot read {EnvConfig.__name__}: {spec}")
+    return StructConstructorSpec(EnvConfig, tuple(map(_flag, spec.fields)))
+
+
+def _flag(field: StructFieldSpec) -> StructFieldSpec:
+    return replace(field, type=_TYPED.get(field.name, field.type))

@@ -1,0 +1,156 @@
+"""An environment's configuration in a run's files: JSON, and beside it one file for each field that holds an object.
+
+Such a file, `FIELD.safetensors`, has the arrays of the object as tensors, and the rest as JSON in its metadata: a list
+of objects that refer to arrays by name and to earlier objects by number. The last one is the value of the field.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, create_model
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
+
+from mapf_pz.config import EnvConfig, HeadingName
+from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.instances.sources import FixedMap, FixedScenario, InstanceList
+from mapf_pz.types import FormatError, Grid, Instance, Scenario
+
+OBJECT_FIELDS = ("map", "scenario", "edge_weights", "source")
+"""The fields of `EnvConfig` that may hold an object."""
+_TYPES = {
+    kind.__name__: kind for kind in (GuidanceGraph, Grid, Scenario, Instance, FixedMap, FixedScenario, InstanceList)
+}
+_DAMAGE = (
+    *(SafetensorError, OSError, ValueError, TypeError, LookupError, AttributeError),
+    *(OverflowError, RecursionError, MemoryError),
+)
+
+
+class _StoredPath(BaseModel):
+    """A `Path`, which unlike a `str` is never a name."""
+
+    path: str
+
+
+@cache
+def _stored_form() -> type[BaseModel]:
+    """Return the model of the JSON: the fields of `EnvConfig`, where names of files stand for objects."""
+    hints = get_type_hints(EnvConfig) | {
+        "map": str | _StoredPath | None,
+        "scenario": str | _StoredPath | None,
+        "edge_weights": str,
+        "source": str | None,
+        "initial_heading": HeadingName | tuple[int, ...],
+    }
+    fields: dict[str, Any] = {name: (hint, ...) for name, hint in hints.items()}
+    return create_model("EnvConfig", __config__=ConfigDict(extra="forbid"), **fields)
+
+
+def complaint(error: ValidationError) -> str:
+    """Return the first thing that is wrong, in one line that begins with its place."""
+    first = error.errors()[0]
+    unknown = first["type"] in ("unexpected_keyword_argument", "extra_forbidden")
+    message = "unknown field; a run of another version must be trained again" if unknown else first["msg"]
+    return f"{'.'.join(map(str, first['loc']))}: {message}"
+
+
+def object_file(field: str) -> str:
+    """Return the name of the file of a field that holds an object."""
+    return f"{field}.safetensors"
+
+
+def dump_env(config: EnvConfig) -> dict[str, Any]:
+    """Return the fields as the JSON has them."""
+    fields = config.keywords() | {"reward": config.reward}
+    for name in OBJECT_FIELDS:
+        if isinstance(fields[name], Path):
+            fields[name] = _StoredPath(path=str(fields[name]))
+        elif fields[name] is not None and not isinstance(fields[name], str):
+            fields[name] = object_file(name)
+    return _stored_form()(**fields).model_dump(mode="json")
+
+
+def load_env(stored: Any, info: ValidationInfo) -> EnvConfig:
+    """Return the configuration; `info.context` is the folder of the files beside the JSON, None where there are none.
+
+    Raises `ValueError` for fields that are not allowed, and `FormatError` for damaged files.
+    """
+    try:
+        form = _stored_form().model_validate(stored)
+    except ValidationError as error:
+        raise ValueError(complaint(error)) from None
+    fields = {name: getattr(form, name) for name in type(form).model_fields}
+    for name in OBJECT_FIELDS:
+        if isinstance(fields[name], _StoredPath):
+            fields[name] = Path(fields[name].path)
+        elif fields[name] == object_file(name) and info.context is not None:
+            fields[name] = _read_object(info.context / object_file(name))
+    return EnvConfig(**fields)
+
+
+def object_files(config: EnvConfig) -> dict[str, bytes]:
+    """Return the content of the files beside the JSON, by name; raises `ValueError` for an object of another type."""
+    files: dict[str, bytes] = {}
+    for name in OBJECT_FIELDS:
+        value = getattr(config, name)
+        if value is not None and not isinstance(value, (str, Path)):
+            try:
+                files[object_file(name)] = _written(value)
+            except TypeError as error:
+                raise ValueError(f"{name}: {error}") from None
+    return files
+
+
+def _written(value: object) -> bytes:
+    objects: list[dict[str, Any]] = []
+    arrays: dict[str, np.ndarray] = {}
+    numbers: dict[int, int] = {}
+
+    def write(part: Any) -> Any:
+        if part is None or isinstance(part, (str, int)):
+            return part
+        if isinstance(part, np.ndarray):
+            arrays[f"array_{len(arrays)}"] = np.ascontiguousarray(part)
+            return {"array": f"array_{len(arrays) - 1}"}
+        if isinstance(part, tuple):
+            return list(map(write, part))
+        if id(part) not in numbers:
+            kind = type(part)
+            if _TYPES.get(kind.__name__) is not kind:
+                advice = "random maps are set by height, width and density of the task"
+                raise TypeError(f"a run cannot save a {kind.__name__}, only {', '.join(_TYPES)}; {advice}")
+            made = {field.name: write(getattr(part, field.name)) for field in dataclasses.fields(kind) if field.init}
+            objects.append({"type": kind.__name__, "fields": made})
+            numbers[id(part)] = len(objects) - 1
+        return {"object": numbers[id(part)]}
+
+    write(value)
+    return save(arrays, {"objects": json.dumps(objects)})
+
+
+def _read_object(file: Path) -> Any:
+    """Return the object that a file holds; raises `FormatError` where it is missing or damaged."""
+    objects: list[Any] = []
+
+    def read(stored: Any, tensors: Any) -> Any:
+        if isinstance(stored, list):
+            return tuple(read(part, tensors) for part in stored)
+        if not isinstance(stored, dict):
+            return stored
+        return tensors.get_tensor(stored["array"]) if "array" in stored else objects[stored["object"]]
+
+    try:
+        with safe_open(str(file), "np") as tensors:
+            for entry in json.loads(tensors.metadata()["objects"]):
+                made = {name: read(stored, tensors) for name, stored in entry["fields"].items()}
+                objects.append(_TYPES[entry["type"]](**made))
+        return objects[-1]
+    except _DAMAGE as error:
+        raise FormatError(file, f"not a saved value of {file.stem}: {' '.join(str(error).split())}") from None

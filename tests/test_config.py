@@ -1,0 +1,104 @@
+"""`EnvConfig`: changed copies, equality by value, and the names that it knows."""
+
+import dataclasses
+from functools import partial
+from typing import get_args
+
+import numpy as np
+import pytest
+
+import mapf_pz
+from mapf_pz import EnvConfig, Grid, GuidanceGraph, Instance, Scenario
+from mapf_pz.config import ChannelName, FeatureName
+from mapf_pz.core.channels import CHANNELS
+from mapf_pz.core.features import FEATURES
+from mapf_pz.instances import FixedMap, FixedScenario, InstanceList, RandomMaps, RandomObstacles, generate
+
+FREE = np.ones((3, 4), np.bool_)
+WALL = np.array([[True, False, True, True]] * 3)
+
+
+def test_the_names_in_a_configuration_are_those_of_the_kernels():
+    assert get_args(ChannelName) == tuple(CHANNELS)
+    assert get_args(FeatureName) == tuple(FEATURES)
+
+
+def test_defaults_follow_the_action_model_of_a_changed_copy():
+    rotate = EnvConfig()
+    cardinal = dataclasses.replace(rotate, action_model="cardinal")
+    assert (rotate.resolved_view, rotate.resolved_frame) == ("front", "egocentric")
+    assert (cardinal.resolved_view, cardinal.resolved_frame) == ("centered", "map")
+    assert dataclasses.replace(cardinal, action_model="rotate") == rotate
+    env = mapf_pz.MapfEnv(dataclasses.replace(rotate, action_model="cardinal"))
+    assert env.action_space("agent_0").n == 5
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"channels": ("nonsense",)}, "channels: unknown 'nonsense', expected names out of view, "),
+        ({"features": ("last_action",)}, "features: unknown 'last_action', expected names out of goal_vector, "),
+        ({"channels": ()}, "channels: expected at least one of view, "),
+        ({"initial_heading": [0, 9]}, r"initial_heading=\[0, 9\]: expected 'random', 'east', or N numbers 0 to 3"),
+    ],
+)
+def test_a_configuration_is_checked_when_it_is_made(fields, message):
+    with pytest.raises(ValueError, match=message):
+        EnvConfig(**fields)
+
+
+def make_instance(free=FREE, start=(0, 0), headings=None):
+    return Instance(Grid(free), Scenario([start], [[0, 3]]), headings)
+
+
+DIFFERENT = [
+    {},
+    {"max_steps": 7},
+    {"map": "empty-8-8"},
+    {"map": FREE},
+    {"map": WALL},
+    {"map": Grid(FREE, "hall")},
+    {"map": FREE, "scenario": Scenario([[0, 0]], [[0, 3]])},
+    {"map": FREE, "scenario": Scenario([[0, 0]], [[0, 2]])},
+    {"map": FREE, "scenario": Scenario([[0, 0]], [[[0, 2], [0, 1]]], [1])},
+    {"initial_heading": [0, 1]},
+    {"initial_heading": [1, 0]},
+    {"edge_weights": GuidanceGraph.uniform(FREE)},
+    {"edge_weights": GuidanceGraph.crisscross(FREE)},
+    {"source": RandomObstacles(6, 6, 0.1, 2)},
+    {"source": RandomObstacles(6, 6, 0.2, 2)},
+    {"source": FixedMap(Grid(FREE), 2)},
+    {"source": FixedMap(Grid(WALL), 2)},
+    {"source": FixedScenario(Grid(FREE), Scenario([[0, 0]], [[0, 3]]), 1)},
+    {"source": InstanceList([make_instance()])},
+    {"source": InstanceList([make_instance(start=(1, 0))])},
+    {"source": InstanceList([make_instance(headings=[2])])},
+    {"source": RandomMaps(partial(generate.random, 6, 6, 0.1), 2)},
+    {"source": RandomMaps(partial(generate.random, 6, 6, 0.2), 2)},
+]
+
+
+def copied(value):
+    """Return an equal value that shares no array."""
+    if isinstance(value, np.ndarray):
+        return value.copy()
+    if isinstance(value, partial):
+        return partial(value.func, *value.args, **value.keywords)
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        made = {field.name: copied(getattr(value, field.name)) for field in dataclasses.fields(value) if field.init}
+        return type(value)(**made)
+    return tuple(map(copied, value)) if isinstance(value, tuple) else value
+
+
+@pytest.mark.parametrize("first", range(len(DIFFERENT)))
+def test_configurations_are_equal_by_value(first):
+    config = EnvConfig(**DIFFERENT[first])
+    for second, fields in enumerate(DIFFERENT):
+        other = EnvConfig(**{name: copied(value) for name, value in fields.items()})
+        assert (config == other) == (first == second)
+        assert (hash(config) == hash(other)) == (first == second)
+
+
+def test_configurations_are_made_of_their_keywords():
+    config = EnvConfig(map=FREE, num_agents=2, view_size=(3, 3), features=["time"])
+    assert EnvConfig(**config.keywords()) == config
