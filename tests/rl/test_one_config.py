@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import mapf_pz
-from mapf_pz import EnvConfig, Grid, GuidanceGraph, Instance, Scenario
+from mapf_pz import Grid, GuidanceGraph, Instance, Scenario
 from mapf_pz.instances import FixedMap, FixedScenario, InstanceList
 from mapf_pz.rl import config as rl_config
 from mapf_pz.rl import load_policy, train
