@@ -29,6 +29,10 @@ from mapf_pz.rl.train import resume as resume_policy
 EPISODE_FILE = "episode.gif"
 SUITES = {"quickstart": "quickstart", "central-ppo": "central-4", "central-ppo-8": "central-8"}
 """The suites that presets are evaluated on afterwards; the others on `standard`."""
+SHOWN = ("CSR", "ISR", "throughput", "return")
+"""Means of training episodes beside the progress bar, those that the run has."""
+RULES = ("on_target", "collision_system")
+"""Keywords under which a policy is evaluated as it was trained, where the suite does not set them."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +81,7 @@ def train(run: Run) -> None:
 
 def _train(run: Run) -> None:
     config = _config_of(run)
-    trials = () if run.evaluate == "none" else load_suite(run.evaluate)
+    trials = () if run.evaluate == "none" else [_by_rules_of(config, trial) for trial in load_suite(run.evaluate)]
     for trial in trials:
         _check_fits(config, trial)
     if isinstance(run, TrainOptions) and not run.overwrite:
@@ -100,6 +104,11 @@ def _config_of(run: Run) -> TrainConfig:
         return run.config
     config = load_config(run.output / CONFIG)
     return config if run.agent_steps is None else replace(config, agent_steps=run.agent_steps)
+
+
+def _by_rules_of(config: TrainConfig, trial: Trial) -> Trial:
+    """Return the trial under the rules that the policy is trained with."""
+    return trial.but(keywords={name: getattr(config.task.env, name) for name in RULES} | trial.keywords)
 
 
 def _check_fits(config: TrainConfig, trial: Trial) -> None:
@@ -145,7 +154,7 @@ def _progress_bar(agent_steps: int) -> Generator[Callable[[dict[str, float]], No
         task = bar.add_task("training", total=agent_steps, means="")
 
         def show(row: dict[str, float]) -> None:
-            means = "  ".join(f"{key} {row[key]:.2f}" for key in ("CSR", "ISR", "return"))
+            means = "  ".join(f"{key} {row[key]:.2f}" for key in SHOWN if key in row)
             speed = f"{row['agent_steps_per_second']:,.0f} steps/s"
             bar.update(task, completed=row["agent_steps"], means=f"{speed}  {means}")
 

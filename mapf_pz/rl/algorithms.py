@@ -115,6 +115,7 @@ class MultiAgentPPO(Algorithm):
             action=("agents", "action"),
             reward=self.reward_key,
             sample_log_prob=("agents", "action_log_prob"),
+            **_end_keys(self.config),
         )
         loss.make_value_estimator(ValueEstimators.MAGAE, **_estimation(self.config.ppo))
         return loss
@@ -194,6 +195,7 @@ class CentralPPO(Algorithm):
             action=("team", "action"),
             reward=self.reward_key,
             sample_log_prob=("team", "action_log_prob"),
+            **(_end_keys(config) if self._each else {}),
         )
         estimator = ValueEstimators.MAGAE if self._each else ValueEstimators.GAE
         loss.make_value_estimator(estimator, **_estimation(config.ppo))
@@ -207,6 +209,13 @@ class CentralPPO(Algorithm):
 
 ALGORITHMS: dict[AlgorithmName, type[Algorithm]] = {"mappo": MAPPO, "ippo": IPPO, "central-ppo": CentralPPO}
 """The algorithms by name."""
+
+
+def _end_keys(config: TrainConfig) -> dict[str, NestedKey]:
+    """Return where it is said which agents' episodes ended, if they end one by one: see `Learner.learn`."""
+    if config.task.env.on_target != "finish":
+        return {}
+    return {"done": ("agents", "done"), "terminated": ("agents", "terminated")}
 
 
 def _coefficients(ppo: PPOConfig) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import torch
 from gymnasium import spaces
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
-from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
+from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded, UnboundedDiscrete
 from torchrl.envs import EnvBase
 
 from mapf_pz.config import EnvConfig
@@ -25,6 +25,8 @@ class BatchedMapfEnv(EnvBase):
     | `("agents", "observation")` | (B, N, K, h, w) float32 | with `features`: its entries `image` and `features` |
     | `("agents", "action_mask")` | (B, N, A) bool | what the map allows |
     | `("agents", "at_goal")` | (B, N, 1) bool | the last step ended on the agent's goal |
+    | `("agents", "arrivals")` | (B, N, 1) int64 | goals reached in this episode (with `nothing`: 0 or 1) |
+    | `("agents", "active")` | (B, N, 1) bool | False for agents that have disappeared |
     | `("agents", "position")` | (B, N, 2) int64 | [row, col]; -1 for agents that have disappeared |
     | `("agents", "action")` | (B, N) int64 | |
     | `("agents", "reward")` | (B, N, 1) float32 | |
@@ -58,6 +60,8 @@ class BatchedMapfEnv(EnvBase):
             observation=_observation_spec(self.simulator.layout.space(), each),
             action_mask=Binary(num_actions, shape=torch.Size([*each, num_actions]), dtype=torch.bool),
             at_goal=Binary(1, shape=one, dtype=torch.bool),
+            arrivals=UnboundedDiscrete(shape=one, dtype=torch.int64),
+            active=Binary(1, shape=one, dtype=torch.bool),
             position=Bounded(-1, max(self.simulator.shape) - 1, shape=torch.Size([*each, 2]), dtype=torch.int64),
             shape=each,
         )
@@ -119,6 +123,8 @@ class BatchedMapfEnv(EnvBase):
             "observation": observation,
             "action_mask": torch.from_numpy(seen.action_mask.view(np.bool_)),
             "at_goal": torch.from_numpy(agents["at_goal"].copy()).unsqueeze(-1),
+            "arrivals": torch.from_numpy(agents["arrivals"].astype(np.int64)).unsqueeze(-1),
+            "active": torch.from_numpy(agents["active"].copy()).unsqueeze(-1),
             "position": torch.from_numpy(position),
         }
 

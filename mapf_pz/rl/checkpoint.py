@@ -36,8 +36,8 @@ class Position:
     """Updates done, and rows of progress written."""
     agent_steps: int = 0
     """Steps of all agents together."""
-    CSR: float = 0.0
-    """Mean over the latest training episodes, 0 to 1; the highest makes the best checkpoint."""
+    score: float = 0.0
+    """Mean CSR, or throughput of lifelong episodes, over the latest training episodes; the highest is the best."""
 
 
 class Checkpoints:
@@ -46,7 +46,7 @@ class Checkpoints:
     def __init__(self, run: Path) -> None:
         """Refer to the checkpoints of the run in the folder `run`; there may be none yet."""
         self.folder = run / FOLDER
-        self._rotation = CheckpointRotation(self.folder, keep_last=2, keep_best=("CSR", "max"), prefix=PREFIX)
+        self._rotation = CheckpointRotation(self.folder, keep_last=2, keep_best=("score", "max"), prefix=PREFIX)
 
     def latest(self) -> Path:
         """Return the newest checkpoint; raises `FileNotFoundError` where there is none."""

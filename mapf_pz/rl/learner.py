@@ -14,6 +14,9 @@ from mapf_pz.rl.algorithms import Algorithm
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.curiosity import make_curiosity
 
+LOSS_MASK = "shifted_valid"
+"""TorchRL's key: what it marks as False counts neither in a loss nor in the normalization of advantages."""
+
 
 class Learner:
     """Proximal policy optimization on whole batches; torch's random numbers belong to its state."""
@@ -43,6 +46,9 @@ class Learner:
         """
         self._anneal(done)
         batch = batch.to(self._device)
+        agents_end = self.config.task.env.on_target == "finish" and self._reward_key == ("agents", "reward")
+        if agents_end:
+            _note_ends(batch)
         told = (
             {} if self.curiosity is None else {"intrinsic_reward": self.curiosity.add_reward(batch, self._reward_key)}
         )
@@ -52,6 +58,8 @@ class Learner:
                 params=self.loss.critic_network_params,
                 target_params=self.loss.target_critic_network_params,
             )
+        if agents_end:
+            batch.set(LOSS_MASK, batch.get(("agents", "active")))
         self._buffer.empty()
         self._buffer.extend(
             batch.reshape(self.config.ppo.num_envs, -1) if self.config.model.recurrent else batch.reshape(-1)
@@ -112,6 +120,18 @@ class Learner:
             nn.utils.clip_grad_norm_(module.parameters(), self.config.ppo.max_grad_norm)
         self.optimizer.step()
         return told
+
+
+def _note_ends(batch: TensorDictBase) -> None:
+    """Set each agent's own `done` and `terminated`: the episode of an agent that disappears ends there.
+
+    Its later steps observe zeros and have no effect, so `LOSS_MASK` excludes them. (One action and one advantage of the
+    whole team cannot be masked by agent; there, the action's rows of such agents are noise without a bias.)
+    """
+    after = batch.get("next")
+    gone = ~after.get(("agents", "active"))
+    for flag in ("done", "terminated"):
+        after.set(("agents", flag), gone | after.get(flag).unsqueeze(-2))
 
 
 def _make_buffer(config: TrainConfig, device: torch.device) -> TensorDictReplayBuffer:

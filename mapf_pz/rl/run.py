@@ -23,7 +23,13 @@ PROGRESS, CURVE, TENSORBOARD = "progress.csv", "learning_curve.png", "tensorboar
 RUN_FILES = (*CONFIG_FILES, WEIGHTS, PROGRESS, CURVE, FOLDER, TENSORBOARD)
 """Everything that a run writes into its folder."""
 RECENT_EPISODES = 100
-"""Training episodes whose mean CSR tells which checkpoint is the best."""
+"""Number of latest training episodes whose mean CSR, or throughput, decides which checkpoint is the best."""
+CURVES = {
+    "CSR": "all agents at their goals (CSR)",
+    "ISR": "agents at their goals (ISR)",
+    "throughput": "goals per step (throughput)",
+}
+"""Columns of the progress file that the learning curve shows, if they are there, and their labels."""
 
 
 class RunFolder:
@@ -88,7 +94,7 @@ class RunFolder:
         """Write a checkpoint if the latest is at least `interval` agent steps old."""
         if not self._rows or self._rows[-1]["agent_steps"] < self._saved.agent_steps + interval:
             return
-        position = Position(len(self._rows), int(self._rows[-1]["agent_steps"]), self._recent_csr())
+        position = Position(len(self._rows), int(self._rows[-1]["agent_steps"]), self._recent_score())
         self.checkpoints.save(learner, position)
         self._saved = position
 
@@ -113,15 +119,16 @@ class RunFolder:
                 if not math.isnan(value):
                     self._tensorboard.log_scalar(name, value, int(row["agent_steps"]))
 
-    def _recent_csr(self) -> float:
-        """Return the mean CSR over the rows with the latest episodes, or 0 where no episode has ended."""
-        episodes = solved = 0.0
+    def _recent_score(self) -> float:
+        """Return the mean CSR or throughput over the rows with the latest episodes, or 0 if no episode has ended."""
+        episodes = total = 0.0
         for row in reversed(self._rows):
             if row["episodes"]:
-                episodes, solved = episodes + row["episodes"], solved + row["CSR"] * row["episodes"]
+                score = row["throughput"] if "throughput" in row else row["CSR"]
+                episodes, total = episodes + row["episodes"], total + score * row["episodes"]
             if episodes >= RECENT_EPISODES:
                 break
-        return solved / episodes if episodes else 0.0
+        return total / episodes if episodes else 0.0
 
     def _draw_curve(self) -> None:
         from matplotlib.figure import Figure
@@ -129,12 +136,14 @@ class RunFolder:
         figure = Figure(figsize=(7, 4), layout="constrained")
         rates = figure.add_subplot()
         steps = [row["agent_steps"] / 1e6 for row in self._rows]
-        for key, label in (("CSR", "all agents at their goals (CSR)"), ("ISR", "agents at their goals (ISR)")):
+        shown = {key: label for key, label in CURVES.items() if key in self._rows[0]}
+        for key, label in shown.items():
             rates.plot(steps, [row[key] for row in self._rows], label=label)
         returns = rates.twinx()
         returns.plot(steps, [row["return"] for row in self._rows], color="0.7", zorder=0)
         returns.set_ylabel("return of an agent's episode", color="0.5")
-        rates.set(xlabel="million agent steps", ylabel="share of training episodes", ylim=(0, 1.02))
+        lifelong = "throughput" in shown
+        rates.set(xlabel="million agent steps", ylabel="training episodes", ylim=(0, None if lifelong else 1.02))
         rates.legend(loc="lower right")
         with replacing(self.path / CURVE) as beside:
             figure.savefig(beside, dpi=150)

@@ -180,7 +180,7 @@ def _updates(
             "seconds": seconds,
             "agent_steps_per_second": agent_steps / seconds,
             **_shares(watch.lap()),
-            **episode_means(batch.get("next"), batch.get(("next", "done"))),
+            **episode_means(config.task, batch.get("next"), batch.get(("next", "done"))),
             **losses,
             **validation.after(agent_steps, last=update + 1 == config.num_updates),
         }

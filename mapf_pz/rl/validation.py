@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import torch
-from tensordict import TensorDictBase, stack
+from tensordict import NestedKey, TensorDictBase, stack
 from torch import Tensor
 from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
 
+from mapf_pz.config import OnTarget
 from mapf_pz.rl.algorithms import Algorithm
 from mapf_pz.rl.collect import MakeEnv
-from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.config import TaskConfig, TrainConfig
 
-_NAMES = ("CSR", "ISR", "return")
+MEANS: dict[OnTarget, tuple[str, ...]] = {
+    "nothing": ("CSR", "ISR", "return"),
+    "finish": ("CSR", "ISR", "return"),
+    "restart": ("throughput", "return"),
+}
+"""What is reported of episodes: in lifelong ones nothing is ever solved, so that the goals reached count."""
 FIRST_SEED = 2_000_000
 """Of the validation instances; those of runs with seeds far below are others."""
 
@@ -34,12 +40,12 @@ class Validation:
         if not self._config.validation_interval:
             return {}
         if agent_steps < self._due and not last:
-            return {f"validation_{name}": float("nan") for name in _NAMES}
+            return {f"validation_{name}": float("nan") for name in MEANS[self._config.task.env.on_target]}
         self._due = agent_steps + self._config.validation_interval
         return self.measure()
 
     def measure(self) -> dict[str, float]:
-        """Play the episodes and return the means of CSR, ISR and return, named `validation_...`."""
+        """Play the episodes and return their means, those of `MEANS`, named `validation_...`."""
         if self._env is None:
             self._env = MakeEnv(self._algorithm, self._config, FIRST_SEED, self._config.validation_episodes)()
         self._env.set_seed(FIRST_SEED)
@@ -48,7 +54,7 @@ class Validation:
         with torch.random.fork_rng(gpus), torch.no_grad(), set_exploration_type(ExplorationType.RANDOM):
             torch.manual_seed(FIRST_SEED)
             means = self._play(self._env, device)
-        return {f"validation_{name}": means[name] for name in _NAMES}
+        return {f"validation_{name}": means[name] for name in MEANS[self._config.task.env.on_target]}
 
     def _play(self, env: EnvBase, device: torch.device) -> dict[str, float]:
         """Return the means over each environment's first episode; the actor is on `device`."""
@@ -58,23 +64,31 @@ class Validation:
         ended: list[Tensor] = []
         for _ in range(self._config.task.env.max_steps):
             step, now = env.step_and_maybe_reset(self._algorithm.actor(now.to(device)).to(env.device))
-            steps.append(step["next"].select("done", "terminated", ("agents", "at_goal"), ("agents", "episode_reward")))
+            steps.append(step["next"].select("done", "terminated", *_AGENTS))
             ended.append(steps[-1]["done"] & ~over)
             over = over | ended[-1]
-        return episode_means(stack(steps, 0), torch.stack(ended))
+        return episode_means(self._config.task, stack(steps, 0), torch.stack(ended))
 
 
-def episode_means(after: TensorDictBase, ended: Tensor) -> dict[str, float]:
-    """Return the means over the episodes that ended; nan where none did.
+_AGENTS: list[NestedKey] = [("agents", name) for name in ("at_goal", "arrivals", "episode_reward")]
+
+
+def episode_means(task: TaskConfig, after: TensorDictBase, ended: Tensor) -> dict[str, float]:
+    """Return the number of episodes that ended and their means, those of `MEANS`; nan where none did.
+
+    Throughput is the number of goals that all agents together reach per step.
 
     Args:
+        task: what the episodes are of.
         after: what steps led to, (..., 1).
         ended: bool (..., 1), the steps to count.
     """
     chosen = ended.squeeze(-1)
-    return {
-        "episodes": float(ended.sum()),
-        "CSR": float(after.get("terminated")[chosen].float().mean()),
-        "ISR": float(after.get(("agents", "at_goal"))[chosen].float().mean()),
-        "return": float(after.get(("agents", "episode_reward"))[chosen].mean()),
+    at_goal, arrivals, rewards = (after.get(key)[chosen].float() for key in _AGENTS)
+    means = {
+        "CSR": after.get("terminated")[chosen].float().mean(),
+        "ISR": (arrivals > 0 if task.env.on_target == "finish" else at_goal).float().mean(),
+        "throughput": arrivals.sum(-2).mean() / task.env.max_steps,
+        "return": rewards.mean(),
     }
+    return {"episodes": float(ended.sum())} | {name: float(means[name]) for name in MEANS[task.env.on_target]}
