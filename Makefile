@@ -5,7 +5,7 @@
 # make docs    builds the documentation: site/index.html
 # make wheel   builds the source archive and the wheel, and tries them outside of this tree
 # make results   measures the documentation's result tables again
-# make soak, make faults, make coverage, make mutation, make mutation-sample, make record-pogema   see docs/trust.md
+# make soak, make faults, make coverage, make mutation, make mutation-sample, make record-pogema   see docs/verification.md
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -36,12 +36,12 @@ docs: .venv/installed
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 figures: .venv/installed
-	$(BIN)/python docs/figures.py
-	$(BIN)/python docs/concept_figures.py
-	$(BIN)/python docs/screenshots.py
+	$(BIN)/python experiments/figures.py
+	$(BIN)/python experiments/concept_figures.py
+	$(BIN)/python experiments/screenshots.py
 
 reproduction: .venv/installed
-	$(BIN)/python docs/reproduction.py
+	$(BIN)/python experiments/reproduction.py
 
 # Hours; MAPF_PZ_BENCHMARK names the folders of benchmark data. Resumes where it was stopped.
 results: .venv/installed

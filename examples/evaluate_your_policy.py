@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from mapf_pz.evaluate import Trial, evaluate, markdown_table
+from mapf_pz.evaluation import EvaluationTask, evaluate, markdown_table
 from mapf_pz.instances import RandomObstacles
 
 
@@ -23,7 +23,9 @@ class Greedy:
 
 
 suite = [
-    Trial("random 12 x 12", num_agents, {"source": RandomObstacles(12, 12, 0.15, num_agents), "max_steps": 96}, 8)
+    EvaluationTask(
+        "random 12 x 12", num_agents, {"source": RandomObstacles(12, 12, 0.15, num_agents), "max_steps": 96}, 8
+    )
     for num_agents in (2, 8)
 ]
 episodes = evaluate({"greedy": Greedy(), "pibt": "pibt", "random": "random"}, suite)

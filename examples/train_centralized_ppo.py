@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from mapf_pz.evaluate import Trial, evaluate
+from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.config import TrainConfig
@@ -42,8 +42,8 @@ def main(example: Example) -> None:
         on_progress=lambda row: print(f"{row['agent_steps']:9.0f} CSR {row['CSR']:.2f}"),
     )
     maps = RandomObstacles(height=8, width=8, density=0.1, num_agents=4)
-    trial = Trial("8 x 8", 4, {"source": maps, "max_steps": 64}, example.episodes)
-    solved = [episode.metrics["CSR"] for episode in evaluate({"central": load_policy(example.output)}, [trial])]
+    task = EvaluationTask("8 x 8", 4, {"source": maps, "max_steps": 64}, example.episodes)
+    solved = [episode.metrics["CSR"] for episode in evaluate({"central": load_policy(example.output)}, [task])]
     print(f"CSR on {example.episodes} unseen maps: {np.mean(solved):.2f}")
 
 

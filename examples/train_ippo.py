@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from mapf_pz.evaluate import Trial, evaluate
-from mapf_pz.evaluate.report import interval
+from mapf_pz.evaluation import EvaluationTask, evaluate
+from mapf_pz.evaluation.report import interval
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.presets import PRESETS
@@ -33,10 +33,10 @@ def main(example: Example) -> None:
     policy = load_policy(example.output)
     for num_agents in (8, 16, 32):
         maps = RandomObstacles(height=20, width=20, density=0.15, num_agents=num_agents)
-        trial = Trial("20 x 20", num_agents, {"source": maps, "max_steps": 160}, example.episodes)
-        shares = [episode.metrics["ISR"] for episode in evaluate({"ippo": policy}, [trial])]
+        task = EvaluationTask("20 x 20", num_agents, {"source": maps, "max_steps": 160}, example.episodes)
+        shares = [episode.metrics["ISR"] for episode in evaluate({"ippo": policy}, [task])]
         low, high = interval(shares)
-        print(f"{trial.name}: ISR {np.mean(shares):.3f} [{low:.3f}, {high:.3f}]")
+        print(f"{task.name}: ISR {np.mean(shares):.3f} [{low:.3f}, {high:.3f}]")
 
 
 if __name__ == "__main__":

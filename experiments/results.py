@@ -25,14 +25,14 @@ import numpy as np
 import tyro
 
 from experiments.tables import TABLES, Results, ResultTable, markdown
-from mapf_pz.evaluate import Episode, Trial, evaluate, load_suite
-from mapf_pz.evaluate.figures import draw_figures
-from mapf_pz.evaluate.published import METRICS, PublishedEpisode, check_possible, load_published
-from mapf_pz.evaluate.report import grouped, interval
-from mapf_pz.evaluate.results import discard
-from mapf_pz.files import write_whole
+from mapf_pz.evaluation import Episode, EvaluationTask, evaluate, load_suite
+from mapf_pz.evaluation.figures import draw_figures
+from mapf_pz.evaluation.published import METRICS, PublishedEpisode, check_possible, load_published
+from mapf_pz.evaluation.report import grouped, interval
+from mapf_pz.evaluation.results import discard
 from mapf_pz.instances.library import benchmark_file
 from mapf_pz.instances.pogema import load_pogema, pogema_keys
+from mapf_pz.io.atomic import write_whole
 
 ROOT = Path(__file__).parents[1]
 FILES = ROOT / "docs" / "results"
@@ -115,15 +115,15 @@ def check() -> None:
 def differences(table: ResultTable) -> Iterator[str]:
     """Play the table's quick samples again; yield a line for each whose result is another."""
     results = load_results(table.suite)
-    trials = {(trial.family, trial.num_agents): trial for trial in load_suite(table.suite)}
+    tasks = {(task.family, task.num_agents): task for task in load_suite(table.suite)}
     for sample in results["samples"]:
         if sample["runtime"] > QUICK:
             continue
         policy, number = sample["policy"], sample["episode"]
-        trial = trials[sample["about"], sample["num_agents"]]
-        metrics = _comparable(_play(policy, trial, number).metrics)
+        task = tasks[sample["about"], sample["num_agents"]]
+        metrics = _comparable(_play(policy, task, number).metrics)
         if metrics != sample["metrics"]:
-            yield f"{policy}, {trial.name}, episode {number}: {metrics} instead of {sample['metrics']}"
+            yield f"{policy}, {task.name}, episode {number}: {metrics} instead of {sample['metrics']}"
 
 
 def load_results(suite: str) -> Results:
@@ -131,10 +131,10 @@ def load_results(suite: str) -> Results:
     return json.loads((FILES / f"{suite}.json").read_text("utf-8"))
 
 
-def _play(policy: str, trial: Trial, number: int) -> Episode:
-    """Play one episode of a trial."""
-    instance = trial.instance(number)
-    alone = trial.but(seed=trial.seed + number, episodes=1, instances=None if instance is None else (instance,))
+def _play(policy: str, task: EvaluationTask, number: int) -> Episode:
+    """Play one episode of a task."""
+    instance = task.instance(number)
+    alone = task.but(seed=task.seed + number, episodes=1, instances=None if instance is None else (instance,))
     return evaluate([policy], [alone])[0]
 
 
@@ -177,7 +177,7 @@ def _mean(values: Sequence[float]) -> dict[str, float]:
 
 
 def _samples(episodes: Sequence[Episode]) -> list[dict[str, Any]]:
-    """Return the first episode of each trial and policy, where it does not depend on the machine."""
+    """Return the first episode of each task and policy, where it does not depend on the machine."""
     return [
         {
             "policy": episode.policy,
@@ -205,10 +205,10 @@ def _published(table: ResultTable) -> list[dict[str, Any]]:
     """Return the means of the published results on the suite's instances, which must be possible there."""
     if table.published is None:
         return []
-    trials = load_suite(table.suite)
-    lifelong = trials[0].keywords.get("on_target") == "restart"
+    tasks = load_suite(table.suite)
+    lifelong = tasks[0].keywords.get("on_target") == "restart"
     file = benchmark_file(f"{table.published}.{'lmapf' if lifelong else 'mapf'}.json")
-    most = max(trial.num_agents for trial in trials)
+    most = max(task.num_agents for task in tasks)
     instances = dict(zip(pogema_keys(file), load_pogema(file, most), strict=True))
     episodes = [
         episode
@@ -216,7 +216,7 @@ def _published(table: ResultTable) -> list[dict[str, Any]]:
         for episode in load_published(csv)
         if episode.lifelong == lifelong
     ]
-    for episode in check_possible(episodes, instances, trials[0].keywords["max_steps"]):
+    for episode in check_possible(episodes, instances, tasks[0].keywords["max_steps"]):
         print(f"impossible, {table.suite}: {episode}", file=sys.stderr)
     groups: dict[tuple[str, int], list[PublishedEpisode]] = {}
     for episode in episodes:

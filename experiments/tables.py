@@ -71,20 +71,20 @@ def by_agents(results: Results, metrics: Sequence[str]) -> list[list[str]]:
     return [["", *map(str, counts)], *body]
 
 
-def by_trial(results: Results, metrics: Sequence[str]) -> list[list[str]]:
-    """Return a table with a row for each trial and a column for each policy."""
+def by_task(results: Results, metrics: Sequence[str]) -> list[list[str]]:
+    """Return a table with a row for each task and a column for each policy."""
     policies = list(dict.fromkeys(row["policy"] for row in results["rows"]))
     cells: dict[str, dict[str, str]] = {}
     for row in results["rows"]:
-        trial = f"{row['about']}, {row['num_agents']} agents"
-        cells.setdefault(trial, {})[row["policy"]] = _cell(row, metrics)
-    body = [[trial, *(found.get(policy, "") for policy in policies)] for trial, found in cells.items()]
+        task = f"{row['about']}, {row['num_agents']} agents"
+        cells.setdefault(task, {})[row["policy"]] = _cell(row, metrics)
+    body = [[task, *(found.get(policy, "") for policy in policies)] for task, found in cells.items()]
     return [["", *(f"`{policy}`" for policy in policies)], *body]
 
 
 def by_policy(results: Results, metrics: Sequence[str]) -> list[list[str]]:
-    """Return a table with a row for each policy and a column for each trial."""
-    return [list(row) for row in zip(*by_trial(results, metrics), strict=True)]
+    """Return a table with a row for each policy and a column for each task."""
+    return [list(row) for row in zip(*by_task(results, metrics), strict=True)]
 
 
 def source(results: Results, _: Sequence[str]) -> list[str]:
@@ -98,7 +98,7 @@ def source(results: Results, _: Sequence[str]) -> list[str]:
 
 LAYOUTS: dict[str, Callable[[Results, Sequence[str]], list[list[str]]]] = {
     "agents": by_agents,
-    "trials": by_trial,
+    "tasks": by_task,
     "policies": by_policy,
 }
 

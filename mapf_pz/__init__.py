@@ -12,10 +12,12 @@ import gymnasium
 import pettingzoo
 
 if TYPE_CHECKING:
+    from mapf_pz.actions import Action, CardinalAction, Heading
     from mapf_pz.config import EnvConfig, RewardConfig
     from mapf_pz.environment import MapfEnv, env, parallel_env
+    from mapf_pz.errors import FormatError
     from mapf_pz.guidance import GuidanceGraph
-    from mapf_pz.types import Action, CardinalAction, FormatError, Grid, Heading, Instance, InstanceSource, Scenario
+    from mapf_pz.instance import Grid, Instance, InstanceSource, Scenario
 
 _HOMES = {
     "Action": "types",

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from mapf_pz.types import Floats, Ints
+from mapf_pz.arrays import Floats, Ints
 
 ActionMode = Literal["argmax", "affine", "sigmoid", "softmax"]
 Decoder = Callable[[Floats, np.random.Generator], Ints]

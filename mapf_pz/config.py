@@ -12,8 +12,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mapf_pz.arrays import Bools
 from mapf_pz.guidance import GuidanceGraph
-from mapf_pz.types import Bools, Grid, InstanceSource, Scenario
+from mapf_pz.instance import Grid, InstanceSource, Scenario
 
 ActionModel = Literal["rotate", "cardinal"]
 CollisionSystem = Literal["soft", "priority", "block_both"]

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import parallel_to_aec
 
+from mapf_pz.arrays import Bools, Ints
 from mapf_pz.config import EnvConfig
+from mapf_pz.instance import Instance, Scenario
 from mapf_pz.simulator import Simulator
-from mapf_pz.types import Bools, Instance, Ints, Scenario
 
 AgentObservation: TypeAlias = "NDArray[np.float32] | dict[str, NDArray[np.float32]]"
 AgentInfo: TypeAlias = dict[str, Any]
@@ -128,10 +129,10 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         if not self.agents:
             raise RuntimeError("the episode is over, call reset()")
         self.simulator.step(self._numbers(actions))
-        crew, rows = self._crew, self._rows
+        agents, rows = self._agents, self._rows
         observations, infos = self._observe()
         rewards, terminations, truncations = (
-            dict(zip(self.agents, crew[field][rows].tolist(), strict=True))
+            dict(zip(self.agents, agents[field][rows].tolist(), strict=True))
             for field in ("reward", "terminated", "truncated")
         )
         if any(terminations.values()) or any(truncations.values()):
@@ -178,15 +179,15 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         return slice(None) if len(self.agents) == len(self.possible_agents) else [self._index[a] for a in self.agents]
 
     @property
-    def _crew(self) -> NDArray[np.void]:
+    def _agents(self) -> NDArray[np.void]:
         """(N,) AGENT: the agents' records."""
         return self.simulator.state.agents[0]
 
     def _observe(self) -> tuple[dict[str, AgentObservation], dict[str, AgentInfo]]:
-        seen, crew, rows = self.simulator.observe(), self._crew, self._rows
-        moved = crew["cell"] != crew["was_cell"]
-        flags = (crew["at_goal"], crew["arrived"], crew["blocked"], moved)
-        numbers = (column[rows].tolist() for column in (*(flag.view(np.int8) for flag in flags), crew["arrivals"]))
+        seen, agents, rows = self.simulator.observe(), self._agents, self._rows
+        moved = agents["cell"] != agents["was_cell"]
+        flags = (agents["at_goal"], agents["arrived"], agents["blocked"], moved)
+        numbers = (column[rows].tolist() for column in (*(flag.view(np.int8) for flag in flags), agents["arrivals"]))
         told = zip(self.agents, seen.action_mask[0][rows], *numbers, strict=True)
         infos: dict[str, AgentInfo] = {
             agent: {
@@ -216,15 +217,15 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         height, width = simulator.shape
         planes = np.zeros((len(STATE_PLANES), height, width), np.float32)
         flat = planes.reshape(len(STATE_PLANES), -1)
-        crew = self._crew[self._crew["active"]]
-        cells, angles = crew["cell"], crew["heading"] * (np.pi / 2)
+        agents = self._agents[self._agents["active"]]
+        cells, angles = agents["cell"], agents["heading"] * (np.pi / 2)
         scale = (height + width) * simulator.world.mean_weight[state.map[0]]
         flat[0] = simulator.world.obstacle[state.map[0], :-1]
         flat[1, cells] = 1
         flat[2, cells] = np.sin(angles)
         flat[3, cells] = np.cos(angles)
-        flat[4, crew["goal"]] = 1
-        flat[5, cells] = np.minimum(simulator.distance_to_go(0)[self._crew["active"]] / scale, 1)
+        flat[4, agents["goal"]] = 1
+        flat[5, cells] = np.minimum(simulator.distance_to_go(0)[self._agents["active"]] / scale, 1)
         flat[6] = min(state.time[0] / self.config.max_steps, 1)
         return planes
 
@@ -275,7 +276,7 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
     def scene(self) -> tuple[Ints, Ints | None, Ints, Bools]:
         """Return what pictures show: positions (N, 2), headings (N,) or None, goals (N, 2), who is active (N,)."""
         headings = self.headings if self.config.action_model == "rotate" else None
-        return self.positions, headings, self.goals, self._crew["active"].copy()
+        return self.positions, headings, self.goals, self._agents["active"].copy()
 
     @property
     def positions(self) -> Ints:
@@ -290,7 +291,7 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
     @property
     def headings(self) -> Ints:
         """(N,) int: where each agent looks, a `Heading`; a copy."""
-        return self._crew["heading"].astype(np.int64)
+        return self._agents["heading"].astype(np.int64)
 
     @property
     def grid(self) -> Bools:

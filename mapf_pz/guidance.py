@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mapf_pz.types import HEADING_STEPS, Bools, EqualByValue, Floats, Heading, frozen
+from mapf_pz.actions import HEADING_STEPS, Heading
+from mapf_pz.arrays import Bools, EqualByValue, Floats, frozen
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mapf_pz.arrays import Ints
 from mapf_pz.config import OnTarget
-from mapf_pz.types import Ints
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapf_pz.types import Bools, Ints
+from mapf_pz.arrays import Bools, Ints
 
 
 def check_sharing(neighbors: int, radius: int) -> None:

@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
+from mapf_pz.actions import Action, CardinalAction
+from mapf_pz.arrays import Floats
 from mapf_pz.config import EnvConfig
-from mapf_pz.core.channels import CHANNELS, arrange
-from mapf_pz.core.features import FEATURES
-from mapf_pz.core.observe import observe
-from mapf_pz.core.scene import Scene
-from mapf_pz.core.stage import Sight, make_sight
-from mapf_pz.types import Action, CardinalAction, Floats
+from mapf_pz.core.observation.channels import CHANNELS, channel_layout
+from mapf_pz.core.observation.features import FEATURES
+from mapf_pz.core.observation.inputs import ObservationInputs
+from mapf_pz.core.observation.layers import ViewShape, make_view_shape
+from mapf_pz.core.observation.observe import observe
 
 
 class ObservationLayout:
@@ -27,7 +28,7 @@ class ObservationLayout:
         self.num_actions = len(CardinalAction if config.action_model == "cardinal" else Action)
         self._lengths = [FEATURES[name].length(self.num_actions, config.num_last_actions) for name in config.features]
         self.num_planes = sum(CHANNELS[name].planes for name in config.channels)
-        self._planes = arrange(config.channels)
+        self._planes = channel_layout(config.channels)
         self.num_features = sum(self._lengths)
 
     @property
@@ -56,20 +57,20 @@ class ObservationLayout:
             return image
         return spaces.Dict(image=image, features=spaces.Box(-1, 1, (self.num_features,), np.float32))
 
-    def sight(self) -> Sight:
+    def view_shape(self) -> ViewShape:
         """Return the geometry of the view, as the kernels take it."""
         config = self._config
         row = config.view_size[0] - 1 if config.resolved_view == "front" else config.view_size[0] // 2
-        return make_sight(config.view_size, row, config.resolved_frame == "egocentric", config.see_through_walls)
+        return make_view_shape(config.view_size, row, config.resolved_frame == "egocentric", config.see_through_walls)
 
-    def write(self, num_threads: int, scene: Scene, image: Floats, features: Floats) -> None:
+    def write(self, num_threads: int, inputs: ObservationInputs, image: Floats, features: Floats) -> None:
         """Fill `image` (B, N, K, h * w) and `features` (B, N, F), both float32, with what all agents observe."""
-        observe(num_threads, scene, self._planes, image)
+        observe(num_threads, inputs, self._planes, image)
         at = 0
         for name, length in zip(self._config.features, self._lengths, strict=True):
-            FEATURES[name].write(num_threads, scene, features, at)
+            FEATURES[name].write(num_threads, inputs, features, at)
             at += length
         if self._config.on_target == "finish":
-            gone = ~scene.state.agents["was_active"]
+            gone = ~inputs.state.agents["was_active"]
             image[gone] = 0
             features[gone] = 0

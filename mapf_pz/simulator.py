@@ -8,23 +8,26 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mapf_pz.actions import Heading
+from mapf_pz.arrays import Bools, Floats, Ints
 from mapf_pz.config import EnvConfig, HeadingName, RewardConfig, WeightsName
-from mapf_pz.core import stage, world
-from mapf_pz.core.begin import begin
+from mapf_pz.core import world
+from mapf_pz.core.action_mask import write_masks
 from mapf_pz.core.conflict import COLLISION_SYSTEMS
-from mapf_pz.core.distance import shortest_steps
+from mapf_pz.core.cost_tables import DistanceTables
+from mapf_pz.core.cost_to_go import shortest_steps
 from mapf_pz.core.jit import numba_config
-from mapf_pz.core.mask import write_masks
-from mapf_pz.core.scene import Scene, allocate_notes
-from mapf_pz.core.state import Arena, Rules, allocate_state
+from mapf_pz.core.observation import layers as layers
+from mapf_pz.core.observation.inputs import ObservationInputs, allocate_scratch
+from mapf_pz.core.reset import begin
+from mapf_pz.core.state import PlanningView, Rules, allocate_state
 from mapf_pz.core.step import ON_TARGET, step
-from mapf_pz.core.tables import DistanceTables
 from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.instance import Grid, Instance
 from mapf_pz.instances.configured import goals_per_agent, make_source
 from mapf_pz.instances.place import check_reachable, place
 from mapf_pz.metrics import EpisodeRecord, episode_metrics
 from mapf_pz.observation import ObservationLayout
-from mapf_pz.types import Bools, Floats, Grid, Heading, Instance, Ints
 
 
 class Observation(NamedTuple):
@@ -72,14 +75,14 @@ class Simulator:
         self._goal_counts = np.ones((num_envs, self.num_agents), np.int32)
         self._start_headings = np.zeros((num_envs, self.num_agents), np.int8)
         self._rules = _rules(config, config.rewards)
-        sight, with_edges = self.layout.sight(), "edge_weights" in config.channels
-        self._scene = Scene(
-            sight=sight,
-            rows=tuple(range(sight.height)),
-            columns=tuple(range(sight.width)),
-            stage=stage.allocate_stage(sight, self.shape, len(self._grids), self._num_threads, with_edges),
-            windows=stage.allocate_windows(num_envs, self.num_agents),
-            notes=allocate_notes(self._num_threads, self.num_agents, sight.height * sight.width),
+        view_shape, with_edges = self.layout.view_shape(), "edge_weights" in config.channels
+        self._inputs = ObservationInputs(
+            view_shape=view_shape,
+            rows=tuple(range(view_shape.height)),
+            columns=tuple(range(view_shape.width)),
+            layers=layers.allocate_layers(view_shape, self.shape, len(self._grids), self._num_threads, with_edges),
+            origins=layers.allocate_origins(num_envs, self.num_agents),
+            scratch=allocate_scratch(self._num_threads, self.num_agents, view_shape.height * view_shape.width),
             world=self.world,
             distances=self.tables.arrays,
             state=self.state,
@@ -132,9 +135,9 @@ class Simulator:
         image = np.empty((*each, channels, height * width), np.float32)
         features = np.empty((*each, self.layout.num_features), np.float32)
         mask = np.empty((*each, self.num_actions), np.int8)
-        self.layout.write(self._num_threads, self._scene, image, features)
+        self.layout.write(self._num_threads, self._inputs, image, features)
         write_masks(
-            self._num_threads, self._scene.cardinal, self.world.leads_to, self.state.map, self.state.agents, mask
+            self._num_threads, self._inputs.cardinal, self.world.leads_to, self.state.map, self.state.agents, mask
         )
         return Observation(image.reshape(*each, channels, height, width), features, mask)
 
@@ -142,20 +145,22 @@ class Simulator:
         """Make sure that the cost to go to every agent's goal is known."""
         self.tables.require(self.state.map, self.state.agents["goal"])
 
-    def arena(self, b: int = 0) -> Arena:
+    def planning_view(self, b: int = 0) -> PlanningView:
         """Return environment `b` as planners look at it, with the cost to go to every agent's goal."""
         self.require_distances()
         m = self.state.map[b]
         world, tables, state = self.world, self.tables.arrays, self.state
-        return Arena(
+        return PlanningView(
             world.leads_to[m], world.weight[m], tables.slot[m], tables.to_go, state.agents[b], state.occupant[b]
         )
 
     def distance_to_go(self, b: int) -> Floats:
         """Return the cost to go (N,) float32 of each agent in environment `b`; `inf` where there is no path."""
-        arena = self.arena(b)
-        crew = arena.crew
-        return arena.to_go[arena.slot[crew["goal"]], crew["cell"], crew["heading"] % self._num_headings]
+        planning_view = self.planning_view(b)
+        agents = planning_view.agents
+        return planning_view.to_go[
+            planning_view.slot[agents["goal"]], agents["cell"], agents["heading"] % self._num_headings
+        ]
 
     def grid(self, b: int) -> Grid:
         """Return the map of environment `b`; raises `RuntimeError` before the first reset."""
@@ -170,14 +175,14 @@ class Simulator:
 
     def metrics(self, b: int) -> dict[str, float]:
         """Return the metrics of environment `b` as if its episode ended now: see `mapf_pz.metrics`."""
-        crew = self.state.agents[b]
+        agents = self.state.agents[b]
         return episode_metrics(
             EpisodeRecord(
                 on_target=self.config.on_target,
                 num_steps=int(self.state.time[b]),
                 max_steps=self.config.max_steps,
-                settled=crew["settled"],
-                arrivals=crew["arrivals"],
+                settled=agents["settled"],
+                arrivals=agents["arrivals"],
                 goal_counts=self._goal_counts[b],
                 shortest=self._shortest_steps(b),
             )
@@ -244,14 +249,14 @@ class Simulator:
             return
         self._grids[m] = grid
         world.lay_out(self.world, m, grid.free, self._guidance(grid, rng))
-        self._set_stage(m)
+        self._draw_layers(m)
         self.tables.forget(m)
 
-    def _set_stage(self, m: int) -> None:
+    def _draw_layers(self, m: int) -> None:
         """Draw map `m`, in every copy of its planes."""
-        setting = self._scene.stage
-        for planes in setting.planes if setting.shared else setting.planes[m : m + 1]:
-            stage.lay_out(planes, setting, self.world.weight[m], self.world.obstacle[m])
+        layers_ = self._inputs.layers
+        for planes in layers_.planes if layers_.shared else layers_.planes[m : m + 1]:
+            layers.lay_out(planes, layers_, self.world.weight[m], self.world.obstacle[m])
 
     def _guidance(self, grid: Grid, rng: np.random.Generator) -> GuidanceGraph:
         return GuidanceGraph.random(grid.free, rng) if self._graph is None else self._graph

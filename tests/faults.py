@@ -25,9 +25,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from signal import Signals
 
-from mapf_pz.cli import main
-from mapf_pz.evaluate.results import COLUMNS, EPISODES_FILE
 from tests.evaluate.test_jobs import children_of, is_alive, wait_for
+
+from mapf_pz.cli import main
+from mapf_pz.evaluation.results import COLUMNS, EPISODES_FILE
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 TIMES = {"runtime", "step_ms", "agent_us"}
@@ -185,7 +186,7 @@ def evaluate_words(folder: Path, episodes: int, jobs: int | str = 1) -> list[obj
     return [*EVALUATE.split(), "--episodes", episodes, "--jobs", jobs, "--output", folder]
 
 
-def kill_evaluations(folder: Path, kills: int, episodes: int, draw: random.Random, tally: Tally) -> None:
+def kill_evaluations(folder: Path, kills: int, episodes: int, draw: random.Random, counters: Tally) -> None:
     """Kill an evaluation so many times, each time it goes on, and compare what it comes to with one never killed."""
     out, whole = folder / "killed", folder / "whole"
     assert complete(evaluate_words(whole, episodes)).status == 0
@@ -201,20 +202,20 @@ def kill_evaluations(folder: Path, kills: int, episodes: int, draw: random.Rando
         else:
             end = kill(words, lambda _: len(episode_lines(out)) >= wanted, draw.uniform(0, 0.05), sent, whom)  # noqa: B023
         now = episode_lines(out)
-        tally.resumes += number > 0
+        counters.resumes += number > 0
         lost = len(set(before) - set(now))
-        tally.lost += lost
+        counters.lost += lost
         assert now[: len(before)] == before, f"{lost} episodes are lost"
         if not end.killed:
             break
         check_end("evaluate", end, sent, whom)
-        tally.kills["evaluation", whom, sent.name] += 1
-        tally.written += len(now) - len(before)
+        counters.kills["evaluation", whom, sent.name] += 1
+        counters.written += len(now) - len(before)
         before = now
     assert complete(evaluate_words(out, episodes, 2)).status == 0
-    tally.resumes += 1
+    counters.resumes += 1
     now = episode_lines(out)
-    tally.lost += len(set(before) - set(now))
+    counters.lost += len(set(before) - set(now))
     assert now[: len(before)] == before
     assert untimed(now) == untimed(episode_lines(whole))
     assert (out / "evaluation.md").exists()
@@ -256,7 +257,7 @@ def train_words(folder: Path, updates: int) -> list[object]:
     return ["train", "quickstart", *SMALL.split(), *length, "--evaluate", "none", "--output", folder, "--overwrite"]
 
 
-def kill_trainings(folder: Path, kills: int, updates: int, draw: random.Random, tally: Tally) -> None:
+def kill_trainings(folder: Path, kills: int, updates: int, draw: random.Random, counters: Tally) -> None:
     """Kill a training so many times and resume it each time; check its files after each kill and at its end."""
     run, twin = folder / "run", folder / "twin"
     begin, resume = train_words(run, updates), ["train", "resume", run, "--evaluate", "none"]
@@ -266,7 +267,7 @@ def kill_trainings(folder: Path, kills: int, updates: int, draw: random.Random, 
         sent = SIGNALS[number % 3]
         wanted = kept + draw.randint(1, 6)
         words = resume if kept else begin
-        tally.resumes += words is resume
+        counters.resumes += words is resume
         stale = changed(run / "progress.csv")
         ready = lambda _: changed(run / "progress.csv") != stale and len(progress_lines(run)) >= wanted  # noqa: B023, E731
         whom = "starting" if draw.random() < STARTING else "group"
@@ -275,15 +276,15 @@ def kill_trainings(folder: Path, kills: int, updates: int, draw: random.Random, 
         else:
             end = kill(words, ready, draw.uniform(0, 0.4), sent)
         now, kept_before = progress_lines(run), kept
-        tally.lost += len(set(before[:kept_before]) - set(now))
+        counters.lost += len(set(before[:kept_before]) - set(now))
         assert now[:kept_before] == before[:kept_before]
         kept = updates_kept(run)
         if not end.killed:
             assert end.status == 0, end
             break
         check_end("train", end, sent, whom)
-        tally.kills["training", whom, sent.name] += 1
-        tally.written += kept - kept_before
+        counters.kills["training", whom, sent.name] += 1
+        counters.written += kept - kept_before
         since = INTERVAL // STEPS_PER_UPDATE if sent == signal.SIGKILL or whom == "starting" else 1
         assert kept_before <= kept <= len(now) <= kept + since, f"{len(now)} updates, {kept} of them kept"
         before = now
@@ -295,9 +296,9 @@ def kill_trainings(folder: Path, kills: int, updates: int, draw: random.Random, 
     shutil.copytree(run, twin)
     for name in (run, twin):
         assert complete(["train", "resume", name, "--evaluate", "none"]).status == 0
-    tally.resumes += 1
+    counters.resumes += 1
     now = progress_lines(run)
-    tally.lost += len(set(before[:kept]) - set(now))
+    counters.lost += len(set(before[:kept]) - set(now))
     assert now[: len(before[:kept])] == before[:kept]
     assert len(now) == updates == updates_kept(run)
     assert not list((run / "checkpoints").glob(".*"))
@@ -320,16 +321,16 @@ def do_rounds() -> None:
     trainings = options.rounds // 5 if options.trainings is None else options.trainings
     # What a shell starts in the background ignores Ctrl-C, and so would all that is started here.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    began, draw, tally = time.monotonic(), random.Random(options.seed), Tally()
+    began, draw, counters = time.monotonic(), random.Random(options.seed), Tally()
     try:
-        while (left := options.rounds - trainings - tally.of("evaluation")) > 0:
+        while (left := options.rounds - trainings - counters.of("evaluation")) > 0:
             with tempfile.TemporaryDirectory() as folder:
-                kill_evaluations(Path(folder), min(left, 12), options.episodes, draw, tally)
-        while (left := trainings - tally.of("training")) > 0:
+                kill_evaluations(Path(folder), min(left, 12), options.episodes, draw, counters)
+        while (left := trainings - counters.of("training")) > 0:
             with tempfile.TemporaryDirectory() as folder:
-                kill_trainings(Path(folder), min(left, 6), options.updates, draw, tally)
+                kill_trainings(Path(folder), min(left, 6), options.updates, draw, counters)
     finally:
-        print(tally.table())
+        print(counters.table())
         print(f"{time.monotonic() - began:.0f} seconds")
 
 

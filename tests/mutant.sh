@@ -9,7 +9,7 @@ rules() {
     local reference=tests/core/test_against_reference.py
     tests 30 "$reference::test_observations[rotate-soft-restart]" "$reference::test_observations[cardinal-priority-nothing]"
     # Of the slowest, some.
-    tests 90 tests/core/test_collision_table.py tests/test_env.py tests/core/test_distance.py "$reference" \
+    tests 90 tests/core/test_collision_table.py tests/test_env.py tests/core/test_cost_to_go.py "$reference" \
         -k "not (ten_thousand or api or registries or seeds or aec or reproducible or nothing-many or nothing-one \
             or restart-one or (hands and (cardinal-soft or rotate-block or cardinal-priority or rotate-priority-nothing)) \
             or (observations and (cardinal-soft-nothing or cardinal-soft-finish or rotate-priority \
@@ -40,10 +40,10 @@ file=$(git diff --name-only)
 case $file in
     mapf_pz/core/* | mapf_pz/metrics.py) export NUMBA_DISABLE_JIT=1 ;;
     mapf_pz/rl/*) package tests/rl tests/rl/test_{update,train,policies}.py; exit ;;
-    mapf_pz/evaluate/*) package tests/evaluate tests/commands/test_evaluate.py; exit ;;
+    mapf_pz/evaluation/*) package tests/evaluation tests/commands/test_evaluate.py; exit ;;
     mapf_pz/instances/*) package tests/instances tests/test_bad_input.py tests/test_cli.py; exit ;;
     mapf_pz/planners/*) package tests/planners tests/commands/test_solve.py tests/commands/test_validate.py; exit ;;
-    mapf_pz/render/*) package tests/render tests/wrappers/test_record.py tests/planners/test_record.py; exit ;;
+    mapf_pz/render/*) package tests/render tests/wrappers/test_record_episode.py tests/plans/test_record.py; exit ;;
     wrappers/*) package tests/wrappers; exit ;;
 esac
 

@@ -11,13 +11,13 @@ import pytest
 
 from mapf_pz import cli
 from mapf_pz.benchmark import scaling
-from mapf_pz.benchmark.bouts import Measurement, measure, timed
-from mapf_pz.benchmark.contenders import COPY, as_table
-from mapf_pz.benchmark.load import Load
+from mapf_pz.benchmark.candidates import COPY, as_table
+from mapf_pz.benchmark.runs import Measurement, measure, timed
+from mapf_pz.benchmark.workload import Load
 from mapf_pz.cli import COMMANDS, Command, main
 from mapf_pz.core.jit import jit, numba_config
+from mapf_pz.instance import Grid
 from mapf_pz.instances import load_map, map_names, place, write_map, write_scenario
-from mapf_pz.types import Grid
 
 
 def run(capsys, *words):
@@ -338,7 +338,7 @@ def test_benchmark(capsys):
 
 
 def test_benchmark_on_random_maps_without_torchrl(capsys, monkeypatch):
-    monkeypatch.setattr("mapf_pz.benchmark.contenders.find_spec", lambda name: None)
+    monkeypatch.setattr("mapf_pz.benchmark.candidates.find_spec", lambda name: None)
     status, out, err = run(capsys, "benchmark", *SMALL, "--num-threads", 2)
     assert (status, err) == (0, [])
     text = "\n".join(out)
@@ -392,7 +392,7 @@ def test_medians_and_ratios():
     calls = []
     measured = measure({"slow": timed(lambda: calls.append(0) or 10), COPY: timed(lambda: 1000)}, seconds=0)
     assert len(calls) == 6  # the first does not count
-    assert [(one.name, one.num_bouts) for one in measured.values()] == [("slow", 5), (COPY, 5)]
+    assert [(one.name, one.num_runs) for one in measured.values()] == [("slow", 5), (COPY, 5)]
     rates = {"half": (5, 30), COPY: (10, 60), "POGEMA": (1, 3)}
     table = as_table({name: Measurement(name, *rate, 1) for name, rate in rates.items()})
     assert [list(column.cells) for column in table.columns][-2:] == [
@@ -402,7 +402,7 @@ def test_medians_and_ratios():
 
 
 def test_a_process_clock_that_stands_still(monkeypatch):
-    monkeypatch.setattr("mapf_pz.benchmark.bouts.time.process_time", lambda: 1.0)
+    monkeypatch.setattr("mapf_pz.benchmark.runs.time.process_time", lambda: 1.0)
     assert measure({"quick": timed(lambda: 1)}, seconds=0)["quick"].cpu_rate > 0
 
 
@@ -423,7 +423,7 @@ class pogema_v0:
 
 
 def test_beside_pogema(capsys, monkeypatch, tmp_path):
-    monkeypatch.setattr("mapf_pz.benchmark.contenders.find_spec", lambda name: None)
+    monkeypatch.setattr("mapf_pz.benchmark.candidates.find_spec", lambda name: None)
     words = [*SMALL, "--height", 7, "--width", 7, "--view-size", 3, 3, "--pogema", sys.executable]
     status, out, err = run(capsys, "benchmark", *words)
     assert (status, len(err)) == (1, 1)
@@ -457,11 +457,11 @@ def test_a_run_that_goes_on_is_evaluated_anew(tmp_path, capsys):
     write_map(grid, tmp_path / "a.map")
     for seed in range(2):
         write_scenario(place(grid, 3, np.random.default_rng(seed)), grid, tmp_path / f"{seed}.scen")
-    trials = [
+    tasks = [
         {"random": [7, 7, 0.1], "num_agents": 2, "max_steps": 4, "episodes": 2},
         {"map": "a.map", "scenarios": ["0.scen", "1.scen"], "num_agents": 2, "max_steps": 5},
     ]
-    (tmp_path / "mine.json").write_text(json.dumps({"trials": trials}))
+    (tmp_path / "mine.json").write_text(json.dumps({"tasks": tasks}))
     small = "--num-envs 4 --steps-per-batch 8 --num-agents 3 --height 7 --width 7 --num-threads 1"
     words = ["--evaluate", tmp_path / "mine.json", "--agent-steps"]
     folder = tmp_path / "run"

@@ -10,8 +10,8 @@ import pytest
 import mapf_pz
 from mapf_pz import EnvConfig, Grid, GuidanceGraph, Instance, Scenario
 from mapf_pz.config import ChannelName, FeatureName
-from mapf_pz.core.channels import CHANNELS
-from mapf_pz.core.features import FEATURES
+from mapf_pz.core.observation.channels import CHANNELS
+from mapf_pz.core.observation.features import FEATURES
 from mapf_pz.instances import FixedMap, FixedScenario, InstanceList, RandomMaps, RandomObstacles, generate
 
 FREE = np.ones((3, 4), np.bool_)

@@ -15,7 +15,7 @@ from pettingzoo.test import (
 
 import mapf_pz
 from mapf_pz import Action, CardinalAction, Grid, Instance, RewardConfig, Scenario
-from mapf_pz.core.channels import CHANNELS
+from mapf_pz.core.observation.channels import CHANNELS
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.metrics import EpisodeRecord, episode_metrics
 

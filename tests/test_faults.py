@@ -32,17 +32,17 @@ def only_kills_at_work(monkeypatch):
 
 
 def test_a_killed_evaluation_goes_on(tmp_path):
-    tally = Tally()
-    kill_evaluations(tmp_path, 2, 200, random.Random(0), tally)
-    assert (tally.kills.total(), tally.resumes, tally.lost) == (2, 2, 0)
-    assert tally.written >= 2
+    counters = Tally()
+    kill_evaluations(tmp_path, 2, 200, random.Random(0), counters)
+    assert (counters.kills.total(), counters.resumes, counters.lost) == (2, 2, 0)
+    assert counters.written >= 2
 
 
 def test_a_killed_training_goes_on(tmp_path):
     pytest.importorskip("torchrl")
-    tally = Tally()
-    kill_trainings(tmp_path, 1, 20, random.Random(0), tally)
-    assert (tally.kills.total(), tally.lost) == (1, 0)
+    counters = Tally()
+    kill_trainings(tmp_path, 1, 20, random.Random(0), counters)
+    assert (counters.kills.total(), counters.lost) == (1, 0)
 
 
 def test_ctrl_c_while_processes_begin(tmp_path):

@@ -4,7 +4,7 @@ import errno
 
 import pytest
 
-from mapf_pz.files import naming, replacing, write_whole
+from mapf_pz.io.atomic import naming, replacing, write_whole
 
 
 def test_a_file_takes_its_place_at_the_end(tmp_path):

@@ -11,16 +11,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapf_pz.evaluate import Trial, load_suite
-from mapf_pz.evaluate.results import COLUMNS, Results
+from mapf_pz.evaluation import EvaluationTask, load_suite
+from mapf_pz.evaluation.results import COLUMNS, Results
+from mapf_pz.instance import Grid, Scenario
 from mapf_pz.instances import load_instance, load_map, load_pogema, load_problem, load_scenario
-from mapf_pz.planners.files import Selection, read_plan
-from mapf_pz.types import Grid, Scenario
-from tests.spoiling import Case, as_json, bounded, changed, fuzzed, outcome, refused
+from mapf_pz.plans.files import Selection, read_plan
+from tests.helpers.corrupt_files import Case, as_json, bounded, changed, fuzzed, outcome, refused
 
 GRID = Grid([[True] * 6, [True] * 3 + [False] * 3], "tiny")
 SCENARIO = Scenario([[0, 0], [1, 0]], [[0, 5], [1, 2]])
-TRIALS = [Trial("drawn", 1)]
+TRIALS = [EvaluationTask("drawn", 1)]
 # Valid files, a reader of each kind, and what may be changed.
 
 MAP = b"type octile\nheight 2\nwidth 6\nmap\n......\n...@@@\n"
@@ -74,7 +74,7 @@ solution=
 TURNING = b"solution=\n0:(0,0,X_PLUS),(3,2,Y_MINUS)\n1:(1,0,X_PLUS),(3,1,Y_MINUS)\n"
 SUITE = {
     "about": "Mine.",
-    "trials": [
+    "tasks": [
         {"map": "tiny.map", "num_agents": [1, 2], "max_steps": 20, "seed": 7, "episodes": 5, "about": "a"},
         {
             "map": "tiny.map",
@@ -98,7 +98,7 @@ EPISODES = f'{",".join(COLUMNS)}\na,"b,c",1,0,1,0.5,{"," * 10}2\nüä,b,2,1,{","
 
 def episodes(folder):
     """Read the episodes; what is taken off a file must not change what is in it."""
-    (folder / "trials.json").unlink(missing_ok=True)
+    (folder / "tasks.json").unlink(missing_ok=True)
     read = Results(TRIALS, folder).episodes
     assert repr(Results(TRIALS, folder).episodes) == repr(read)
     return read
@@ -202,7 +202,7 @@ JSON_READERS = {
 @pytest.mark.parametrize("bomb", BOMBS, ids=lambda bomb: f"{bomb[:5].decode()} of {len(bomb)}")
 def test_json_bombs(tmp_path, name, bomb):
     Case(LORR | POGEMA, load_problem).written(tmp_path)
-    for content in (bomb, b'{"teamSize": %s}' % bomb, b'{"trials": [{"num_agents": %s}]}' % bomb):
+    for content in (bomb, b'{"teamSize": %s}' % bomb, b'{"tasks": [{"num_agents": %s}]}' % bomb):
         (tmp_path / name).write_bytes(content)
         with bounded():
             refused(lambda: JSON_READERS[name](tmp_path / name), re.escape(name))
@@ -212,7 +212,7 @@ def test_json_bombs(tmp_path, name, bomb):
 def test_every_depth_of_nesting(tmp_path, member):
     for depth in [1, 40, 70, *range(700, 1000, 5)]:
         entry = f'{{"random": [5, 5, 0.1], "num_agents": 2, "env": {{"{member}": {"[" * depth + "]" * depth}}}}}'
-        (tmp_path / "mine.json").write_text(f'{{"trials": [{entry}]}}')
+        (tmp_path / "mine.json").write_text(f'{{"tasks": [{entry}]}}')
         outcome(lambda: load_suite(tmp_path / "mine.json"))
 
 
@@ -250,7 +250,7 @@ def test_no_path_in_a_suite_leaves_its_folder(folders, monkeypatch, name, with_b
     for member, suffix in suffixes.items():
         file = told.replace(".map", suffix)
         entry = {"map": "empty-8-8", member: [file]} if member == "scenarios" else {member: file}
-        content = as_json({"trials": [entry | ({} if member == "lorr" else {"num_agents": 1})]})
+        content = as_json({"tasks": [entry | ({} if member == "lorr" else {"num_agents": 1})]})
         read = Case({"mine.json": content}, lambda folder: load_suite(folder / "mine.json")).written(folder)
         refused(read, "in the folder of the JSON" if name in OUTSIDE else None)
 
@@ -270,7 +270,7 @@ def test_folders_below_and_benchmark_folders_are_inside(folders, tmp_path, monke
     _, folder = folders
     (folder / "maps").mkdir()
     (folder / "maps" / "tiny.map").write_bytes(MAP)
-    (tmp_path / "mine.json").write_bytes(as_json({"trials": [{"map": "maps/tiny.map", "num_agents": 1}]}))
+    (tmp_path / "mine.json").write_bytes(as_json({"tasks": [{"map": "maps/tiny.map", "num_agents": 1}]}))
     refused(lambda: load_suite(tmp_path / "mine.json"), "no file 'maps/tiny.map'")
     monkeypatch.setenv("MAPF_PZ_BENCHMARK", str(folder))
     assert load_suite(tmp_path / "mine.json")[0].family == "tiny"

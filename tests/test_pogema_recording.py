@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from mapf_pz.config import EnvConfig
+from mapf_pz.instance import Scenario
 from mapf_pz.instances import FixedScenario, load_map
 from mapf_pz.simulator import Simulator
-from mapf_pz.types import Scenario
-from tests.recordings.walk import intended
+from tests.helpers.random_walk import intended
 
 RECORDINGS = Path(__file__).parent / "recordings"
 MODES = [(system, mode) for system in ("soft", "priority", "block_both") for mode in ("nothing", "finish", "restart")]
@@ -51,10 +51,10 @@ def simulator_of(told, collision_system, on_target):
 
 def expected_rewards(simulator):
     """Who earns a reward in POGEMA: all when all are done, or each at its goal."""
-    crew = simulator.state.agents[0]
+    agents = simulator.state.agents[0]
     if simulator.config.on_target == "nothing":
-        return np.repeat(crew["at_goal"].all(), len(crew))
-    return crew["arrived"]
+        return np.repeat(agents["at_goal"].all(), len(agents))
+    return agents["arrived"]
 
 
 @pytest.mark.parametrize(("collision_system", "on_target"), MODES)
@@ -63,12 +63,12 @@ def test_as_recorded(collision_system, on_target):
     for number, (told, moved, rewarded) in enumerate(episodes(collision_system, on_target)):
         simulator = simulator_of(told, collision_system, on_target)
         draw = random.Random(told["seed"])
-        crew = simulator.state.agents[0]
+        agents = simulator.state.agents[0]
         left_at_last = False
         for step in range(told["num_steps"]):
             where = f"episode {number}, step {step}"
             assert not simulator.over[0], where
-            before, was_at_goal = simulator.positions(0), crew["at_goal"].copy()
+            before, was_at_goal = simulator.positions(0), agents["at_goal"].copy()
             wanted = [
                 intended(draw, here, goal)
                 for here, goal in zip(before.tolist(), simulator.goals(0).tolist(), strict=True)
@@ -77,7 +77,7 @@ def test_as_recorded(collision_system, on_target):
             went = np.where(moved[step][:, None], MOVES[wanted], 0)
             assert np.array_equal(simulator.positions(0), before + went), where
             assert np.array_equal(expected_rewards(simulator), rewarded[step]), where
-            left_at_last = (was_at_goal & ~crew["at_goal"]).any()
+            left_at_last = (was_at_goal & ~agents["at_goal"]).any()
         assert simulator.over[0], f"episode {number}"
         check_metrics(simulator.metrics(0), told, left_at_last, f"episode {number}")
         agent_steps += moved.size

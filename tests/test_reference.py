@@ -2,10 +2,10 @@ from math import inf, log1p, sqrt
 
 import pytest
 
+from mapf_pz.actions import Action, CardinalAction, Heading
 from mapf_pz.config import RewardConfig
-from mapf_pz.types import Action, CardinalAction, Heading
-from tests.cases import CASES
-from tests.reference import Reference
+from tests.helpers.cases import CASES
+from tests.helpers.reference import Reference
 
 EAST, SOUTH, WEST, NORTH = Heading
 FORWARD, LEFT, RIGHT, WAIT = Action

@@ -56,7 +56,7 @@ mapf-pz evaluate --suite s  # commit 0123456, code abc
     ("layout", "metrics", "expected"),
     [
         ("agents", ["CSR"], AGENTS),
-        ("trials", ["CSR", "SoC"], TRIALS),
+        ("tasks", ["CSR", "SoC"], TRIALS),
         ("policies", ["CSR"], POLICIES),
         ("source", [], SOURCE),
     ],

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from mapf_pz.config import EnvConfig
-from mapf_pz.core.channels import CHANNELS
-from mapf_pz.core.features import FEATURES
+from mapf_pz.core.observation.channels import CHANNELS
+from mapf_pz.core.observation.features import FEATURES
 from mapf_pz.core.step import step
+from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.simulator import Simulator
-from mapf_pz.types import Grid, Instance, Scenario
 
 ON_TARGET = ("nothing", "finish", "restart")
 MAPS = ("one map", "many maps")

@@ -13,7 +13,7 @@ from pettingzoo import ParallelEnv
 
 from mapf_pz.action_modes import ActionMode
 from mapf_pz.environment import AgentObservation, MapfEnv, parallel_env
-from mapf_pz.wrappers.action_vector import ActionVector
+from mapf_pz.wrappers.continuous_actions import ContinuousActions
 from mapf_pz.wrappers.stacking import stacked, stacked_space, zeros
 
 TeamReward = Literal["sum", "mean"]
@@ -58,7 +58,7 @@ class CentralizedEnv(gymnasium.Env[TeamObservation, ArrayLike]):
 
         Args:
             env: A `MapfEnv`, or a wrapper of one, with discrete actions.
-            action_mode: As in `ActionVector`.
+            action_mode: As in `ContinuousActions`.
             team_reward: `sum` or `mean`.
 
         Raises:
@@ -66,7 +66,7 @@ class CentralizedEnv(gymnasium.Env[TeamObservation, ArrayLike]):
             ValueError: There is no such mode or team reward.
         """
         self._team_reward = team_reward_function(team_reward)
-        self.env = ActionVector(env, action_mode)
+        self.env = ContinuousActions(env, action_mode)
         self.render_mode = self.env.render_mode
         self._names = self.env.possible_agents
         seen = self.env.observation_space(self._names[0])

@@ -11,11 +11,11 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from mapf_pz.action_modes import ActionMode
+from mapf_pz.arrays import Bools, Floats, Ints
 from mapf_pz.config import EnvConfig
 from mapf_pz.simulator import Simulator
-from mapf_pz.types import Bools, Floats, Ints
-from mapf_pz.wrappers.action_vector import decoder, generator
 from mapf_pz.wrappers.centralized import TeamObservation, TeamReward, team_reward_function, team_spaces
+from mapf_pz.wrappers.continuous_actions import decoder, generator
 
 Infos = dict[str, NDArray[Any]]
 
@@ -41,7 +41,7 @@ class CentralizedVectorEnv(VectorEnv[TeamObservation, ArrayLike, NDArray[Any]]):
 
         Args:
             num_envs: B.
-            action_mode: as in `ActionVector`.
+            action_mode: as in `ContinuousActions`.
             team_reward: `sum` or `mean`.
             num_threads: threads of the kernels.
             **keywords: those of `parallel_env`, which raise as there.

@@ -1,4 +1,4 @@
-"""Scaling: how the time that an agent's step takes grows with the load, along one axis after the other."""
+"""Scaling: how the time that an agent's step takes grows with the workload, along one axis after the other."""
 
 from __future__ import annotations
 
@@ -8,48 +8,48 @@ from dataclasses import replace
 
 from rich.table import Table
 
-from mapf_pz.benchmark.bouts import Measurement, measure
-from mapf_pz.benchmark.contenders import copy_bout, simulator_bout
-from mapf_pz.benchmark.load import Load
+from mapf_pz.benchmark.candidates import copy_run, simulator_run
+from mapf_pz.benchmark.runs import Measurement, measure
+from mapf_pz.benchmark.workload import Workload
 
 CELLS_PER_AGENT = 16
 
 
-def more_agents(load: Load) -> dict[str, Load]:
+def more_agents(workload: Workload) -> dict[str, Workload]:
     """Return loads of more and more agents on larger and larger maps, with as many agents in all."""
-    in_all = max(load.num_envs * load.num_agents, 4096)
+    in_all = max(workload.num_envs * workload.num_agents, 4096)
     loads = {}
     for num_agents in (16, 64, 256, 1024, 4096):
         side = int((CELLS_PER_AGENT * num_agents) ** 0.5)
         size = {"height": side, "width": side, "num_agents": num_agents, "num_envs": in_all // num_agents}
-        loads[f"{num_agents} agents on {side} x {side}"] = replace(load, map=None, **size)
+        loads[f"{num_agents} agents on {side} x {side}"] = replace(workload, map=None, **size)
     return loads
 
 
-def more_environments(load: Load) -> dict[str, Load]:
+def more_environments(workload: Workload) -> dict[str, Workload]:
     """Return loads of more and more environments."""
-    return {f"{number} environments": replace(load, num_envs=number) for number in (1, 8, 64, 512)}
+    return {f"{number} environments": replace(workload, num_envs=number) for number in (1, 8, 64, 512)}
 
 
-def larger_views(load: Load) -> dict[str, Load]:
+def larger_views(workload: Workload) -> dict[str, Workload]:
     """Return loads with larger and larger views."""
-    return {f"views of {side} x {side}": replace(load, view_size=(side, side)) for side in (5, 7, 11, 20)}
+    return {f"views of {side} x {side}": replace(workload, view_size=(side, side)) for side in (5, 7, 11, 20)}
 
 
-def larger_maps(load: Load) -> dict[str, Load]:
+def larger_maps(workload: Workload) -> dict[str, Workload]:
     """Return loads on larger and larger maps."""
     sides = (32, 64, 128, 256)
-    return {f"maps of {side} x {side}": replace(load, map=None, height=side, width=side) for side in sides}
+    return {f"maps of {side} x {side}": replace(workload, map=None, height=side, width=side) for side in sides}
 
 
-def more_threads(load: Load) -> dict[str, Load]:
+def more_threads(workload: Workload) -> dict[str, Workload]:
     """Return loads on more and more threads, up to as many as there are processors."""
     count = os.cpu_count() or 1
     numbers = sorted({min(2**k, count) for k in range(count.bit_length() + 1)})
-    return {f"{number} threads": replace(load, num_threads=number) for number in numbers}
+    return {f"{number} threads": replace(workload, num_threads=number) for number in numbers}
 
 
-AXES: tuple[Callable[[Load], dict[str, Load]], ...] = (
+AXES: tuple[Callable[[Workload], dict[str, Workload]], ...] = (
     more_agents,
     more_environments,
     larger_views,
@@ -58,17 +58,17 @@ AXES: tuple[Callable[[Load], dict[str, Load]], ...] = (
 )
 
 
-def scaling_table(load: Load, seconds: float) -> Table:
-    """Measure the simulator along every axis: a row for each load, a section for each axis."""
-    table = Table(title="the simulator's time for each agent step, medians of bouts")
+def scaling_table(workload: Workload, seconds: float) -> Table:
+    """Measure the simulator along every axis: a row for each workload, a section for each axis."""
+    table = Table(title="the simulator's time for each agent step, medians of runs")
     table.add_column("")
     for heading in ("ns", "x first", "CPU ns", "x copy"):
         table.add_column(heading, justify="right")
     for axis in AXES:
-        loads = axis(load)
-        bouts = {name: simulator_bout(one) for name, one in loads.items()}
-        copies = {_copy_of(name): copy_bout(one) for name, one in loads.items()}
-        _add_rows(table, list(loads), measure(bouts | copies, seconds / len(AXES)))
+        loads = axis(workload)
+        runs = {name: simulator_run(one) for name, one in loads.items()}
+        copies = {_copy_of(name): copy_run(one) for name, one in loads.items()}
+        _add_rows(table, list(loads), measure(runs | copies, seconds / len(AXES)))
     return table
 
 

@@ -9,28 +9,28 @@ from typing import Literal
 from rich.console import Console
 from rich.table import Table
 
-from mapf_pz.benchmark.beginning import reset_table, startup_table
-from mapf_pz.benchmark.contenders import contender_table
-from mapf_pz.benchmark.load import Load
+from mapf_pz.benchmark.candidates import candidate_table
 from mapf_pz.benchmark.scaling import scaling_table
+from mapf_pz.benchmark.startup import reset_table, startup_table
+from mapf_pz.benchmark.workload import Workload
 
 
 @dataclass(frozen=True)
-class BenchmarkOptions(Load):
+class BenchmarkOptions(Workload):
     """What is stepped, and what is measured."""
 
-    tables: tuple[Literal["contenders", "scaling", "resets", "startup"], ...] = ("contenders",)
-    """`contenders`: our interfaces beside a memory copy of the same observations, and beside POGEMA; `scaling`: the
+    tables: tuple[Literal["candidates", "scaling", "resets", "startup"], ...] = ("candidates",)
+    """`candidates`: our interfaces beside a memory copy of the same observations, and beside POGEMA; `scaling`: the
     simulator with more agents, environments and threads, larger views and maps; `resets`; `startup`: import and first
     step of a program."""
     seconds: float = 10.0
-    """Length of the measurement for each table; five bouts are played in any case."""
+    """Length of the measurement for each table; five runs are played in any case."""
     pogema: str | None = None
     """A Python in which POGEMA 1.4.0 is installed (`make bench-peers`); None leaves it out."""
 
 
 TABLES: dict[str, Callable[[BenchmarkOptions], Table]] = {
-    "contenders": lambda options: contender_table(options, options.pogema, options.seconds),
+    "candidates": lambda options: candidate_table(options, options.pogema, options.seconds),
     "scaling": lambda options: scaling_table(options, options.seconds),
     "resets": lambda options: reset_table(options, options.seconds),
     "startup": lambda _options: startup_table(),

@@ -18,14 +18,22 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from tyro.conf import UseAppendAction
 
 from mapf_pz.config import ActionModel
-from mapf_pz.evaluate import Episode, Trial, evaluate, load_suite, markdown_table, named_policy, terminal_table
-from mapf_pz.evaluate.policies import is_trained
-from mapf_pz.evaluate.report import exhausted
-from mapf_pz.evaluate.run import Casting, Policy
-from mapf_pz.files import write_whole
+from mapf_pz.evaluation import (
+    Episode,
+    EvaluationTask,
+    evaluate,
+    load_suite,
+    markdown_table,
+    policy_factory,
+    terminal_table,
+)
+from mapf_pz.evaluation.policies import is_trained
+from mapf_pz.evaluation.report import exhausted
+from mapf_pz.evaluation.rollout import Policy, PolicyFactory
+from mapf_pz.instance import Grid
 from mapf_pz.instances import load_instance, load_map
 from mapf_pz.interrupts import interruptible
-from mapf_pz.types import Grid
+from mapf_pz.io.atomic import write_whole
 
 TABLE_FILE = "evaluation.md"
 DEFAULT_AGENTS = 10
@@ -56,7 +64,7 @@ class EvaluateOptions:
     action_model: ActionModel | None = None
     """Whether agents turn and drive or step in four directions; None: as the suite or the policy has it."""
     episodes: int | None = None
-    """The number of episodes of each trial, at most one for each scenario or instance. None: as the suite states, one
+    """The number of episodes of each task, at most one for each scenario or instance. None: as the suite states, one
     for each scenario, or 64 if starts and goals are generated."""
     seed: int | None = None
     """Of the first episode; None: as the suite has it."""
@@ -72,8 +80,8 @@ class EvaluateOptions:
     output: Path | None = None
     """A folder for all episodes as CSV, the table in Markdown, and figures; what it has already is not done again."""
 
-    def trials(self) -> tuple[Trial, ...]:
-        """Return the trials that were asked for."""
+    def tasks(self) -> tuple[EvaluationTask, ...]:
+        """Return the tasks that were asked for."""
         if self.map is not None and self.suite:
             raise ValueError("expected either --suite or --map")
         if self.map is None and self.scenario:
@@ -83,31 +91,33 @@ class EvaluateOptions:
         if self.seed is not None and self.seed < 0:
             raise ValueError(f"seed={self.seed}: expected 0 or more")
         if self.map is None:
-            trials = [trial for suite in self.suite or ("standard",) for trial in load_suite(suite)]
+            tasks = [task for suite in self.suite or ("standard",) for task in load_suite(suite)]
         else:
-            trials = self._on_map(self.map)
-        return tuple(map(self._overridden, trials))
+            tasks = self._on_map(self.map)
+        return tuple(map(self._overridden, tasks))
 
-    def _overridden(self, trial: Trial) -> Trial:
-        """Return the trial with the options that override its own."""
-        if self.episodes is not None and trial.instances and self.episodes > len(trial.instances):
-            instances = f"{trial.name!r} has {len(trial.instances)} instances"
+    def _overridden(self, task: EvaluationTask) -> EvaluationTask:
+        """Return the task with the options that override its own."""
+        if self.episodes is not None and task.instances and self.episodes > len(task.instances):
+            instances = f"{task.name!r} has {len(task.instances)} instances"
             raise ValueError(f"episodes={self.episodes}: {instances}, expected at most one episode for each")
         given = {"action_model": self.action_model, "distance_bytes": self.distance_bytes}
         keywords = {name: value for name, value in given.items() if value is not None}
-        return trial.but(keywords=trial.keywords | keywords, episodes=self.episodes, seed=self.seed)
+        return task.but(keywords=task.keywords | keywords, episodes=self.episodes, seed=self.seed)
 
     def label(self, policy: str) -> str:
         """Return what a policy is called in the results: it must tell apart what acts differently."""
         seed = f", seed {self.policy_seed}" if self.policy_seed else ""
         return policy + seed + (", deterministic" if self.deterministic and is_trained(policy) else "")
 
-    def _on_map(self, map: str) -> list[Trial]:
-        """Return a trial for each number of agents."""
+    def _on_map(self, map: str) -> list[EvaluationTask]:
+        """Return a task for each number of agents."""
         counts, names = _joined("num-agents", self.num_agents), _joined("scenario", self.scenario)
         if not names:
             keywords = {"map": map, "max_steps": self.max_steps}
-            return [Trial(Path(map).stem, count, keywords, episodes=64) for count in counts or [DEFAULT_AGENTS]]
+            return [
+                EvaluationTask(Path(map).stem, count, keywords, episodes=64) for count in counts or [DEFAULT_AGENTS]
+            ]
         grid, files = load_map(map), _files(names)
         about = f"{grid.name}, {Path(files[0]).name if len(files) == 1 else f'{len(files)} scenarios'}"
         return [_on_scenarios(about, grid, files, count, self.max_steps) for count in counts or [None]]
@@ -131,10 +141,12 @@ def _files(names: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(files))
 
 
-def _on_scenarios(about: str, grid: Grid, files: Sequence[str], num_agents: int | None, max_steps: int) -> Trial:
-    """Return a trial with one episode for each scenario; the environment decides where agents look at the start."""
+def _on_scenarios(
+    about: str, grid: Grid, files: Sequence[str], num_agents: int | None, max_steps: int
+) -> EvaluationTask:
+    """Return a task with one episode for each scenario; the environment decides where agents look at the start."""
     instances = tuple(load_instance(grid, file, num_agents, action_model="cardinal") for file in files)
-    return Trial(about, instances[0].num_agents, {"max_steps": max_steps}, instances=instances)
+    return EvaluationTask(about, instances[0].num_agents, {"max_steps": max_steps}, instances=instances)
 
 
 def evaluate_policies(options: EvaluateOptions) -> None:
@@ -143,18 +155,21 @@ def evaluate_policies(options: EvaluateOptions) -> None:
         raise ValueError("expected --policy, once or more")
     # Networks this small take several times as long on two threads; torch, which is not loaded yet, reads this.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    castings: dict[str, Casting | Policy | str] = {
-        options.label(name): named_policy(name, options.policy_seed, options.deterministic) for name in options.policy
+    factories: dict[str, PolicyFactory | Policy | str] = {
+        options.label(name): policy_factory(name, options.policy_seed, options.deterministic) for name in options.policy
     }
-    report(castings, options.trials(), options.output, options.jobs)
+    report(factories, options.tasks(), options.output, options.jobs)
 
 
 def report(
-    policies: dict[str, Casting | Policy | str], trials: Sequence[Trial], output: Path | None, jobs: int | str = 1
+    policies: dict[str, PolicyFactory | Policy | str],
+    tasks: Sequence[EvaluationTask],
+    output: Path | None,
+    jobs: int | str = 1,
 ) -> None:
     """Evaluate, print the table, and write it and the figures to `output` if there is one."""
     with interruptible() as check, _progress_bar(check) as show:
-        episodes = evaluate(policies, trials, output, jobs, show)
+        episodes = evaluate(policies, tasks, output, jobs, show)
     Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200).print(terminal_table(episodes))
     for line in exhausted(episodes):
         print(line)
@@ -165,7 +180,7 @@ def report(
     if find_spec("matplotlib") is None:
         print("no figures: pip install 'mapf-pz[train]' has what draws them")
         return
-    from mapf_pz.evaluate.figures import draw_figures
+    from mapf_pz.evaluation.figures import draw_figures
 
     for file in draw_figures(episodes, output):
         print(f"figure written to {file}")

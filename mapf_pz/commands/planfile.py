@@ -8,11 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mapf_pz.actions import Heading
+from mapf_pz.arrays import Ints
+from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances import load_instance, load_map
 from mapf_pz.instances.lorr import ROUND_ROBIN, LorrProblem, load_problem
-from mapf_pz.planners.files import PlanFile, Selection, read_plan
-from mapf_pz.planners.plan import reached
-from mapf_pz.types import Grid, Heading, Instance, Ints, Scenario
+from mapf_pz.plans.files import PlanFile, Selection, read_plan
+from mapf_pz.plans.plan import reached
 
 
 class LoadedPlan(NamedTuple):

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, cast
 
+from mapf_pz.actions import Action, CardinalAction
 from mapf_pz.config import ActionModel, CollisionSystem, EnvConfig, OnTarget
 from mapf_pz.environment import MapfEnv
-from mapf_pz.evaluate.policies import named_policy
+from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.render.rgb import Canvas
 from mapf_pz.render.window import Window
-from mapf_pz.types import Action, CardinalAction
 
 KEYS: dict[str, dict[str, int]] = {
     "rotate": {
@@ -65,7 +65,7 @@ class PlayOptions:
 def play(options: PlayOptions) -> None:
     """Steer agent 0 by the arrow keys; nothing happens until a key is pressed."""
     keywords: dict[str, Any] = {name: value for name in KEYWORDS if (value := getattr(options, name)) is not None}
-    env, policy = named_policy(options.policy, options.seed)(keywords)
+    env, policy = policy_factory(options.policy, options.seed)(keywords)
     inner = cast("MapfEnv", env.unwrapped)
     keys, window = KEYS[inner.config.action_model], Window("mapf-pz play", fps=60)
     seed, told, total = options.seed, HELP, 0.0

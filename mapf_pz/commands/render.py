@@ -12,12 +12,12 @@ from tyro.conf import Positional
 
 from mapf_pz.commands.planfile import load_plan
 from mapf_pz.config import ActionModel, CollisionSystem, EnvConfig, OnTarget, WeightsName
-from mapf_pz.evaluate.policies import named_policy
-from mapf_pz.evaluate.run import AnyEnv, Policy, play
+from mapf_pz.evaluation.policies import policy_factory
+from mapf_pz.evaluation.rollout import AnyEnv, Policy, play
 from mapf_pz.planners import record_plan, validate
 from mapf_pz.render import Recording, save_recording
 from mapf_pz.render.save import check_output
-from mapf_pz.wrappers import Record
+from mapf_pz.wrappers import RecordEpisode
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def render(episode: EpisodeOptions) -> None:
         return
     if episode.problem is not None:
         raise ValueError("--problem: expected --plan, too")
-    env, policy = named_policy(episode.policy, episode.seed)(episode.keywords())
+    env, policy = policy_factory(episode.policy, episode.seed)(episode.keywords())
     save_episode(env, policy, episode.seed, episode.output, episode.fps, episode.policy)
 
 
@@ -102,7 +102,7 @@ def _save(recording: Recording, output: Path, fps: float) -> None:
 
 def _record(env: AnyEnv, policy: Policy, seed: int) -> Recording:
     """Play an episode with a bar of progress, and return what happened."""
-    console, recorded = Console(stderr=True), Record(env)
+    console, recorded = Console(stderr=True), RecordEpisode(env)
     steps = play(recorded, policy, seed)
     hidden = not console.is_terminal
     for _ in track(steps, "Playing", env.config.max_steps + 1, console=console, transient=True, disable=hidden):

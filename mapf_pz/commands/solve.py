@@ -9,11 +9,11 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from mapf_pz.config import ActionModel, WeightsName
+from mapf_pz.instance import Instance
 from mapf_pz.instances import load_instance
 from mapf_pz.planners import PLANNERS, validate
 from mapf_pz.planners.base import simulator_of
-from mapf_pz.planners.files import About, check_format, write_plan
-from mapf_pz.types import Instance
+from mapf_pz.plans.files import About, check_format, write_plan
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from tyro.extras import subcommand_type_from_defaults
 
 from mapf_pz.commands.evaluate import report
 from mapf_pz.commands.render import save_episode
-from mapf_pz.evaluate import Trial, load_suite, make_env
-from mapf_pz.evaluate.results import EPISODES_FILE, discard
+from mapf_pz.evaluation import EvaluationTask, load_suite, make_env
+from mapf_pz.evaluation.results import EPISODES_FILE, discard
 from mapf_pz.interrupts import interruptible
 from mapf_pz.rl import load_policy
 from mapf_pz.rl import train as train_policy
@@ -81,21 +81,21 @@ def train(run: Run) -> None:
 
 def _train(run: Run) -> None:
     config = _config_of(run)
-    trials = () if run.evaluate == "none" else [_by_rules_of(config, trial) for trial in load_suite(run.evaluate)]
-    for trial in trials:
-        _check_fits(config, trial)
+    tasks = () if run.evaluate == "none" else [_by_rules_of(config, task) for task in load_suite(run.evaluate)]
+    for task in tasks:
+        _check_fits(config, task)
     if isinstance(run, TrainOptions) and not run.overwrite:
         _check_no_evaluation(run.output)
     logging.getLogger("torchrl").setLevel(logging.WARNING)  # it reports every buffer that it makes
     _learn(run, config)
     print(f"policy, configuration and progress written to {run.output}")
-    if not trials:
+    if not tasks:
         return
     policy = load_policy(run.output)
     discard(run.output)  # of the policy as it was before
-    report({run.output.name: policy}, trials, run.output)
-    env = make_env(policy, **trials[-1].env_keywords(0))
-    save_episode(env, policy, trials[-1].seed, run.output / EPISODE_FILE, fps=8, who=run.output.name)
+    report({run.output.name: policy}, tasks, run.output)
+    env = make_env(policy, **tasks[-1].env_keywords(0))
+    save_episode(env, policy, tasks[-1].seed, run.output / EPISODE_FILE, fps=8, who=run.output.name)
 
 
 def _config_of(run: Run) -> TrainConfig:
@@ -106,20 +106,20 @@ def _config_of(run: Run) -> TrainConfig:
     return config if run.agent_steps is None else replace(config, agent_steps=run.agent_steps)
 
 
-def _by_rules_of(config: TrainConfig, trial: Trial) -> Trial:
-    """Return the trial under the rules that the policy is trained with."""
-    return trial.but(keywords={name: getattr(config.task.env, name) for name in RULES} | trial.keywords)
+def _by_rules_of(config: TrainConfig, task: EvaluationTask) -> EvaluationTask:
+    """Return the task under the rules that the policy is trained with."""
+    return task.but(keywords={name: getattr(config.task.env, name) for name in RULES} | task.keywords)
 
 
-def _check_fits(config: TrainConfig, trial: Trial) -> None:
-    """Raise `ValueError` if the policy that `config` trains cannot act in the trial."""
+def _check_fits(config: TrainConfig, task: EvaluationTask) -> None:
+    """Raise `ValueError` if the policy that `config` trains cannot act in the task."""
     task, action_model = config.task, config.task.env.action_model
-    expected = trial.keywords.get("action_model", action_model)
+    expected = task.keywords.get("action_model", action_model)
     advice = "choose another suite with --evaluate, or --evaluate none"
     if action_model != expected:
-        raise ValueError(f"action_model={action_model!r}: {trial.name!r} needs {expected!r}; {advice}")
-    if config.algorithm == "central-ppo" and task.num_agents != trial.num_agents:
-        raise ValueError(f"num_agents={task.num_agents}: {trial.name!r} needs {trial.num_agents}; {advice}")
+        raise ValueError(f"action_model={action_model!r}: {task.name!r} needs {expected!r}; {advice}")
+    if config.algorithm == "central-ppo" and task.num_agents != task.num_agents:
+        raise ValueError(f"num_agents={task.num_agents}: {task.name!r} needs {task.num_agents}; {advice}")
 
 
 def _check_no_evaluation(output: Path) -> None:

@@ -9,8 +9,8 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from mapf_pz.commands.planfile import load_plan
-from mapf_pz.planners.plan import Plan, validate
-from mapf_pz.types import Instance
+from mapf_pz.instance import Instance
+from mapf_pz.plans.plan import Plan, validate
 
 
 @dataclass(frozen=True)

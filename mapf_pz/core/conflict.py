@@ -1,14 +1,14 @@
 """Propose and resolve: which cell each agent wants, and which it gets. POGEMA's three collision systems.
 
-All kernels work on one environment: its crew, (N,) agents, and `occupant`, `claim` (C + 1,) int32. After a resolve, the
+All kernels work on one environment: its agents, (N,) agents, and `occupant`, `claim` (C + 1,) int32. After a resolve, the
 active agents want pairwise different cells, and no two of them swap.
 """
 
 from __future__ import annotations
 
+from mapf_pz.actions import CardinalAction, Heading
 from mapf_pz.core.jit import jit
 from mapf_pz.core.state import Array
-from mapf_pz.types import CardinalAction, Heading
 
 SOFT, PRIORITY, BLOCK_BOTH = 0, 1, 2
 COLLISION_SYSTEMS = {"soft": SOFT, "priority": PRIORITY, "block_both": BLOCK_BOTH}
@@ -28,10 +28,10 @@ def direction(cardinal: bool, heading: int, action: int) -> int:
 
 
 @jit
-def propose(cardinal: bool, leads_to: Array, m: int, crew: Array, actions: Array) -> None:
+def propose(cardinal: bool, leads_to: Array, m: int, agents: Array, actions: Array) -> None:
     """Set the cell that each agent wants: its own, if it does not move or an obstacle of map `m` is in the way."""
-    for i in range(crew.size):
-        agent = crew[i]
+    for i in range(agents.size):
+        agent = agents[i]
         agent.want = agent.cell
         if agent.active:
             towards = direction(cardinal, agent.heading, actions[i])
@@ -40,34 +40,34 @@ def propose(cardinal: bool, leads_to: Array, m: int, crew: Array, actions: Array
 
 
 @jit
-def resolve(system: int, crew: Array, occupant: Array, claim: Array) -> None:
+def resolve(system: int, agents: Array, occupant: Array, claim: Array) -> None:
     """Take back the wishes that `system` does not allow."""
     if system == SOFT:
-        _stop_swaps(crew, occupant)
-        _lowest_index_claims(crew, claim)
-        _stop_followers_of_stayers(crew, claim)
+        _stop_swaps(agents, occupant)
+        _lowest_index_claims(agents, claim)
+        _stop_followers_of_stayers(agents, claim)
     elif system == PRIORITY:
-        _move_one_after_the_other(crew, occupant)
+        _move_one_after_the_other(agents, occupant)
     else:
-        _claim_alone(crew, claim)
-        _enter_only_unclaimed_and_empty(crew, occupant, claim)
+        _claim_alone(agents, claim)
+        _enter_only_unclaimed_and_empty(agents, occupant, claim)
 
 
 @jit
-def _stop_swaps(crew: Array, occupant: Array) -> None:
-    for i in range(crew.size):
-        agent = crew[i]
+def _stop_swaps(agents: Array, occupant: Array) -> None:
+    for i in range(agents.size):
+        agent = agents[i]
         if agent.want != agent.cell:
             j = occupant[agent.want]
-            if j >= 0 and crew[j].want == agent.cell:
-                crew[j].want = crew[j].cell
+            if j >= 0 and agents[j].want == agent.cell:
+                agents[j].want = agents[j].cell
                 agent.want = agent.cell
 
 
 @jit
-def _lowest_index_claims(crew: Array, claim: Array) -> None:
-    for i in range(crew.size):
-        agent = crew[i]
+def _lowest_index_claims(agents: Array, claim: Array) -> None:
+    for i in range(agents.size):
+        agent = agents[i]
         if agent.want != agent.cell:
             if claim[agent.want] < 0:
                 claim[agent.want] = i
@@ -76,24 +76,24 @@ def _lowest_index_claims(crew: Array, claim: Array) -> None:
 
 
 @jit
-def _stop_followers_of_stayers(crew: Array, claim: Array) -> None:
+def _stop_followers_of_stayers(agents: Array, claim: Array) -> None:
     """Stop whoever claims a stayer's cell, then whoever claims the stopped one's cell, and so on; free all claims."""
-    for i in range(crew.size):
-        if crew[i].active and crew[i].want == crew[i].cell:
-            held = crew[i].cell
+    for i in range(agents.size):
+        if agents[i].active and agents[i].want == agents[i].cell:
+            held = agents[i].cell
             while claim[held] >= 0:
-                follower = crew[claim[held]]
+                follower = agents[claim[held]]
                 claim[held] = -1
                 held = follower.cell
                 follower.want = held
-    for i in range(crew.size):
-        claim[crew[i].want] = -1
+    for i in range(agents.size):
+        claim[agents[i].want] = -1
 
 
 @jit
-def _move_one_after_the_other(crew: Array, occupant: Array) -> None:
-    for i in range(crew.size):
-        agent = crew[i]
+def _move_one_after_the_other(agents: Array, occupant: Array) -> None:
+    for i in range(agents.size):
+        agent = agents[i]
         if agent.want != agent.cell:
             if occupant[agent.want] < 0:
                 occupant[agent.cell] = -1
@@ -106,22 +106,22 @@ _CONTESTED = -2
 
 
 @jit
-def _claim_alone(crew: Array, claim: Array) -> None:
-    for i in range(crew.size):
-        agent = crew[i]
+def _claim_alone(agents: Array, claim: Array) -> None:
+    for i in range(agents.size):
+        agent = agents[i]
         if agent.want != agent.cell:
             claim[agent.want] = i if claim[agent.want] == -1 else _CONTESTED
 
 
 @jit
-def _enter_only_unclaimed_and_empty(crew: Array, occupant: Array, claim: Array) -> None:
+def _enter_only_unclaimed_and_empty(agents: Array, occupant: Array, claim: Array) -> None:
     """Refuse occupied and contested cells, then free all claims; until then `~want` marks a refused wish."""
-    for i in range(crew.size):
-        agent = crew[i]
+    for i in range(agents.size):
+        agent = agents[i]
         if agent.want != agent.cell and (occupant[agent.want] >= 0 or claim[agent.want] == _CONTESTED):
             agent.want = ~agent.want
-    for i in range(crew.size):
-        agent = crew[i]
+    for i in range(agents.size):
+        agent = agents[i]
         if agent.want >= 0:
             claim[agent.want] = -1
         else:

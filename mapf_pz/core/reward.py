@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from mapf_pz.core.conflict import NO_MOVE, direction
+from mapf_pz.core.cost_to_go import turned
 from mapf_pz.core.jit import jit
-from mapf_pz.core.path import turned
 from mapf_pz.core.state import Array, Rules
 
 
 @jit
-def pay(rules: Rules, height: int, width: int, crew: Array, actions: Array, occupant: Array, solved: bool) -> None:
+def pay(rules: Rules, height: int, width: int, agents: Array, actions: Array, occupant: Array, solved: bool) -> None:
     """Set every agent's reward; `solved`: all agents are on their goals at once."""
-    for i in range(crew.size):
-        agent = crew[i]
+    for i in range(agents.size):
+        agent = agents[i]
         agent.own_reward = 0.0
         if agent.was_active:
             earned = rules.goal if agent.arrived else _action_reward(rules, agent, actions[i])
@@ -28,7 +28,7 @@ def pay(rules: Rules, height: int, width: int, crew: Array, actions: Array, occu
             agent.own_reward = earned
         agent.reward = agent.own_reward
     if rules.share != 0:
-        _share(rules, height, width, crew, occupant)
+        _share(rules, height, width, agents, occupant)
 
 
 @jit
@@ -41,13 +41,13 @@ def _action_reward(rules: Rules, agent: Array, action: int) -> float:
 
 
 @jit
-def note_progress(worth: float, mean_weight: float, slot: Array, to_go: Array, m: int, crew: Array) -> None:
+def note_progress(worth: float, mean_weight: float, slot: Array, to_go: Array, m: int, agents: Array) -> None:
     """Note the fall of the cost to go in units of the mean weight; 0 where there is no path, or it is worth nothing."""
     if worth == 0:
         return  # it is 0 since the episode began
     last = to_go.shape[2] - 1  # of D headings, 1 or 4
-    for i in range(crew.size):
-        agent = crew[i]
+    for i in range(agents.size):
+        agent = agents[i]
         table = slot[m, agent.was_goal]
         before = to_go[table, agent.was_cell, agent.was_heading & last]
         after = to_go[table, agent.cell, agent.heading & last]
@@ -56,19 +56,19 @@ def note_progress(worth: float, mean_weight: float, slot: Array, to_go: Array, m
 
 
 @jit
-def _share(rules: Rules, height: int, width: int, crew: Array, occupant: Array) -> None:
+def _share(rules: Rules, height: int, width: int, agents: Array, occupant: Array) -> None:
     """Add `share` times the mean own reward of the other agents within `share_radius` rows and columns."""
     radius = rules.share_radius
-    for i in range(crew.size):
-        if not crew[i].was_active:
+    for i in range(agents.size):
+        if not agents[i].was_active:
             continue
-        row, col = divmod(crew[i].cell, width)
+        row, col = divmod(agents[i].cell, width)
         total, near = 0.0, 0
         for r in range(max(row - radius, 0), min(row + radius + 1, height)):
             for c in range(max(col - radius, 0), min(col + radius + 1, width)):
                 other = occupant[r * width + c]
                 if other >= 0 and other != i:
-                    total += crew[other].own_reward
+                    total += agents[other].own_reward
                     near += 1
         if near:
-            crew[i].reward += rules.share * total / near
+            agents[i].reward += rules.share * total / near

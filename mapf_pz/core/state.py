@@ -43,7 +43,7 @@ AGENT = np.dtype(
     ],
     align=True,
 )
-"""One agent. The kernels call the agents of one environment, (N,) of these, its crew."""
+"""One agent. The kernels call the agents of one environment, (N,) of these, its agents."""
 
 
 class World(NamedTuple):
@@ -69,14 +69,14 @@ class Distances(NamedTuple):
     nearest: Array  # (S, C + 1) float32: the least of `to_go` over headings
 
 
-class Arena(NamedTuple):
+class PlanningView(NamedTuple):
     """One environment, its map and the cost to go to its agents' goals: what planners look at."""
 
     leads_to: Array  # (4, C + 1) int32
     weight: Array  # (5, C + 1) float32
     slot: Array  # (C + 1,) int32
     to_go: Array  # (S, C + 1, D) float32
-    crew: Array  # (N,) AGENT
+    agents: Array  # (N,) AGENT
     occupant: Array  # (C + 1,) int32
 
 

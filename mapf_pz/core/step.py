@@ -5,8 +5,8 @@ from __future__ import annotations
 from numba import prange
 
 from mapf_pz.core.conflict import NO_MOVE, direction, propose, resolve
+from mapf_pz.core.cost_to_go import turned
 from mapf_pz.core.jit import BatchKernel, jit
-from mapf_pz.core.path import turned
 from mapf_pz.core.reward import note_progress, pay
 from mapf_pz.core.state import Array, Distances, Rules, State, World
 
@@ -18,17 +18,17 @@ ON_TARGET = {"nothing": NOTHING, "finish": FINISH, "restart": RESTART}
 def step(rules: Rules, world: World, distances: Distances, state: State, actions: Array) -> None:
     """Advance all environments by one step; `actions` (B, N) int64."""
     for b in prange(actions.shape[0]):
-        m, crew, occupant, claim = state.map[b], state.agents[b], state.occupant[b], state.claim[b]
+        m, agents, occupant, claim = state.map[b], state.agents[b], state.occupant[b], state.claim[b]
         time = tick(state.time, b)
 
-        propose(rules.cardinal, world.leads_to, m, crew, actions[b])
-        resolve(rules.collision, crew, occupant, claim)
-        advance(rules.cardinal, crew, actions[b], occupant, state.history[b])
-        solved = settle(rules.on_target, crew, state.goals[b], time)
-        note_progress(rules.progress, world.mean_weight[m], distances.slot, distances.to_go, m, crew)
-        pay(rules, world.height, world.width, crew, actions[b], occupant, solved)
-        retire(rules.on_target, crew, occupant, solved, time >= rules.max_steps)
-        conclude(crew, state.terminated, state.truncated, b)
+        propose(rules.cardinal, world.leads_to, m, agents, actions[b])
+        resolve(rules.collision, agents, occupant, claim)
+        advance(rules.cardinal, agents, actions[b], occupant, state.history[b])
+        solved = settle(rules.on_target, agents, state.goals[b], time)
+        note_progress(rules.progress, world.mean_weight[m], distances.slot, distances.to_go, m, agents)
+        pay(rules, world.height, world.width, agents, actions[b], occupant, solved)
+        retire(rules.on_target, agents, occupant, solved, time >= rules.max_steps)
+        conclude(agents, state.terminated, state.truncated, b)
 
 
 @jit
@@ -39,10 +39,10 @@ def tick(times: Array, b: int) -> int:
 
 
 @jit
-def advance(cardinal: bool, crew: Array, actions: Array, occupant: Array, history: Array) -> None:
+def advance(cardinal: bool, agents: Array, actions: Array, occupant: Array, history: Array) -> None:
     """Move every agent to the cell it got, turn it, and remember what it did."""
-    for i in range(crew.size):
-        agent = crew[i]
+    for i in range(agents.size):
+        agent = agents[i]
         agent.was_active = agent.active
         agent.was_cell = agent.cell
         agent.was_heading = agent.heading
@@ -50,8 +50,8 @@ def advance(cardinal: bool, crew: Array, actions: Array, occupant: Array, histor
         agent.blocked = False
         if agent.active:
             occupant[agent.cell] = -1
-    for i in range(crew.size):
-        agent = crew[i]
+    for i in range(agents.size):
+        agent = agents[i]
         if agent.active:
             moves = agent.want != agent.cell
             agent.blocked = not moves and direction(cardinal, agent.heading, actions[i]) != NO_MOVE
@@ -72,11 +72,11 @@ def _remember(history: Array, i: int, action: int, moved: bool) -> None:
 
 
 @jit
-def settle(on_target: int, crew: Array, goals: Array, time: int) -> bool:
+def settle(on_target: int, agents: Array, goals: Array, time: int) -> bool:
     """Note arrivals and give new goals; return whether all agents rest on their goals at once."""
     solved = on_target == NOTHING
-    for i in range(crew.size):
-        agent = crew[i]
+    for i in range(agents.size):
+        agent = agents[i]
         agent.at_goal = agent.active and agent.cell == agent.goal
         agent.arrived = agent.at_goal and (on_target != NOTHING or agent.arrivals == 0)
         solved &= agent.at_goal
@@ -92,10 +92,10 @@ def settle(on_target: int, crew: Array, goals: Array, time: int) -> bool:
 
 
 @jit
-def retire(on_target: int, crew: Array, occupant: Array, solved: bool, late: bool) -> None:
+def retire(on_target: int, agents: Array, occupant: Array, solved: bool, late: bool) -> None:
     """End what has ended: everybody once solved, finished agents, and at the time limit all who are left."""
-    for i in range(crew.size):
-        agent = crew[i]
+    for i in range(agents.size):
+        agent = agents[i]
         agent.terminated = solved or (agent.arrived and on_target == FINISH)
         agent.truncated = late and agent.active and not agent.terminated
         if agent.arrived and on_target == FINISH:
@@ -104,10 +104,10 @@ def retire(on_target: int, crew: Array, occupant: Array, solved: bool, late: boo
 
 
 @jit
-def conclude(crew: Array, terminated: Array, truncated: Array, b: int) -> None:
+def conclude(agents: Array, terminated: Array, truncated: Array, b: int) -> None:
     """Note whether the episode of environment `b` is over."""
     all_ended, any_late = True, False
-    for i in range(crew.size):
-        all_ended &= crew[i].terminated or not crew[i].active
-        any_late |= crew[i].truncated
+    for i in range(agents.size):
+        all_ended &= agents[i].terminated or not agents[i].active
+        any_late |= agents[i].truncated
     terminated[b], truncated[b] = all_ended, any_late

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from mapf_pz.actions import HEADING_STEPS
+from mapf_pz.arrays import Bools
 from mapf_pz.core.jit import jit
 from mapf_pz.core.state import WAIT_WEIGHT, Array, World
 from mapf_pz.guidance import GuidanceGraph
-from mapf_pz.types import HEADING_STEPS, Bools
 
 STEPS = tuple((int(r), int(c)) for r, c in HEADING_STEPS)
 

@@ -9,8 +9,8 @@ import zlib
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from mapf_pz.files import replacing
-from mapf_pz.types import FormatError
+from mapf_pz.errors import FormatError
+from mapf_pz.io.atomic import replacing
 
 FOLDERS = {".map": "maps", ".scen": "scens"}
 """Where files go, by their ending; others are left in the archive."""

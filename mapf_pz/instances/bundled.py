@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mapf_pz.instance import Grid
 from mapf_pz.instances import generate
 from mapf_pz.instances.movingai import write_map
-from mapf_pz.types import Grid
 
 
 class Recipe(NamedTuple):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from mapf_pz.config import DEFAULT_MAP, DEFAULT_NUM_AGENTS, EnvConfig
+from mapf_pz.instance import InstanceSource
 from mapf_pz.instances.library import load_map, load_scenario
 from mapf_pz.instances.sources import FixedMap, FixedScenario
-from mapf_pz.types import InstanceSource
 
 
 def goals_per_agent(config: EnvConfig) -> int:

@@ -8,8 +8,8 @@ from http import HTTPStatus
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from mapf_pz.files import naming
 from mapf_pz.instances.archive import Archive, unpack
+from mapf_pz.io.atomic import naming
 
 CACHE_VARIABLE = "MAPF_PZ_CACHE"
 """The environment variable that names the folder of downloaded data, in place of the user's cache."""

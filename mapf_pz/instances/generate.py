@@ -7,7 +7,8 @@ from itertools import product
 
 import numpy as np
 
-from mapf_pz.types import Bools, Grid
+from mapf_pz.arrays import Bools
+from mapf_pz.instance import Grid
 
 Room = tuple[int, int]  # its row and column among rooms
 Passage = tuple[Room, Room]

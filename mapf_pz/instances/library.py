@@ -10,9 +10,10 @@ from importlib import resources
 from itertools import chain
 from pathlib import Path
 
+from mapf_pz.arrays import Bools
+from mapf_pz.instance import Grid, Scenario
 from mapf_pz.instances.download import cache_folder
 from mapf_pz.instances.movingai import parse_cells, read_map, read_scenario
-from mapf_pz.types import Bools, Grid, Scenario
 
 BENCHMARK_VARIABLE = "MAPF_PZ_BENCHMARK"
 """The environment variable that names folders of benchmark data, as `PATH` does: for `maps/`, `scens/` and others."""

@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mapf_pz.actions import Heading
+from mapf_pz.arrays import Bools, Ints
 from mapf_pz.config import ActionModel, HeadingName
+from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances.library import load_map, load_scenario
 from mapf_pz.instances.place import check_reachable, place
-from mapf_pz.types import Bools, Grid, Heading, Instance, Ints, Scenario
 
 
 def load_instance(

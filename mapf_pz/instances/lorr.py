@@ -18,11 +18,14 @@ from reprlib import repr as shortened
 
 import numpy as np
 
-from mapf_pz.instances.jsonfile import JsonObject, named_file, parse_object, text_member, whole_number
+from mapf_pz.actions import Heading
+from mapf_pz.arrays import Ints, frozen
+from mapf_pz.errors import FormatError
+from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances.movingai import read_map
 from mapf_pz.instances.place import check_reachable
-from mapf_pz.instances.textfile import read_text
-from mapf_pz.types import FormatError, Grid, Heading, Instance, Ints, Scenario, frozen
+from mapf_pz.io.json import JsonObject, named_file, parse_object, text_member, whole_number
+from mapf_pz.io.text import read_text
 
 ROUND_ROBIN, ENTRANT = "roundrobin", "entrant"
 STRATEGIES = (ROUND_ROBIN, "roundrobin_fixed", "greedy", ENTRANT)

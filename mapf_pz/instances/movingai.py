@@ -15,9 +15,11 @@ from reprlib import repr as shortened
 
 import numpy as np
 
+from mapf_pz.arrays import Bools, Ints
+from mapf_pz.errors import FormatError
+from mapf_pz.instance import Grid, Scenario
 from mapf_pz.instances.octile import octile_distances
-from mapf_pz.instances.textfile import read_text
-from mapf_pz.types import Bools, FormatError, Grid, Ints, Scenario
+from mapf_pz.io.text import read_text
 
 PASSABLE = ".GSE"
 """Characters of free cells: ground (two), swamp; in maps of the League of Robot Runners also stations (`E`) and shelves

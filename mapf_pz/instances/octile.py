@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from mapf_pz.arrays import Bools, Floats, Ints
 from mapf_pz.core.jit import jit
 from mapf_pz.core.state import Array
-from mapf_pz.types import Bools, Floats, Ints
 
 _DIAGONAL = 1.414213562  # the root of 2 to as many digits as the benchmark took, so that its last columns come out
 

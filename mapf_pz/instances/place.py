@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from mapf_pz.arrays import Bools, Ints
 from mapf_pz.core.jit import jit
 from mapf_pz.core.state import Array
-from mapf_pz.types import Bools, Grid, Instance, Ints, Scenario
+from mapf_pz.instance import Grid, Instance, Scenario
 
 
 def components(free: Bools) -> Ints:

@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from mapf_pz.instances.jsonfile import are_whole, list_member, parse_json, parse_object, text_member
+from mapf_pz.errors import FormatError
+from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances.movingai import parse_cells
-from mapf_pz.instances.textfile import read_text
-from mapf_pz.types import FormatError, Grid, Instance, Scenario
+from mapf_pz.io.json import are_whole, list_member, parse_json, parse_object, text_member
+from mapf_pz.io.text import read_text
 
 PASSABLE, BLOCKED = ".@$!", "#"
 """Characters of free cells (three of them say who may start or end there, all may pass), and of obstacles."""

@@ -8,9 +8,10 @@ from functools import partial
 
 import numpy as np
 
+from mapf_pz.arrays import Ints
+from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances import generate
 from mapf_pz.instances.place import check_reachable, largest_component, place_on
-from mapf_pz.types import Grid, Instance, Ints, Scenario
 
 MAX_DRAWS = 100
 """So many maps are drawn in search of one that holds all agents."""

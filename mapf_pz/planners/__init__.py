@@ -1,13 +1,13 @@
 """Planning: planners, and whether what they make is legal."""
 
 from mapf_pz.planners.base import Planner
-from mapf_pz.planners.epibt import EPIBT
-from mapf_pz.planners.lacam import LaCAM
-from mapf_pz.planners.pibt import PIBT
-from mapf_pz.planners.plan import Plan, Violation, validate
-from mapf_pz.planners.prioritized import PrioritizedSIPP
-from mapf_pz.planners.record import record_plan
-from mapf_pz.planners.shield import Shield
+from mapf_pz.planners.epibt.planner import EPIBT
+from mapf_pz.planners.lacam.planner import LaCAM
+from mapf_pz.planners.pibt.planner import PIBT
+from mapf_pz.planners.pibt.shield import Shield
+from mapf_pz.planners.sipp.prioritized import PrioritizedSIPP
+from mapf_pz.plans.plan import Plan, Violation, validate
+from mapf_pz.plans.record import record_plan
 
 PLANNERS: dict[str, type[Planner]] = {
     "pibt": PIBT,

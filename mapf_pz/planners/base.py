@@ -10,14 +10,16 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
+from mapf_pz.actions import Action, CardinalAction
+from mapf_pz.arrays import Ints
 from mapf_pz.config import ActionModel, EnvConfig, WeightsName
 from mapf_pz.environment import MapfEnv
 from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances.sources import InstanceList
-from mapf_pz.planners.plan import Plan
 from mapf_pz.planners.problem import Path, Problem, problem_of
+from mapf_pz.plans.plan import Plan
 from mapf_pz.simulator import Simulator
-from mapf_pz.types import Action, CardinalAction, Grid, Instance, Ints, Scenario
 
 
 class Planner(ABC):
@@ -148,26 +150,26 @@ class PlanFollower(Planner):
 
     def decide(self, simulator: Simulator) -> Ints:
         """Return the actions (N,) int64 of all agents; all of them wait where there is no plan."""
-        crew = simulator.state.agents[0]
-        active = crew["active"]
+        agents = simulator.state.agents[0]
+        active = agents["active"]
         expected = self._cells[min(self._step, len(self._cells) - 1)] if len(self._cells) else self._goals
-        as_planned = np.array_equal(self._goals, crew["goal"]) and (expected == crew["cell"])[active].all()
+        as_planned = np.array_equal(self._goals, agents["goal"]) and (expected == agents["cell"])[active].all()
         if not as_planned:
             self._follow(simulator)
         rests = self._step >= len(self._actions)
-        actions = np.full(len(crew), waiting(simulator)) if rests else self._actions[self._step]
+        actions = np.full(len(agents), waiting(simulator)) if rests else self._actions[self._step]
         self._step += 1
         return actions
 
     def _follow(self, simulator: Simulator) -> None:
         """Plan afresh from the present state."""
-        crew = simulator.state.agents[0]
-        active = crew["active"]
+        agents = simulator.state.agents[0]
+        active = agents["active"]
         path = self.plan(problem_of(simulator), self._time_limit)
-        self._step, self._goals = 0, crew["goal"].copy()
+        self._step, self._goals = 0, agents["goal"].copy()
         steps = 0 if path is None else len(path.cells) - 1
-        self._cells = np.tile(crew["cell"], (steps + 1, 1))
-        self._actions = np.full((steps, len(crew)), waiting(simulator), np.int64)
+        self._cells = np.tile(agents["cell"], (steps + 1, 1))
+        self._actions = np.full((steps, len(agents)), waiting(simulator), np.int64)
         if path is not None:
             self._cells[:, active] = path.cells
             self._actions[:, active] = path.actions(simulator.world.leads_to[simulator.state.map[0]])
@@ -239,14 +241,14 @@ def record(simulator: Simulator, decide: Callable[[Simulator], Ints], time_limit
 
     It is given up at its last step, or after `time_limit` seconds.
     """
-    crew = simulator.state.agents[0]
-    cells, headings = [simulator.positions(0)], [crew["heading"].copy()]
+    agents = simulator.state.agents[0]
+    cells, headings = [simulator.positions(0)], [agents["heading"].copy()]
     deadline = time.perf_counter() + time_limit
-    while not crew["at_goal"].all():
-        if crew["truncated"].any() or time.perf_counter() > deadline:
+    while not agents["at_goal"].all():
+        if agents["truncated"].any() or time.perf_counter() > deadline:
             return None
         simulator.step(decide(simulator)[None])
         cells.append(simulator.positions(0))
-        headings.append(crew["heading"].copy())
+        headings.append(agents["heading"].copy())
     cardinal = simulator.config.action_model == "cardinal"
     return Plan(np.stack(cells), None if cardinal else np.stack(headings))

@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mapf_pz.actions import Action, CardinalAction
+from mapf_pz.arrays import Ints
 from mapf_pz.core.state import Array
 from mapf_pz.simulator import Simulator
-from mapf_pz.types import Action, CardinalAction, Ints
 
 
 class Problem(NamedTuple):
@@ -49,15 +50,15 @@ CARDINAL_ACTIONS = (CardinalAction.RIGHT, CardinalAction.DOWN, CardinalAction.LE
 
 def problem_of(simulator: Simulator) -> Problem:
     """Return what is left to solve for the active agents of the simulator's first environment."""
-    arena = simulator.arena()
-    crew = arena.crew[arena.crew["active"]]
+    planning_view = simulator.planning_view()
+    agents = planning_view.agents[planning_view.agents["active"]]
     cardinal = simulator.config.action_model == "cardinal"
     return Problem(
-        leads_to=arena.leads_to,
-        weight=arena.weight,
-        to_go=arena.to_go,
-        table=arena.slot[crew["goal"]],
-        starts=crew["cell"].copy(),
-        headings=np.zeros(len(crew), np.int32) if cardinal else crew["heading"].copy(),
-        goals=crew["goal"].copy(),
+        leads_to=planning_view.leads_to,
+        weight=planning_view.weight,
+        to_go=planning_view.to_go,
+        table=planning_view.slot[agents["goal"]],
+        starts=agents["cell"].copy(),
+        headings=np.zeros(len(agents), np.int32) if cardinal else agents["heading"].copy(),
+        goals=agents["goal"].copy(),
     )

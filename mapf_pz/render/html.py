@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapf_pz.files import write_whole
+from mapf_pz.io.atomic import write_whole
 from mapf_pz.render.recording import Recording
 from mapf_pz.render.rgb import colour_codes
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from mapf_pz.arrays import Bools, Floats, Ints
 from mapf_pz.render.rgb import Canvas, Picture
-from mapf_pz.types import Bools, Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from mapf_pz.files import write_whole
+from mapf_pz.arrays import Bools, Ints
+from mapf_pz.io.atomic import write_whole
 from mapf_pz.render.frames import check_fps
 from mapf_pz.render.recording import Recording
 from mapf_pz.render.rgb import colour_codes
-from mapf_pz.types import Bools, Ints
 
 CELL = 20
 """Units of a cell's side."""

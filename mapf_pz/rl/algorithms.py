@@ -20,7 +20,7 @@ from torchrl.objectives import ClipPPOLoss, IPPOLoss, MAPPOLoss, PPOLoss, ValueE
 
 from mapf_pz.rl.centralize import Centralize
 from mapf_pz.rl.config import AlgorithmName, PPOConfig, TrainConfig
-from mapf_pz.rl.models import Actor, LocalCritic, TeamActor, TeamCritic, TeamValue, with_memory
+from mapf_pz.rl.networks import Actor, LocalCritic, TeamActor, TeamCritic, TeamValue, with_memory
 from mapf_pz.rl.observed import Observed, observation_transforms
 
 

@@ -12,9 +12,9 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded, UnboundedDiscrete
 from torchrl.envs import EnvBase
 
+from mapf_pz.arrays import Ints
 from mapf_pz.config import EnvConfig
 from mapf_pz.simulator import Simulator
-from mapf_pz.types import Ints
 
 
 class BatchedMapfEnv(EnvBase):

@@ -18,8 +18,8 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 from torchrl.checkpoint import Checkpoint, CheckpointAdapter, CheckpointRotation
 
+from mapf_pz.errors import FormatError
 from mapf_pz.rl.learner import Learner
-from mapf_pz.types import FormatError
 
 FOLDER, PREFIX, TENSORS = "checkpoints", "checkpoint", "learner.safetensors"
 _DAMAGE = (

@@ -102,9 +102,9 @@ class TaskConfig:
         """Return the names and keywords of the wrappers that it needs besides, innermost first."""
         wrappers: list[tuple[str, dict[str, int]]] = []
         if self.neighbors:
-            wrappers.append(("Sharing", {"neighbors": self.neighbors, "radius": self.neighbor_radius}))
+            wrappers.append(("NeighborObservations", {"neighbors": self.neighbors, "radius": self.neighbor_radius}))
         if self.num_frames > 1:
-            wrappers.append(("History", {"num_frames": self.num_frames}))
+            wrappers.append(("FrameStack", {"num_frames": self.num_frames}))
         return tuple(wrappers)
 
 

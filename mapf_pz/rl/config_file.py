@@ -6,11 +6,11 @@ from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
-from mapf_pz.files import write_whole
-from mapf_pz.instances.textfile import read_text
+from mapf_pz.errors import FormatError
+from mapf_pz.io.atomic import write_whole
+from mapf_pz.io.text import read_text
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.saved_env import OBJECT_FIELDS, complaint, object_file, object_files
-from mapf_pz.types import FormatError
 
 CONFIG = "config.json"
 CONFIG_FILES = (CONFIG, *map(object_file, OBJECT_FIELDS))

@@ -13,12 +13,13 @@ from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
 from mapf_pz.action_modes import ACTION_MODES
-from mapf_pz.files import write_whole
+from mapf_pz.arrays import Floats
+from mapf_pz.errors import FormatError
+from mapf_pz.io.atomic import write_whole
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.config import AlgorithmName, TrainConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
 from mapf_pz.rl.observed import Observed
-from mapf_pz.types import Floats, FormatError
 
 WEIGHTS = "policy.safetensors"
 _DAMAGE = (SafetensorError, RuntimeError, ValueError, TypeError, LookupError, OverflowError)
@@ -31,7 +32,7 @@ class LearnedPolicy:
     other for ever. A network with a memory has it until `reset_states`, each agent its own.
 
     `env_kwargs` are keywords under which an environment shows what the policy must see, and `env_wrappers` names and
-    keywords of the wrappers that it needs besides, innermost first; `mapf_pz.evaluate.run.make_env` applies both.
+    keywords of the wrappers that it needs besides, innermost first; `mapf_pz.evaluation.rollout.make_env` applies both.
     """
 
     def __init__(self, network: nn.Module, config: TrainConfig, seed: int = 0, deterministic: bool = False) -> None:
@@ -80,7 +81,7 @@ class LearnedPolicy:
             if (got := _shapes(observation)) != expected:
                 raise ValueError(
                     f"observation of {agent!r}: this policy observes {_told(expected)}, got {_told(got)}; "
-                    "mapf_pz.evaluate.make_env(policy, ...) makes an environment for it"
+                    "mapf_pz.evaluation.make_env(policy, ...) makes an environment for it"
                 )
 
     def _prefer(self, names: list[str], image: Tensor, features: Tensor | None = None) -> Tensor:

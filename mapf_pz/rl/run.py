@@ -11,13 +11,13 @@ from pathlib import Path
 from torch import nn
 from torchrl.record.loggers.tensorboard import TensorboardLogger
 
-from mapf_pz.files import replacing, write_whole
+from mapf_pz.errors import FormatError
+from mapf_pz.io.atomic import replacing, write_whole
 from mapf_pz.rl.checkpoint import FOLDER, Checkpoints, Position, read_position, restore
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG_FILES, config_files, save_config
 from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.policy import WEIGHTS, save_weights
-from mapf_pz.types import FormatError
 
 PROGRESS, CURVE, TENSORBOARD = "progress.csv", "learning_curve.png", "tensorboard"
 RUN_FILES = (*CONFIG_FILES, WEIGHTS, PROGRESS, CURVE, FOLDER, TENSORBOARD)

@@ -18,9 +18,10 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from mapf_pz.config import EnvConfig, HeadingName
+from mapf_pz.errors import FormatError
 from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances.sources import FixedMap, FixedScenario, InstanceList
-from mapf_pz.types import FormatError, Grid, Instance, Scenario
 
 OBJECT_FIELDS = ("map", "scenario", "edge_weights", "source")
 """The fields of `EnvConfig` that may hold an object."""

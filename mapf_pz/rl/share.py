@@ -15,7 +15,7 @@ from mapf_pz.neighbors import check_sharing, nearest
 
 
 class Share(Transform):
-    """Put the observations of each agent's `neighbors` nearest others after its own; the wrapper `Sharing`, in a batch.
+    """Put the observations of each agent's `neighbors` nearest others after its own; the wrapper `NeighborObservations`, in a batch.
 
     | key | shape | |
     | --- | --- | --- |

@@ -12,8 +12,9 @@ import numpy as np
 import torch
 from torchrl.collectors import BaseCollector
 
-from mapf_pz.files import naming
+from mapf_pz.errors import FormatError
 from mapf_pz.interrupts import interrupts_deferred
+from mapf_pz.io.atomic import naming
 from mapf_pz.rl.algorithms import ALGORITHMS, Algorithm
 from mapf_pz.rl.checkpoint import read_position
 from mapf_pz.rl.collect import collecting
@@ -23,7 +24,6 @@ from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.run import RunFolder
 from mapf_pz.rl.stopwatch import Stopwatch
 from mapf_pz.rl.validation import Validation, episode_means
-from mapf_pz.types import FormatError
 
 Progress = Callable[[dict[str, float]], None]
 MakeAlgorithm = Callable[[TrainConfig], Algorithm]

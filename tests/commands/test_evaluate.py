@@ -8,11 +8,11 @@ import sys
 
 import numpy as np
 import pytest
+from tests.evaluate.test_jobs import children_of, is_alive, wait_for
 
 from mapf_pz.cli import main
-from mapf_pz.evaluate.results import COLUMNS
+from mapf_pz.evaluation.results import COLUMNS
 from mapf_pz.instances import load_map, place, write_scenario
-from tests.evaluate.test_jobs import children_of, is_alive, wait_for
 
 SMALL = ["--map", "empty-8-8", "--num-agents", 3, "--max-steps", 20, "--episodes", 4]
 
@@ -25,11 +25,11 @@ def no_benchmark(monkeypatch):
 @pytest.fixture
 def suite(tmp_path):
     file = tmp_path / "mine.json"
-    trials = [
+    tasks = [
         {"map": "empty-8-8", "num_agents": [2, 4], "max_steps": 30, "episodes": 3},
         {"random": [6, 6, 0.1], "num_agents": 3, "max_steps": 30, "episodes": 3, "about": "random"},
     ]
-    file.write_text(json.dumps({"trials": trials}))
+    file.write_text(json.dumps({"tasks": tasks}))
     return file
 
 
@@ -71,7 +71,7 @@ def test_policies_on_a_suite_in_processes(capsys, suite, tmp_path):
         ("| empty-8-8", "2", "random"),
     ]
     assert len(rows(output)) == 2 * 3 * 3
-    assert {"episodes.csv", "trials.json", "evaluation.md"} <= files(output)
+    assert {"episodes.csv", "tasks.json", "evaluation.md"} <= files(output)
 
     before = (output / "episodes.csv").read_bytes()
     status, again, err = run(capsys, *words)
@@ -83,7 +83,7 @@ def test_figures_where_there_are_several_numbers_of_agents(capsys, suite, tmp_pa
     pytest.importorskip("matplotlib")
     _, out, _ = run(capsys, "--policy", "pibt", "--suite", suite, "--output", tmp_path / "out")
     assert out[-1] == f"figure written to {tmp_path / 'out' / 'empty-8-8.png'}"
-    assert files(tmp_path / "out") == {"episodes.csv", "trials.json", "evaluation.md", "empty-8-8.png"}
+    assert files(tmp_path / "out") == {"episodes.csv", "tasks.json", "evaluation.md", "empty-8-8.png"}
 
 
 def test_without_what_draws_figures(capsys, suite, tmp_path, monkeypatch):
@@ -148,7 +148,7 @@ def test_several_scenarios_and_numbers_of_agents(capsys, tmp_path, again):
 def test_scenarios_of_different_numbers_of_agents(capsys, tmp_path):
     list(written_scenarios(tmp_path, 5, 6))
     status, _, err = run(capsys, *ON_SCENARIOS, "--scenario", tmp_path / "*.scen")
-    message = "trial 'empty-8-8, 2 scenarios': num_agents=5, but instance 1 has 6 agents"
+    message = "task 'empty-8-8, 2 scenarios': num_agents=5, but instance 1 has 6 agents"
     assert (status, err) == (1, [f"mapf-pz evaluate: {message}"])
 
 
@@ -160,7 +160,7 @@ def test_several_numbers_of_agents_on_a_map(capsys, tmp_path):
 
 def test_several_suites(capsys, suite, tmp_path):
     other = tmp_path / "other.json"
-    other.write_text('{"trials": [{"map": "empty-8-8", "num_agents": 1, "episodes": 2, "max_steps": 30}]}')
+    other.write_text('{"tasks": [{"map": "empty-8-8", "num_agents": 1, "episodes": 2, "max_steps": 30}]}')
     words = ["--policy", "pibt", "--suite", suite, "--suite", other, "--output", tmp_path / "out", "--episodes", 1]
     assert run(capsys, *words)[0] == 0
     assert [(row["num_agents"], row["episode"]) for row in rows(tmp_path / "out")] == [
@@ -170,7 +170,7 @@ def test_several_suites(capsys, suite, tmp_path):
         ("1", "0"),
     ]
     status, _, err = run(capsys, "--policy", "pibt", "--suite", suite, "--suite", suite)
-    expected = "mapf-pz evaluate: two trials are called '2 agents on empty-8-8': expected different names"
+    expected = "mapf-pz evaluate: two tasks are called '2 agents on empty-8-8': expected different names"
     assert (status, err) == (1, [expected])
 
 
@@ -245,7 +245,7 @@ def test_a_trained_policy_is_refused_where_actions_are_others(capsys):
 def test_another_evaluation_in_the_folder(capsys, tmp_path):
     assert run(capsys, "--policy", "pibt", *SMALL, "--output", tmp_path)[0] == 0
     status, _, err = run(capsys, "--policy", "pibt", *SMALL, "--output", tmp_path, "--seed", 3)
-    message = "holds an evaluation of other trials; expected another folder"
+    message = "holds an evaluation of other tasks; expected another folder"
     assert (status, err) == (1, [f"mapf-pz evaluate: {tmp_path}: {message}"])
 
 

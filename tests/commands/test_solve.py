@@ -6,7 +6,7 @@ from mapf_pz.commands.solve import lower_bound
 from mapf_pz.instances import load_instance
 from mapf_pz.planners import PLANNERS, Plan, Planner
 from mapf_pz.planners.base import waiting
-from tests.planners.drawing import drawn
+from tests.helpers.text_instances import drawn
 
 
 def run(capsys, command, *words):

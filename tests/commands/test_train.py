@@ -30,8 +30,8 @@ def contents(folder):
 def suite(tmp_path):
     """A suite for agents that turn."""
     file = tmp_path / "suite.json"
-    trial = {"random": [7, 7, 0.1], "num_agents": 2, "max_steps": 4, "episodes": 1}
-    file.write_text(json.dumps({"trials": [trial | {"env": {"action_model": "rotate"}}]}))
+    task = {"random": [7, 7, 0.1], "num_agents": 2, "max_steps": 4, "episodes": 1}
+    file.write_text(json.dumps({"tasks": [task | {"env": {"action_model": "rotate"}}]}))
     return file
 
 

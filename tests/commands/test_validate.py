@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from mapf_pz.cli import main
+from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances import write_map, write_scenario
 from mapf_pz.planners import Plan
-from mapf_pz.planners.files import write_plan
-from mapf_pz.types import Grid, Instance, Scenario
+from mapf_pz.plans.files import write_plan
 
 GRID = Grid(np.ones((2, 3), bool), "small")
 SCENARIO = Scenario([[0, 0], [1, 2]], [[0, 2], [1, 0]])

@@ -1,4 +1,4 @@
-"""The kernels and `tests.reference` in lockstep, on maps so full of agents that conflicts are many."""
+"""The kernels and `tests.helpers.reference` in lockstep, on maps so full of agents that conflicts are many."""
 
 from itertools import product
 
@@ -7,12 +7,12 @@ import pytest
 
 import mapf_pz
 from mapf_pz.config import REWARDS, EnvConfig, RewardConfig
-from mapf_pz.core.channels import CHANNELS
-from mapf_pz.core.features import FEATURES
+from mapf_pz.core.observation.channels import CHANNELS
+from mapf_pz.core.observation.features import FEATURES
 from mapf_pz.guidance import GuidanceGraph, open_edges
+from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.simulator import Simulator
-from mapf_pz.types import Grid, Instance, Scenario
-from tests.reference import Reference
+from tests.helpers.reference import Reference
 
 COMBINATIONS = list(
     product(("rotate", "cardinal"), ("soft", "priority", "block_both"), ("nothing", "finish", "restart"))
@@ -125,15 +125,15 @@ class Lockstep:
         return self.rng.choice(len(chances), shape, p=chances)
 
     def _compare(self, b):
-        game, crew = self.games[b], self.simulator.state.agents[b]
+        game, agents = self.games[b], self.simulator.state.agents[b]
         assert list(map(tuple, self.simulator.positions(b).tolist())) == game.positions
         assert list(map(tuple, self.simulator.goals(b).tolist())) == game.goals
-        assert crew["heading"].tolist() == game.headings
-        assert crew["active"].tolist() == game.active
+        assert agents["heading"].tolist() == game.headings
+        assert agents["active"].tolist() == game.active
         assert self.simulator.state.time[b] == game.step_count
 
     def _compare_outcome(self, b, playing):
-        game, crew = self.games[b], self.simulator.state.agents[b]
+        game, agents = self.games[b], self.simulator.state.agents[b]
         terminated = [ended and played for ended, played in zip(game.terminated, playing, strict=True)]
         truncated = [game.truncated and p and not t for p, t in zip(playing, terminated, strict=True)]
         at_goal = [on_goal and played for on_goal, played in zip(game.on_goal_log[-1], playing, strict=True)]
@@ -146,12 +146,12 @@ class Lockstep:
             ("was_active", playing),
             ("arrivals", [len(steps) for steps in game.arrival_steps]),
         ):
-            assert crew[name].tolist() == expected, name
-        assert (crew["cell"] != crew["was_cell"]).tolist() == game.moved
-        assert np.abs(crew["reward"] - game.rewards).max() < 1e-4
+            assert agents[name].tolist() == expected, name
+        assert (agents["cell"] != agents["was_cell"]).tolist() == game.moved
+        assert np.abs(agents["reward"] - game.rewards).max() < 1e-4
         self.counts["steps"] += 1
         for name in ("blocked", "arrived", "terminated", "truncated"):
-            self.counts[name] += int(crew[name].sum())
+            self.counts[name] += int(agents[name].sum())
 
     def _compare_metrics(self, b):
         expected, got = self.games[b].metrics(), self.simulator.metrics(b)

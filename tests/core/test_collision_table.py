@@ -1,11 +1,11 @@
-"""The hand-drawn conflicts of `tests.cases`, through the environment."""
+"""The hand-drawn conflicts of `tests.helpers.cases`, through the environment."""
 
 import numpy as np
 import pytest
 
 import mapf_pz
-from mapf_pz.types import Grid, Instance, Scenario
-from tests.cases import CASES
+from mapf_pz.instance import Grid, Instance, Scenario
+from tests.helpers.cases import CASES
 
 SYSTEMS = ("soft", "priority", "block_both")
 

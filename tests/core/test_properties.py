@@ -6,12 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
+from mapf_pz.actions import HEADING_STEPS
 from mapf_pz.config import REWARDS, EnvConfig
-from mapf_pz.core.channels import CHANNELS
-from mapf_pz.core.features import FEATURES
+from mapf_pz.core.observation.channels import CHANNELS
+from mapf_pz.core.observation.features import FEATURES
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.simulator import Simulator
-from mapf_pz.types import HEADING_STEPS
 
 
 @st.composite
@@ -56,19 +56,19 @@ def test_every_state_is_sound(config, seed):
         simulator.step(rng.integers(simulator.num_actions, size=(1, simulator.num_agents)))
         check_state(simulator, space)
         check_moves(simulator)
-        crew = simulator.state.agents[0]
-        if crew["terminated"].all() or not crew["active"].any():
+        agents = simulator.state.agents[0]
+        if agents["terminated"].all() or not agents["active"].any():
             break
     else:
-        assert crew["truncated"].sum() == crew["active"].sum()
+        assert agents["truncated"].sum() == agents["active"].sum()
 
 
 def check_state(simulator, space):
-    state, crew = simulator.state, simulator.state.agents[0]
-    active = np.flatnonzero(crew["active"])
-    cells = crew["cell"][active]
+    state, agents = simulator.state, simulator.state.agents[0]
+    active = np.flatnonzero(agents["active"])
+    cells = agents["cell"][active]
     assert len(np.unique(cells)) == len(cells), "two agents on one cell"
-    assert simulator.grid(0).free.reshape(-1)[crew["cell"]].all(), "an agent in an obstacle"
+    assert simulator.grid(0).free.reshape(-1)[agents["cell"]].all(), "an agent in an obstacle"
     occupied = np.full(state.occupant.shape[1], -1)
     occupied[cells] = active
     assert np.array_equal(state.occupant[0], occupied)
@@ -77,41 +77,41 @@ def check_state(simulator, space):
 
 
 def check_moves(simulator):
-    crew = simulator.state.agents[0]
+    agents = simulator.state.agents[0]
     width = simulator.shape[1]
-    before, after = (np.stack(np.divmod(crew[name], width), axis=1) for name in ("was_cell", "cell"))
+    before, after = (np.stack(np.divmod(agents[name], width), axis=1) for name in ("was_cell", "cell"))
     assert np.abs(after - before).sum(axis=1).max() <= 1, "a move of more than one cell"
-    moved = np.flatnonzero(crew["cell"] != crew["was_cell"])
-    went = set(zip(crew["was_cell"][moved].tolist(), crew["cell"][moved].tolist(), strict=True))
+    moved = np.flatnonzero(agents["cell"] != agents["was_cell"])
+    went = set(zip(agents["was_cell"][moved].tolist(), agents["cell"][moved].tolist(), strict=True))
     assert not went & {(there, here) for here, there in went}, "a swap"
     if simulator.config.action_model == "rotate":
-        straight = HEADING_STEPS[crew["was_heading"][moved]]
+        straight = HEADING_STEPS[agents["was_heading"][moved]]
         assert np.array_equal((after - before)[moved], straight), "a move that is not forward"
-        assert np.array_equal(crew["heading"][moved], crew["was_heading"][moved]), "moved and turned at once"
+        assert np.array_equal(agents["heading"][moved], agents["was_heading"][moved]), "moved and turned at once"
 
 
 def check_observations(simulator, space):
     seen = simulator.observe()
-    config, crew = simulator.config, simulator.state.agents[0]
-    for i in np.flatnonzero(crew["was_active"]):
+    config, agents = simulator.config, simulator.state.agents[0]
+    for i in np.flatnonzero(agents["was_active"]):
         image, features = seen.image[0, i], seen.features[0, i]
         assert space.contains({"image": image, "features": features} if config.features else image)
     if config.see_through_walls:
         check_others_in_view(simulator, seen.image[0])
-    gone = ~crew["was_active"]
+    gone = ~agents["was_active"]
     assert not seen.image[0, gone].any()
     assert not seen.features[0, gone].any()
 
 
 def check_others_in_view(simulator, image):
     """Each active agent whose cell is in another's view is drawn there: POGEMA leaves some of them out."""
-    config, crew = simulator.config, simulator.state.agents[0]
+    config, agents = simulator.config, simulator.state.agents[0]
     drawn = image[:, plane_of(config, "view")]
     positions = simulator.positions(0)
-    for i in np.flatnonzero(crew["was_active"]):
+    for i in np.flatnonzero(agents["was_active"]):
         expected = np.zeros(config.view_size, np.bool_)
-        for j in np.flatnonzero(crew["active"]):
-            row, col = place_in_view(config, positions[j] - positions[i], int(crew["heading"][i]))
+        for j in np.flatnonzero(agents["active"]):
+            row, col = place_in_view(config, positions[j] - positions[i], int(agents["heading"][i]))
             if j != i and 0 <= row < config.view_size[0] and 0 <= col < config.view_size[1]:
                 expected[row, col] = True
         assert np.array_equal(drawn[i] == 0.5, expected)

@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mapf_pz.actions import CardinalAction
 from mapf_pz.config import EnvConfig
+from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.simulator import Simulator
-from mapf_pz.types import CardinalAction, Grid, Instance, Scenario
 
 NUM_STEPS = 15
 EVERY_CHANNEL = ("view", "goal", "orientation", "edge_weights", "cost_to_go", "heuristic", "other_goals")
@@ -55,12 +56,12 @@ def played(config, instance, actions):
     """Observations, rewards, ends and positions at each step."""
     simulator = Simulator(config)
     simulator.reset(instances={0: instance})
-    crew = simulator.state.agents[0]
-    trace = [(simulator.observe(), np.zeros(len(crew)), simulator.positions(0))]
+    agents = simulator.state.agents[0]
+    trace = [(simulator.observe(), np.zeros(len(agents)), simulator.positions(0))]
     for row in actions:
         simulator.step(row[None])
-        trace.append((simulator.observe(), crew["reward"].copy(), simulator.positions(0)))
-    return trace, simulator.metrics(0), (crew["terminated"].copy(), crew["truncated"].copy())
+        trace.append((simulator.observe(), agents["reward"].copy(), simulator.positions(0)))
+    return trace, simulator.metrics(0), (agents["terminated"].copy(), agents["truncated"].copy())
 
 
 @pytest.mark.parametrize("action_model", ["rotate", "cardinal"])

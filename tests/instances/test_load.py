@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from mapf_pz.instance import Grid, Scenario
 from mapf_pz.instances import load_instance, write_map, write_scenario
-from mapf_pz.types import Grid, Scenario
 
 MAP = "....\n.@..\n...."
 SCENARIO = Scenario([[0, 0], [2, 3], [2, 0]], [[0, 3], [0, 0], [1, 3]])

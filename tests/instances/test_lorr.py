@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mapf_pz.errors import FormatError
 from mapf_pz.instances import InstanceList, LorrProblem, load_problem
-from mapf_pz.types import FormatError
 
 MAP = "type octile\nheight 2\nwidth 3\nmap\n.ES\n.T@\n"
 JSON = {"mapFile": "maps/a.map", "agentFile": "a.agents", "taskFile": "a.tasks", "teamSize": 2}

@@ -4,6 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from mapf_pz.errors import FormatError
+from mapf_pz.instance import Grid, Scenario
 from mapf_pz.instances import (
     format_map,
     format_scenario,
@@ -17,7 +19,6 @@ from mapf_pz.instances import (
     write_scenario,
 )
 from mapf_pz.instances.octile import octile_distances
-from mapf_pz.types import FormatError, Grid, Scenario
 
 MAP = "type octile\nheight 2\nwidth 3\nmap\n.@.\n...\n"
 GRID = Grid([[True, False, True], [True, True, True]], "tiny")
@@ -231,7 +232,7 @@ def test_what_is_no_text_file_is_refused_in_one_line(tmp_path, monkeypatch):
     assert message_of(read_map, "/dev/zero").endswith("expected a file, got a folder or device")
     file.write_bytes(b"type octile\nheight \xff\n")
     assert message_of(read_map, file) == f"{file}:2:8: expected UTF-8 text, got the byte 0xff"
-    monkeypatch.setattr("mapf_pz.instances.textfile.MAX_FILE_BYTES", 10)
+    monkeypatch.setattr("mapf_pz.io.text.MAX_FILE_BYTES", 10)
     assert message_of(read_scenario, file) == f"{file}: expected at most 10 bytes"
 
 

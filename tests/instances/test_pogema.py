@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapf_pz.evaluate.bounds import most_goals
+from mapf_pz.errors import FormatError
+from mapf_pz.evaluation.bounds import most_goals
 from mapf_pz.instances import InstanceList, load_pogema, pogema
-from mapf_pz.types import FormatError
 
 MAPS = {"a": [".@#", "$!."], "b": ["...."]}
 ONE_SHOT = [

@@ -4,6 +4,7 @@ from functools import partial
 import numpy as np
 import pytest
 
+from mapf_pz.instance import Grid, Instance, InstanceSource, Scenario
 from mapf_pz.instances import (
     FixedMap,
     FixedScenario,
@@ -14,7 +15,6 @@ from mapf_pz.instances import (
     generate,
     place,
 )
-from mapf_pz.types import Grid, Instance, InstanceSource, Scenario
 
 GRID = generate.empty(5, 6)
 SCENARIO = Scenario([[0, 0], [1, 1], [2, 2]], [[4, 4], [3, 3], [0, 5]])

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
+from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import PLANNERS, Plan, validate
-from mapf_pz.types import Grid, Instance, Scenario
 
 MODELS = ["rotate", "cardinal"]
 WEIGHTS = ["uniform", "random", "crisscross"]

@@ -16,11 +16,11 @@ import numpy as np
 
 import mapf_pz
 import mapf_pz.core
-from mapf_pz.core import lacam
+from mapf_pz.planners.lacam import search as lacam
 from mapf_pz.core.jit import BatchKernel
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import PLANNERS
-from mapf_pz.types import Instance
+from mapf_pz.instance import Instance
 
 name, model = {name!r}, {model!r}
 options = {{"time_limit": 0.2}} if name != "pibt" else {{}}

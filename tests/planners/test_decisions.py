@@ -2,7 +2,7 @@ import csv
 
 import pytest
 
-from tests.planners.decisions import RECORDING, cases, decided
+from tests.helpers.decisions import RECORDING, cases, decided
 
 CASES = cases()
 

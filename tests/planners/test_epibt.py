@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 import mapf_pz
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import EPIBT, validate
-from tests.planners.drawing import drawn
-from tests.planners.reference import SlowEPIBT, World, assert_same_decisions
+from tests.helpers.reference_planners import SlowEPIBT, World, assert_same_decisions
+from tests.helpers.text_instances import drawn
 
 
 @pytest.mark.parametrize("depth", [1, 2, 3, 4])

@@ -8,15 +8,16 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
-from mapf_pz.core import lacam as core
-from mapf_pz.core.lacam_step import allocate_desk
+from mapf_pz.actions import HEADING_STEPS
 from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances import RandomObstacles, load_map, load_scenario
 from mapf_pz.instances.place import largest_component, place
 from mapf_pz.planners import lacam, validate
-from mapf_pz.planners.lacam import LaCAM
-from mapf_pz.types import HEADING_STEPS, Grid, Instance, Scenario
-from tests.planners.drawing import drawn, problem
+from mapf_pz.planners.lacam import search as core
+from mapf_pz.planners.lacam.planner import LaCAM
+from mapf_pz.planners.lacam.step import allocate_scratch
+from tests.helpers.text_instances import drawn, problem
 
 MODELS = ["cardinal", "rotate"]
 
@@ -73,16 +74,16 @@ def test_it_sees_all_configurations_before_it_gives_up_in_the_least_room(text):
     instance = drawn(text)
     given, agents = problem(instance), instance.num_agents
     nodes, constraints = core.allocate_nodes(1, agents), core.allocate_constraints(1)
-    desk, tally = allocate_desk(agents, instance.grid.free.size, seed=1), np.zeros(4, np.int64)
-    core.begin(given, np.arange(agents, dtype=np.int32)[::-1], nodes, constraints, desk, tally)
-    while core.search(given, 10**5, nodes, constraints, desk, tally) == core.FULL:
-        if tally[core.NUM_NODES] == len(nodes.parent):
+    scratch, counters = allocate_scratch(agents, instance.grid.free.size, seed=1), np.zeros(4, np.int64)
+    core.begin(given, np.arange(agents, dtype=np.int32)[::-1], nodes, constraints, scratch, counters)
+    while core.search(given, 10**5, nodes, constraints, scratch, counters) == core.FULL:
+        if counters[core.NUM_NODES] == len(nodes.parent):
             nodes = nodes._make(np.concatenate([array, np.zeros_like(array)]) for array in nodes)
-            core.refill_slots(nodes, tally)
+            core.refill_slots(nodes, counters)
         else:
             constraints = constraints._make(np.append(array, np.int32(0)) for array in constraints)
-    assert core.search(given, 1, nodes, constraints, desk, tally) == core.EXHAUSTED
-    rows, cols = np.divmod(nodes.cells[: tally[core.NUM_NODES]], instance.grid.shape[1])
+    assert core.search(given, 1, nodes, constraints, scratch, counters) == core.EXHAUSTED
+    rows, cols = np.divmod(nodes.cells[: counters[core.NUM_NODES]], instance.grid.shape[1])
     seen = [tuple(zip(*cells, strict=True)) for cells in zip(rows.tolist(), cols.tolist(), strict=True)]
     assert sorted(seen) == sorted(reachable(instance))
 

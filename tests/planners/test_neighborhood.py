@@ -1,10 +1,8 @@
 import numpy as np
 import pytest
 
-from mapf_pz.core.reservations import NONE, allocate_reservations, discard, read_path, withdraw
-from mapf_pz.core.sipp import allocate_search
-from mapf_pz.core.sipp_improve import allocate_progress, plan_and_improve
-from mapf_pz.core.sipp_neighborhood import (
+from mapf_pz.planners.sipp.improve import allocate_lns, plan_and_improve
+from mapf_pz.planners.sipp.neighborhood import (
     ANYBODY,
     DELAYED,
     PLACE,
@@ -14,8 +12,10 @@ from mapf_pz.core.sipp_neighborhood import (
     delay,
     shortest,
 )
-from mapf_pz.planners.refine import NeighborhoodSearch, task_of
-from tests.planners.drawing import drawn, problem
+from mapf_pz.planners.sipp.refine import NeighborhoodSearch, task_of
+from mapf_pz.planners.sipp.reservations import NONE, allocate_reservations, discard, read_path, withdraw
+from mapf_pz.planners.sipp.search import allocate_scratch
+from tests.helpers.text_instances import drawn, problem
 
 SEEDS = range(1, 9)
 APART, ONE_LATE = "a..A b..B", [[0, 4], [1, 4], [2, 5], [3, 6], [3, 7]]
@@ -162,8 +162,8 @@ def test_a_path_is_worth_waiting_for():
 
 
 def test_kinds_that_gain_nothing_lose_favour():
-    reservations, search = allocate_reservations(2, 10, 100), allocate_search(111, 1, 100)
-    neighborhood, progress = allocate_neighborhood(2, 10, seed=1), allocate_progress(2)
+    reservations, search = allocate_reservations(2, 10, 100), allocate_scratch(111, 1, 100)
+    neighborhood, progress = allocate_neighborhood(2, 10, seed=1), allocate_lns(2)
     task, scratch = task_of(problem(drawn("b.A.B ##a##"))), (reservations, search, neighborhood, progress)
     plan_and_improve(task, np.array([0, 1]), 2000, *scratch)
     assert reservations.arrival.sum() == 7  # the best, though each agent alone would be quicker

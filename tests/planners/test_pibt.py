@@ -4,11 +4,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
-from mapf_pz.core.pibt import sort_by_priority
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import PIBT, validate
-from tests.planners.drawing import drawn
-from tests.planners.reference import SlowPIBT, World, assert_same_decisions
+from mapf_pz.planners.pibt.kernels import sort_by_priority
+from tests.helpers.reference_planners import SlowPIBT, World, assert_same_decisions
+from tests.helpers.text_instances import drawn
 
 
 def test_one_agent_takes_the_shortest_way():

@@ -4,7 +4,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
-from mapf_pz.core.reservations import (
+from mapf_pz.actions import Heading
+from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.instance import Instance, Scenario
+from mapf_pz.instances import RandomObstacles, read_map, read_scenario
+from mapf_pz.planners import Plan, prioritized, validate
+from mapf_pz.planners.base import simulator_of
+from mapf_pz.planners.problem import problem_of
+from mapf_pz.planners.sipp.prioritized import PrioritizedSIPP
+from mapf_pz.planners.sipp.refine import NeighborhoodSearch, task_of
+from mapf_pz.planners.sipp.reservations import (
     NONE,
     allocate_reservations,
     discard,
@@ -13,16 +22,8 @@ from mapf_pz.core.reservations import (
     withdraw,
     write_path,
 )
-from mapf_pz.core.sipp import allocate_search, find_path
-from mapf_pz.guidance import GuidanceGraph
-from mapf_pz.instances import RandomObstacles, read_map, read_scenario
-from mapf_pz.planners import Plan, prioritized, validate
-from mapf_pz.planners.base import simulator_of
-from mapf_pz.planners.prioritized import PrioritizedSIPP
-from mapf_pz.planners.problem import problem_of
-from mapf_pz.planners.refine import NeighborhoodSearch, task_of
-from mapf_pz.types import Heading, Instance, Scenario
-from tests.planners.drawing import drawn, problem
+from mapf_pz.planners.sipp.search import allocate_search, find_path
+from tests.helpers.text_instances import drawn, problem
 
 NEVER = 10**6
 

@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mapf_pz.instance import Instance, Scenario
 from mapf_pz.instances import RandomObstacles, read_map, read_scenario
 from mapf_pz.planners import LaCAM, Plan, validate
-from mapf_pz.planners.prioritized import PrioritizedSIPP
 from mapf_pz.planners.problem import Path
-from mapf_pz.planners.refine import NeighborhoodSearch, refine
-from mapf_pz.types import Instance, Scenario
-from tests.planners.drawing import drawn, problem
+from mapf_pz.planners.sipp.prioritized import PrioritizedSIPP
+from mapf_pz.planners.sipp.refine import NeighborhoodSearch, refine
+from tests.helpers.text_instances import drawn, problem
 
 LATER = float("inf")
 

@@ -4,9 +4,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
+from mapf_pz.actions import Action, CardinalAction
+from mapf_pz.instance import Scenario
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import Shield
-from mapf_pz.types import Action, CardinalAction, Scenario
 
 MODELS = {"rotate": Action, "cardinal": CardinalAction}
 

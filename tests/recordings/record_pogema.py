@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from pogema import GridConfig, pogema_v0  # pyright: ignore[reportMissingImports]
 
-from tests.recordings.walk import intended
+from tests.helpers.random_walk import intended
 
 COLLISION_SYSTEMS = ("soft", "priority", "block_both")
 MODES = ("nothing", "finish", "restart")
@@ -22,7 +22,7 @@ AGENT_STEPS = 200_000
 
 
 def main() -> None:
-    """Record into the folder that is named on the command line."""
+    """RecordEpisode into the folder that is named on the command line."""
     for collision_system in COLLISION_SYSTEMS:
         for on_target in MODES:
             record(Path(sys.argv[1]), collision_system, on_target)

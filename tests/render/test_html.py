@@ -10,7 +10,7 @@ import pytest
 
 from mapf_pz.render.html import save_html
 from mapf_pz.render.rgb import agent_colours
-from tests.render.drawings import OBSERVED, POSITIONS, RECORDING
+from tests.helpers.small_recording import OBSERVED, POSITIONS, RECORDING
 
 FLAGS = (
     *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),

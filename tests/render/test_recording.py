@@ -5,7 +5,7 @@ import pytest
 
 from mapf_pz.render import save_recording
 from mapf_pz.render.rgb import draw
-from tests.render.drawings import ACTIVE, FREE, GOALS, HEADINGS, POSITIONS, RECORDING
+from tests.helpers.small_recording import ACTIVE, FREE, GOALS, HEADINGS, POSITIONS, RECORDING
 
 
 def test_pictures_show_each_step():

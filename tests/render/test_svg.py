@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mapf_pz.render.svg import CELL, PAUSE, save_svg
-from tests.render.drawings import POSITIONS, RECORDING
+from tests.helpers.small_recording import POSITIONS, RECORDING
 
 SVG = "{http://www.w3.org/2000/svg}"
 

@@ -21,8 +21,8 @@ from mapf_pz.rl.checkpoint import Checkpoints, Position, read_position, restore
 from mapf_pz.rl.config import ModelConfig
 from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.train import resume
-from tests.rl import tiny
-from tests.rl.tiny import rows
+from tests.helpers import small_run as tiny
+from tests.helpers.small_run import rows
 
 TINY = dataclasses.replace(tiny.TINY, agent_steps=1152, checkpoint_interval=1)
 PER_UPDATE = 4 * 16 * 3
@@ -99,7 +99,7 @@ def test_a_new_run_in_the_folder_replaces_the_checkpoints(tmp_path):
 
 
 class RecordInstances(Transform):
-    """Record the first observations and positions of each episode."""
+    """RecordEpisode the first observations and positions of each episode."""
 
     def __init__(self, instances):
         super().__init__()

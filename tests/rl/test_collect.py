@@ -6,7 +6,7 @@ import torch
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.collect import collecting
-from tests.rl.tiny import TINY, rows
+from tests.helpers.small_run import TINY, rows
 
 
 @pytest.fixture

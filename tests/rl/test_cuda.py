@@ -10,7 +10,7 @@ from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.collect import collecting
 from mapf_pz.rl.config import CuriosityConfig
 from mapf_pz.rl.learner import Learner
-from tests.rl.tiny import TINY, rows
+from tests.helpers.small_run import TINY, rows
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no GPU")
 

@@ -15,8 +15,8 @@ from mapf_pz.rl.curiosity import RewardScale, make_curiosity
 from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.observed import Observed
 from mapf_pz.rl.train import resume
-from tests.rl import tiny
-from tests.rl.tiny import changed, rows, untimed
+from tests.helpers import small_run as tiny
+from tests.helpers.small_run import changed, rows, untimed
 
 KINDS = ["rnd", "random-features", "inverse-dynamics"]
 TINY = dataclasses.replace(tiny.TINY, curiosity=CuriosityConfig(size=16), agent_steps=768)

@@ -20,8 +20,8 @@ from mapf_pz.rl.checkpoint import Checkpoints, Position, read_position, restore
 from mapf_pz.rl.config_file import config_files
 from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.policy import WEIGHTS, save_weights
-from tests.rl.tiny import TINY
-from tests.spoiling import TOKENS, Case, as_json, bounded, changed, fuzzed, outcome, refused
+from tests.helpers.corrupt_files import TOKENS, Case, as_json, bounded, changed, fuzzed, outcome, refused
+from tests.helpers.small_run import TINY
 
 
 @pytest.fixture(scope="session")

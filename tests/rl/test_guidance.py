@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import mapf_pz
-from mapf_pz.evaluate import make_env
+from mapf_pz.evaluation import make_env
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances import load_map
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.train import resume
-from tests.rl.tiny import TINY, changed
+from tests.helpers.small_run import TINY, changed
 
 GRAPH = GuidanceGraph.random(load_map("empty-8-8").free, np.random.default_rng(0))
 CONFIG = dataclasses.replace(TINY, task=changed(TINY.task, map="empty-8-8", edge_weights=GRAPH), agent_steps=192)

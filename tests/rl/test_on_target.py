@@ -8,13 +8,13 @@ from torchrl.envs import Compose, TransformedEnv
 
 import mapf_pz
 from mapf_pz.cli import main
-from mapf_pz.evaluate import Trial, evaluate
+from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.train import resume
 from mapf_pz.rl.validation import Validation, episode_means
-from tests.rl.tiny import TINY, changed, rows
+from tests.helpers.small_run import TINY, changed, rows
 
 ALGORITHM_NAMES = ["mappo", "ippo", "central-ppo"]
 
@@ -32,8 +32,8 @@ def test_a_lifelong_policy_is_trained_resumed_and_evaluated(tmp_path, algorithm)
     assert not {"CSR", "ISR", "validation_CSR"} & last.keys()
     assert float(last["validation_throughput"]) > 0
     assert float(last["throughput"]) >= 0
-    trial = Trial("empty", 3, {"map": "empty-8-8", "max_steps": 8, "on_target": "restart"}, episodes=2)
-    for episode in evaluate({"it": load_policy(folder)}, [trial]):
+    task = EvaluationTask("empty", 3, {"map": "empty-8-8", "max_steps": 8, "on_target": "restart"}, episodes=2)
+    for episode in evaluate({"it": load_policy(folder)}, [task]):
         assert "avg_throughput" in episode.metrics
 
 
@@ -45,7 +45,7 @@ def test_policies_of_agents_that_leave_are_trained(tmp_path, algorithm):
 
 def test_the_command_trains_evaluates_and_renders_under_the_rules_of_the_task(tmp_path, capsys):
     suite = tmp_path / "suite.json"
-    suite.write_text('{"trials": [{"random": [7, 7, 0.1], "num_agents": 2, "max_steps": 4, "episodes": 2}]}')
+    suite.write_text('{"tasks": [{"random": [7, 7, 0.1], "num_agents": 2, "max_steps": 4, "episodes": 2}]}')
     small = "--num-envs 4 --steps-per-batch 8 --num-epochs 1 --num-agents 3 --height 7 --width 7 --agent-steps 100"
     words = ["--on-target", "restart", "--evaluate", str(suite), "--output", str(tmp_path / "run")]
     assert main(["train", "quickstart", *small.split(), *words]) == 0

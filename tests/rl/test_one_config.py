@@ -15,7 +15,7 @@ from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.config import TaskConfig
 from mapf_pz.rl.config_file import CONFIG, load_config, save_config
 from mapf_pz.rl.train import resume
-from tests.rl.tiny import ENV_FIELDS, TINY, changed, rows
+from tests.helpers.small_run import ENV_FIELDS, TINY, changed, rows
 
 GRID = Grid(np.ones((6, 6), np.bool_), "hall")
 SCENARIO = Scenario([[0, 0], [0, 1], [0, 2]], [[5, 0], [5, 1], [5, 2]])

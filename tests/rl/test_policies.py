@@ -6,12 +6,12 @@ import pytest
 import mapf_pz
 from mapf_pz.cli import main
 from mapf_pz.commands.train import SUITES
-from mapf_pz.evaluate import load_suite, make_env, named_policy
-from mapf_pz.evaluate.run import run_episodes
+from mapf_pz.evaluation import load_suite, make_env, policy_factory
+from mapf_pz.evaluation.rollout import run_episodes
 from mapf_pz.rl import load_policy, policy_names, train
 from mapf_pz.rl import policy as policies
 from mapf_pz.rl.presets import PRESETS
-from tests.rl.tiny import TINY, changed
+from tests.helpers.small_run import TINY, changed
 
 NAMES = policy_names()
 
@@ -29,8 +29,8 @@ def test_a_policy_is_small_and_what_its_preset_makes(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_policy_routes_agents(name):
-    trial = load_suite(SUITES.get(name, "standard"))[0]
-    assert np.mean([episode["ISR"] for episode in run_episodes(named_policy(name), trial, range(12))]) > 0.95
+    task = load_suite(SUITES.get(name, "standard"))[0]
+    assert np.mean([episode["ISR"] for episode in run_episodes(policy_factory(name), task, range(12))]) > 0.95
 
 
 def test_evaluate_by_name(capsys):

@@ -10,8 +10,8 @@ from torchrl.modules import set_recurrent_mode
 import mapf_pz
 from mapf_pz.rl import BatchedMapfEnv, load_policy, resume, train
 from mapf_pz.rl.algorithms import ALGORITHMS
-from mapf_pz.rl.models import Memory
-from tests.rl import tiny
+from mapf_pz.rl.networks import Memory
+from tests.helpers import small_run as tiny
 
 TINY = dataclasses.replace(
     tiny.TINY,

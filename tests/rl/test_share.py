@@ -8,15 +8,15 @@ from torchrl.envs import Compose, EnvCreator, ParallelEnv, TransformedEnv, check
 
 import mapf_pz
 from mapf_pz.commands.render import EpisodeOptions, render
-from mapf_pz.evaluate import Trial, evaluate, make_env
+from mapf_pz.evaluation import EvaluationTask, evaluate, make_env
 from mapf_pz.instances.sources import RandomObstacles
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
 from mapf_pz.rl.config_file import CONFIG, config_files, load_config
 from mapf_pz.rl.observed import Observed, observation_transforms
 from mapf_pz.rl.share import Share
-from mapf_pz.wrappers import History, Sharing
-from tests.rl.tiny import changed
+from mapf_pz.wrappers import FrameStack, NeighborObservations
+from tests.helpers.small_run import changed
 
 FIELDS = {"num_agents": 4, "max_steps": 9, "view_size": (3, 3), "features": ("time", "goal_vector")}
 TASK = changed(TaskConfig(), height=7, width=6, **FIELDS)
@@ -150,14 +150,14 @@ def test_train_then_play(tmp_path, algorithm):
     )
     policy = load_policy(train(config, tmp_path))
     assert policy.env_wrappers == (
-        ("Sharing", {"neighbors": 2, "radius": 3}),
-        ("History", {"num_frames": 2}),
+        ("NeighborObservations", {"neighbors": 2, "radius": 3}),
+        ("FrameStack", {"num_frames": 2}),
     )
-    trial = Trial("maps", 4, {"source": RandomObstacles(9, 9, 0.2, 4), "max_steps": 10}, episodes=2)
-    env = make_env(policy, **trial.keywords)
-    assert isinstance(env, History)
-    assert isinstance(env.env, Sharing)
-    assert [episode.metrics["ep_length"] for episode in evaluate({"it": policy}, [trial])] == [10, 10]
+    task = EvaluationTask("maps", 4, {"source": RandomObstacles(9, 9, 0.2, 4), "max_steps": 10}, episodes=2)
+    env = make_env(policy, **task.keywords)
+    assert isinstance(env, FrameStack)
+    assert isinstance(env.env, NeighborObservations)
+    assert [episode.metrics["ep_length"] for episode in evaluate({"it": policy}, [task])] == [10, 10]
     render(EpisodeOptions(tmp_path / "end.png", str(tmp_path), "empty-8-8", num_agents=4, max_steps=3))
     assert (tmp_path / "end.png").stat().st_size > 0
 

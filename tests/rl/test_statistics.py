@@ -8,12 +8,12 @@ import torch
 from torch import nn
 
 import mapf_pz
+from mapf_pz.actions import CardinalAction
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.config import TaskConfig
 from mapf_pz.rl.policy import SharedPolicy
 from mapf_pz.rl.validation import FIRST_SEED, Validation
-from mapf_pz.types import CardinalAction
-from tests.rl.tiny import TINY, changed
+from tests.helpers.small_run import TINY, changed
 
 
 def test_validation_counts_the_first_episode_of_each_environment():

@@ -8,13 +8,13 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from torchrl.envs import Compose, RewardScaling, TransformedEnv
 
 import mapf_pz
-from mapf_pz.evaluate import Trial, evaluate
+from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.algorithms import ALGORITHMS, MAPPO
 from mapf_pz.rl.config import CuriosityConfig
 from mapf_pz.rl.train import Progress
-from tests.rl.tiny import TINY, changed, rows, untimed
+from tests.helpers.small_run import TINY, changed, rows, untimed
 
 
 @pytest.mark.parametrize("algorithm", ["mappo", "ippo", "central-ppo"])
@@ -257,5 +257,5 @@ def test_all_ideas_at_once(tmp_path, algorithm):
         TINY, task=task, model=model, algorithm=algorithm, curiosity=CuriosityConfig(kind="rnd", size=8)
     )
     assert len(rows(train(config, tmp_path))) == 3
-    trial = Trial("empty", 3, {"map": "empty-8-8", "num_agents": 3, "max_steps": 8}, episodes=2)
-    assert len(evaluate({"it": load_policy(tmp_path)}, [trial])) == 2
+    task = EvaluationTask("empty", 3, {"map": "empty-8-8", "num_agents": 3, "max_steps": 8}, episodes=2)
+    assert len(evaluate({"it": load_policy(tmp_path)}, [task])) == 2

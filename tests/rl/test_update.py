@@ -11,10 +11,10 @@ from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.collect import collecting
 from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
 from mapf_pz.rl.learner import Learner
-from mapf_pz.rl.models import LocalCritic, TeamCritic, TeamValue
+from mapf_pz.rl.networks import LocalCritic, TeamCritic, TeamValue
 from mapf_pz.rl.observed import Observed
-from tests.rl.reference_ppo import ReferencePPO, categorical, normal, recurrent_distribution
-from tests.rl.tiny import changed
+from tests.helpers.reference_ppo import ReferencePPO, categorical, normal, recurrent_distribution
+from tests.helpers.small_run import changed
 
 # Two agents on four cells: within a batch, some episodes terminate and others are truncated.
 FIELDS = {"num_agents": 2, "max_steps": 7, "view_size": (1, 1), "action_model": "cardinal"}

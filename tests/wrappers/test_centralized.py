@@ -8,9 +8,10 @@ from gymnasium.utils.env_checker import check_env
 from pettingzoo.utils import BaseParallelWrapper
 
 import mapf_pz
+from mapf_pz.actions import Action
 from mapf_pz.environment import env as aec_env
-from mapf_pz.types import Action, Scenario
-from mapf_pz.wrappers import ACTION_MODES, ActionVector, CentralizedEnv
+from mapf_pz.instance import Scenario
+from mapf_pz.wrappers import ACTION_MODES, CentralizedEnv, ContinuousActions
 
 CORRIDOR = ".....\n.....\n.....\n.....\n.....\n"
 TWO_STEPS = Scenario([(4, 0), (4, 4)], [(4, 1), (4, 2)])  # heading east, agent 0 needs 1 step; agent 1 a U-turn and 2
@@ -257,7 +258,7 @@ def test_wrong_arguments_are_refused():
         with pytest.raises(TypeError, match="env: expected a MapfEnv or a wrapper of one"):
             CentralizedEnv(wrong)
     with pytest.raises(TypeError, match="expected discrete actions"):
-        CentralizedEnv(ActionVector(env))
+        CentralizedEnv(ContinuousActions(env))
 
 
 def test_it_stands_on_wrappers():

@@ -1,0 +1,155 @@
+"""Figures of docs/benchmark.md that `mapf-pz evaluate` does not give: `PYTHONPATH=. python experiments/planners.py COMMAND`.
+
+`tracker` reads the benchmarks' files in the folders that the variable `MAPF_PZ_BENCHMARK` names.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import time
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+import tyro
+
+from mapf_pz.config import EnvConfig
+from mapf_pz.evaluation.parallel import run_jobs
+from mapf_pz.instances import FixedMap, load_instance, load_map
+from mapf_pz.instances.library import benchmark_file
+from mapf_pz.planners import EPIBT, PIBT, LaCAM, Planner, validate
+from mapf_pz.simulator import Simulator
+from tests.helpers.reference_planners import ACTION, SlowEPIBT, SlowPIBT, World
+
+
+def print_table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+    """Print a table in Markdown."""
+    for row in (header, ["---"] * len(header), *rows):
+        print("|", " | ".join(map(str, row)), "|", flush=True)
+
+
+def tracker(
+    map: str = "random-32-32-20",
+    num_agents: tuple[int, ...] = (100, 200, 400),
+    scenarios: tuple[int, ...] = tuple(range(1, 11)),
+    time_limits: tuple[float, ...] = (0.0, 1.0, 30.0),
+    jobs: int = 1,
+) -> None:
+    """Print LaCAM's sum of costs (cardinal agents) over the best that the MAPF tracker knows.
+
+    Args:
+        map: its name.
+        num_agents: the numbers of agents.
+        scenarios: of the `random` ones.
+        time_limits: seconds; 0: the first solution.
+        jobs: processes.
+    """
+    known = _known(map)
+    tasks = [(n, k) for n in num_agents for k in scenarios]
+    found: dict[int, list[dict[float, tuple[int, float]]]] = defaultdict(list)
+    ratios: dict[int, list[list[float]]] = defaultdict(list)
+    for n, k, costs in run_jobs(partial(_solve, map, time_limits), tasks, jobs):
+        found[n].append(costs)
+        lower, best = known.get((k, n), (0.0, math.nan))
+        below = [cost for cost, _ in costs.values() if cost < lower]
+        if below:
+            raise AssertionError(f"scenario {k}, {n} agents: {below} is below the published bound {lower}")
+        ratios[n].append([costs[limit][0] / best if limit in costs else math.nan for limit in time_limits])
+    for n in num_agents:
+        rows = [
+            [
+                f"{limit:g} s" if limit else "first solution",
+                f"{sum(limit in costs for costs in found[n])} of {len(found[n])}",
+                f"{np.nanmean([row[at] for row in ratios[n]]):.3f}",
+                f"{np.mean([costs[limit][0] for costs in found[n] if limit in costs]):.0f}",
+                f"{np.mean([costs[limit][1] for costs in found[n] if limit in costs]):.2f} s",
+            ]
+            for at, limit in enumerate(time_limits)
+        ]
+        print_table([f"{map}, {n} agents", "solved", "SoC / best known", "SoC", "time"], rows)
+
+
+def _known(map: str) -> dict[tuple[int, int], tuple[float, float]]:
+    """Return lower bound and best cost of the `random` scenarios, by scenario and number of agents."""
+    with benchmark_file(f"costs/tracker-bounds-{map}.csv").open(newline="", encoding="utf-8-sig") as file:
+        return {
+            (int(row["type_id"]), int(row["agents"])): (
+                float(row["lower_cost"] or 0),
+                float(row["solution_cost"] or math.nan),
+            )
+            for row in csv.DictReader(file)
+            if row["scen_type"] == "random"
+        }
+
+
+def _solve(
+    map: str, time_limits: Sequence[float], task: tuple[int, int]
+) -> tuple[int, int, dict[float, tuple[int, float]]]:
+    """Return the number of agents, the scenario, and cost and time by the time limit."""
+    num_agents, scenario = task
+    instance = load_instance(map, f"{map}-random-{scenario}", num_agents, action_model="cardinal")
+    costs: dict[float, tuple[int, float]] = {}
+    for limit in time_limits:
+        began = time.perf_counter()
+        plan = LaCAM(anytime=limit > 0).solve(instance, time_limit=limit or 30.0, max_steps=10_000)
+        if plan is not None:
+            if (violation := validate(instance, plan)) is not None:
+                raise AssertionError(f"scenario {scenario}, {num_agents} agents: {violation}")
+            costs[limit] = plan.sum_of_costs, time.perf_counter() - began
+    return num_agents, scenario, costs
+
+
+def speed(num_agents: tuple[int, ...] = (100, 200, 400), steps: int = 100, runs: int = 5) -> None:
+    """Print the time of a step, lifelong on random-32-32-20, beside that of the same planner in plain Python.
+
+    Both plan the same steps one after the other and decide the same. Times are medians over the steps of the best run,
+    in milliseconds.
+    """
+    grid = load_map("random-32-32-20")
+    world = World(grid.free)
+    rows: list[list[object]] = []
+    planners: dict[str, tuple[Callable[[], Planner], Callable[[], Any]]] = {
+        "PIBT": (PIBT, partial(SlowPIBT, world)),
+        "EPIBT(3)": (partial(EPIBT, depth=3), partial(SlowEPIBT, world, 3)),
+    }
+    for name, (make, make_slow) in planners.items():
+        for n in num_agents:
+            times = [_race(FixedMap(grid, n), world, make(), make_slow(), steps) for _ in range(runs)]
+            ours, slow = min(ours for ours, _ in times), min(slow for _, slow in times)
+            rows.append([name, n, f"{ours:.3f}", f"{slow:.2f}", f"{slow / ours:.1f}"])
+    print_table(["planner", "agents", "ms a step", "plain Python", "ratio"], rows)
+
+
+def _race(source: FixedMap, world: World, planner: Planner, slow: Any, steps: int) -> tuple[float, float]:
+    """Return the median milliseconds of a step of both."""
+    simulator = Simulator(EnvConfig(source=source, on_target="restart", max_steps=steps, view_size=(1, 1)))
+    simulator.reset(seeds={0: 0})
+    agents = simulator.state.agents[0]
+    ours, theirs = np.zeros(steps), np.zeros(steps)
+    seen = []
+    for step in range(steps):
+        simulator.require_distances()
+        began = time.perf_counter_ns()
+        actions = planner.decide(simulator)
+        ours[step] = time.perf_counter_ns() - began
+        goals = list(map(tuple, simulator.goals(0).tolist()))
+        places = simulator.positions(0).tolist()
+        states = [(*cell, heading) for cell, heading in zip(places, agents["heading"].tolist(), strict=True)]
+        seen.append((states, goals, actions.tolist()))
+        simulator.step(actions[None])
+    for step, (states, goals, actions) in enumerate(seen):
+        for goal in goals:
+            world.to_go(goal)
+        began = time.perf_counter_ns()
+        letters = slow.decide(states, goals)
+        theirs[step] = time.perf_counter_ns() - began
+        if actions != [ACTION[letter] for letter in letters]:
+            raise AssertionError(f"step {step}: the planners decide differently")
+    return float(np.median(ours)) / 1e6, float(np.median(theirs)) / 1e6
+
+
+if __name__ == "__main__":
+    tyro.extras.subcommand_cli_from_dict({"tracker": tracker, "speed": speed})

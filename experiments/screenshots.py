@@ -1,0 +1,45 @@
+"""Takes the documentation's pictures of the page that `mapf-pz render` writes: `python experiments/screenshots.py`.
+
+Needs Chromium, and PyPI's playwright to drive it.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+
+from playwright.sync_api import Page, sync_playwright
+
+from mapf_pz.cli import main
+
+IMAGES = Path(__file__).parent / "images"
+EPISODE = "--policy mappo+pibt --map warehouse-10-20-10-2-1 --num-agents 100 --max-steps 512"
+FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update")
+
+
+def take(page: Page, theme: str) -> None:
+    """Follow an agent on its way, and take a picture."""
+    page.evaluate("player.zoom(2.2, player.box.width / 2, player.box.height / 2); player.choose(0); player.seek(40)")
+    page.check("#follow")
+    page.wait_for_timeout(300)
+    page.screenshot(path=IMAGES / f"player-{theme}.png")
+
+
+def run() -> None:
+    """Write the page, and take a picture of it in light and in dark."""
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        file = Path(folder) / "episode.html"
+        if main(["render", str(file), *EPISODE.split()]):
+            raise SystemExit(1)
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=list(FLAGS))
+        for theme in ("light", "dark"):
+            page = browser.new_page(viewport={"width": 1200, "height": 720}, color_scheme=theme)  # pyright: ignore[reportArgumentType]
+            page.goto(file.as_uri())
+            page.wait_for_selector("body[data-ready]")
+            take(page, theme)
+        browser.close()
+
+
+if __name__ == "__main__":
+    run()

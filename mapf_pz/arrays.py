@@ -1,0 +1,45 @@
+"""Types of arrays, read-only copies, and dataclasses that hold arrays."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.integer]
+Floats = NDArray[np.floating]
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+
+def frozen(array: ArrayLike, dtype: type[Scalar]) -> NDArray[Scalar]:
+    """Return a read-only copy of `array`."""
+    copy = np.array(array, dtype=dtype)
+    copy.flags.writeable = False
+    return copy
+
+
+class EqualByValue:
+    """Base of frozen dataclasses that hold arrays: equal where all fields are, entry by entry, and hashable."""
+
+    def __eq__(self, other: object) -> bool:
+        """Compare the fields, except those declared with `compare=False`."""
+        if type(other) is not type(self):
+            return NotImplemented
+        return self is other or all(map(_equal, _compared(self), _compared(other)))
+
+    def __hash__(self) -> int:
+        """Hash the same fields."""
+        return hash(tuple(value.tobytes() if isinstance(value, np.ndarray) else value for value in _compared(self)))
+
+
+def _compared(instance: Any) -> list[Any]:
+    return [getattr(instance, field.name) for field in fields(instance) if field.compare]
+
+
+def _equal(one: Any, other: Any) -> bool:
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        return np.array_equal(one, other)
+    return one == other

@@ -1,0 +1,205 @@
+"""Contenders: our interfaces, the parts of the simulator, a memory copy of the same observations, and POGEMA.
+
+Every run has one episode's length; the candidates take turns. POGEMA, the nearest peer, plays on the same map with as
+many agents and as large views, if it is at hand.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from mapf_pz.arrays import Ints
+from mapf_pz.benchmark.runs import Measurement, Played, Run, measure, timed
+from mapf_pz.benchmark.workload import Workload
+from mapf_pz.environment import parallel_env
+
+SIMULATOR, COPY, POGEMA = "simulator", "memory copy", "POGEMA"
+
+
+def simulator_run(workload: Workload) -> Run:
+    """Step the simulator alone: all agents observe after every step, and environments that are over begin anew."""
+    simulator = workload.simulator()
+    actions = _random_actions(workload, simulator.num_actions)
+
+    def play() -> int:
+        for step in range(workload.max_steps):
+            simulator.step(actions[step])
+            simulator.reset(np.flatnonzero(simulator.over).tolist())
+            simulator.observe()
+        return actions.size
+
+    return timed(play)
+
+
+def stepping_run(workload: Workload) -> Run:
+    """Step only, on and on, also when episodes are over."""
+    simulator = workload.simulator()
+    actions = _random_actions(workload, simulator.num_actions)
+
+    def play() -> int:
+        for step in range(workload.max_steps):
+            simulator.step(actions[step])
+        return actions.size
+
+    return timed(play)
+
+
+def observing_run(workload: Workload) -> Run:
+    """Observe only."""
+    simulator = workload.simulator()
+
+    def play() -> int:
+        for _ in range(workload.max_steps):
+            simulator.observe()
+        return workload.max_steps * workload.num_envs * workload.num_agents
+
+    return timed(play)
+
+
+def copy_run(workload: Workload) -> Run:
+    """Copy what all agents observe, in place of computing it."""
+    observation = workload.simulator().observe()
+
+    def play() -> int:
+        for _ in range(workload.max_steps):
+            for array in observation:
+                array.copy()
+        return workload.max_steps * workload.num_envs * workload.num_agents
+
+    return timed(play)
+
+
+def pettingzoo_run(workload: Workload) -> Run:
+    """Step one environment through its dictionaries."""
+    env = parallel_env(**workload.keywords())
+    rng = np.random.default_rng(workload.seed)
+    actions = rng.integers(env.simulator.num_actions, size=(workload.max_steps, workload.num_agents)).tolist()
+    env.reset(seed=workload.seed)
+
+    def play() -> int:
+        for numbers in actions:
+            env.step(dict(zip(env.possible_agents, numbers, strict=True)))
+            if not env.agents:
+                env.reset()
+        return workload.max_steps * workload.num_agents
+
+    return timed(play)
+
+
+def torchrl_run(workload: Workload) -> Run:
+    """Collect with TorchRL, by a random policy; raises `ImportError` without TorchRL."""
+    from mapf_pz.rl import BatchedMapfEnv
+
+    env = BatchedMapfEnv(workload.num_envs, workload.num_threads, **workload.keywords())
+    env.set_seed(workload.seed)
+    return _collector_run(env, workload.num_envs, workload)
+
+
+def wrapper_run(workload: Workload) -> Run:
+    """Collect from the PettingZoo environment by TorchRL's own wrapper; raises `ImportError` without TorchRL."""
+    return _collector_run(parallel_env(**workload.keywords()), 1, workload)
+
+
+def _collector_run(env: Any, num_envs: int, workload: Workload) -> Run:
+    from mapf_pz.rl.collect import random_batches
+
+    batches = random_batches(env, env.simulator, num_envs * workload.max_steps)
+
+    def play() -> int:
+        return next(batches).numel() * workload.num_agents
+
+    return timed(play)
+
+
+def pogema_run(python: str, integration: str | None, workload: Workload) -> Run:
+    """Play in POGEMA, in a process of its own for each run; raises `ValueError` for what POGEMA cannot do."""
+    grid = workload.source().grid
+    if grid is None or workload.view_size[0] != workload.view_size[1] or workload.view_size[0] % 2 == 0:
+        raise ValueError("pogema: expected one map for all episodes, and a square view with an odd number of rows")
+    asked = {
+        "map": ["".join("." if free else "#" for free in row) for row in grid.free],
+        "num_agents": workload.num_agents,
+        "view_size": workload.view_size[0],
+        "max_steps": workload.max_steps,
+        "seed": workload.seed,
+        "integration": integration,
+    }
+    command = [python, str(Path(__file__).with_name("pogema_player.py")), json.dumps(asked)]
+
+    def run() -> Played:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            reason = done.stderr.strip().rpartition("\n")[2]
+            raise ValueError(f"pogema: {python} failed, is POGEMA 1.4.0 installed there? {reason}")
+        return Played(*json.loads(done.stdout))
+
+    return run
+
+
+CANDIDATES: dict[str, Callable[[Workload], Run]] = {
+    SIMULATOR: simulator_run,
+    "  stepping": stepping_run,
+    "  observing": observing_run,
+    COPY: copy_run,
+    "PettingZoo": pettingzoo_run,
+}
+TORCHRL_CANDIDATES: dict[str, Callable[[Workload], Run]] = {
+    "TorchRL": torchrl_run,
+    "  PettingZooWrapper": wrapper_run,
+}
+PEERS: dict[str, Callable[[str, Workload], Run]] = {
+    POGEMA: lambda python, workload: pogema_run(python, None, workload),
+    "  its dictionaries": lambda python, workload: pogema_run(python, "PettingZoo", workload),
+}
+"""The nearest peer, by its own interface, and by the one that it calls PettingZoo's."""
+
+
+def candidates(workload: Workload, pogema: str | None) -> dict[str, Run]:
+    """Return the runs of all that are at hand; `pogema` is a Python in which POGEMA is installed, or None."""
+    makers = CANDIDATES | (TORCHRL_CANDIDATES if _has_torchrl() else {})
+    runs = {name: make(workload) for name, make in makers.items()}
+    if pogema is not None:
+        runs |= {name: make(pogema, workload) for name, make in PEERS.items()}
+    return runs
+
+
+def candidate_table(workload: Workload, pogema: str | None, seconds: float) -> Table:
+    """Measure all candidates: see `as_table`."""
+    return as_table(measure(candidates(workload, pogema), seconds))
+
+
+def as_table(measured: dict[str, Measurement]) -> Table:
+    """Return a table with a row each; the last columns compare rates with those of the memory copy, and of POGEMA."""
+    left_out = None if _has_torchrl() else "TorchRL is left out: it needs the extra, pip install 'mapf-pz[train]'"
+    table = Table(title="thousands of agent steps, medians of runs", caption=left_out)
+    table.add_column("")
+    peers = [peer for peer in PEERS if peer in measured]
+    for heading in ["per s", "per CPU s", "runs", "of copy"] + [f"x {peer.strip()}" for peer in peers]:
+        table.add_column(heading, justify="right")
+    for one in measured.values():
+        row = [
+            f"{one.rate / 1000:,.0f}",
+            f"{one.cpu_rate / 1000:,.0f}",
+            str(one.num_runs),
+            f"{one.rate / measured[COPY].rate:.1%}",
+        ]
+        row += [f"{one.cpu_rate / measured[peer].cpu_rate:.1f}" for peer in peers]
+        table.add_row(one.name, *row)
+    return table
+
+
+def _has_torchrl() -> bool:
+    return find_spec("torchrl") is not None
+
+
+def _random_actions(workload: Workload, num_actions: int) -> Ints:
+    rng = np.random.default_rng(workload.seed)
+    return rng.integers(num_actions, size=(workload.max_steps, workload.num_envs, workload.num_agents))

@@ -1,0 +1,1 @@
+"""What agents observe: the kernels that draw it."""

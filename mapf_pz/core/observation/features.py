@@ -1,0 +1,129 @@
+"""The features: numbers observed beside the image. Each declares its length and what writes it.
+
+A kernel writes one feature for all agents: `values` (B, N, F) float32, from column `at` on; all numbers are in [-1, 1].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numba import prange
+
+from mapf_pz.actions import Heading
+from mapf_pz.config import FeatureName
+from mapf_pz.core.cost_to_go import advantage
+from mapf_pz.core.jit import BatchKernel
+from mapf_pz.core.observation.inputs import ObservationInputs
+from mapf_pz.core.state import Array
+from mapf_pz.core.world import STEPS
+
+_NORTH = int(Heading.NORTH)
+
+
+@BatchKernel
+def _write_goal_vector(height: int, width: int, agents: Array, egocentric: bool, values: Array, at: int) -> None:
+    for b in prange(agents.shape[0]):
+        for i in range(agents.shape[1]):
+            agent = agents[b, i]
+            down, right = STEPS[agent.heading if egocentric else _NORTH]
+            rows, cols = agent.goal // width - agent.cell // width, agent.goal % width - agent.cell % width
+            distance = np.sqrt(rows * rows + cols * cols)
+            length = max(distance, 1.0)
+            values[b, i, at] = (rows * down + cols * right) / length
+            values[b, i, at + 1] = (rows * right - cols * down) / length
+            values[b, i, at + 2] = np.log1p(distance) / np.log1p(height + width)
+            values[b, i, at + 3] = 1.0 if distance == 0 else 0.0
+
+
+def write_goal_vector(num_threads: int, inputs: ObservationInputs, values: Array, at: int) -> None:
+    """Unit vector to the goal (up, right in the view), `log(1 + distance) / log(1 + H + W)`, and 1 on the goal."""
+    world, egocentric = inputs.world, inputs.view_shape.num_turns > 1
+    _write_goal_vector(num_threads, world.height, world.width, inputs.state.agents, egocentric, values, at)
+
+
+@BatchKernel
+def _write_location(height: int, width: int, agents: Array, values: Array, at: int) -> None:
+    for b in prange(agents.shape[0]):
+        for i in range(agents.shape[1]):
+            agent = agents[b, i]
+            values[b, i, at] = agent.cell // width / height
+            values[b, i, at + 1] = agent.cell % width / width
+            for heading in range(4):
+                values[b, i, at + 2 + heading] = 1.0 if agent.heading == heading else 0.0
+
+
+def write_location(num_threads: int, inputs: ObservationInputs, values: Array, at: int) -> None:
+    """`row / H`, `col / W`, and the heading as one of four."""
+    _write_location(num_threads, inputs.world.height, inputs.world.width, inputs.state.agents, values, at)
+
+
+@BatchKernel
+def _write_action_advantage(
+    cardinal: bool,
+    leads_to: Array,
+    weight: Array,
+    mean_weight: Array,
+    slot: Array,
+    to_go: Array,
+    maps: Array,
+    agents: Array,
+    values: Array,
+    at: int,
+) -> None:
+    for b in prange(agents.shape[0]):
+        ways, costs, mean = leads_to[maps[b]], weight[maps[b]], mean_weight[maps[b]]
+        for i in range(agents.shape[1]):
+            agent = agents[b, i]
+            table = to_go[slot[maps[b], agent.goal]]
+            for action in range(5 if cardinal else 4):
+                values[b, i, at + action] = advantage(ways, costs, mean, table, cardinal, agent, action)
+
+
+def write_action_advantage(num_threads: int, inputs: ObservationInputs, values: Array, at: int) -> None:
+    """For each action how much it costs more than the best one, from 0 (nothing) to -1: see `path.advantage`."""
+    slot, to_go, _ = inputs.distances
+    world, maps, agents = inputs.world, inputs.state.map, inputs.state.agents
+    graph = (world.leads_to, world.weight, world.mean_weight)
+    _write_action_advantage(num_threads, inputs.cardinal, *graph, slot, to_go, maps, agents, values, at)
+
+
+@BatchKernel
+def _write_last_actions(num_actions: int, history: Array, values: Array, at: int) -> None:
+    for b in prange(history.shape[0]):
+        for i in range(history.shape[1]):
+            for k in range(history.shape[2]):
+                begin = at + k * (num_actions + 1)
+                for action in range(num_actions):
+                    values[b, i, begin + action] = 1.0 if history[b, i, k, 0] == action else 0.0
+                values[b, i, begin + num_actions] = history[b, i, k, 1]
+
+
+def write_last_actions(num_threads: int, inputs: ObservationInputs, values: Array, at: int) -> None:
+    """The last L actions, newest first: each one of A, and 1 if the agent changed its cell."""
+    _write_last_actions(num_threads, 5 if inputs.cardinal else 4, inputs.state.history, values, at)
+
+
+def write_time(_num_threads: int, inputs: ObservationInputs, values: Array, at: int) -> None:
+    """Steps taken over `max_steps`."""
+    values[:, :, at] = (inputs.state.time / inputs.max_steps)[:, None]
+
+
+@dataclass(frozen=True)
+class Feature:
+    """What one feature adds to the vector."""
+
+    write: Callable[[int, ObservationInputs, Array, int], None]
+    length: Callable[[int, int], int]
+    """From the number of actions A and of remembered actions L to how many numbers it is."""
+    needs_distances: bool = False
+
+
+FEATURES: dict[FeatureName, Feature] = {
+    "goal_vector": Feature(write_goal_vector, lambda _actions, _remembered: 4),
+    "location": Feature(write_location, lambda _actions, _remembered: 6),
+    "action_advantage": Feature(write_action_advantage, lambda actions, _remembered: actions, needs_distances=True),
+    "last_actions": Feature(write_last_actions, lambda actions, remembered: (actions + 1) * remembered),
+    "time": Feature(write_time, lambda _actions, _remembered: 1),
+}

@@ -1,0 +1,107 @@
+"""An evaluation: policies meet on the same episodes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple, cast
+
+from mapf_pz.evaluation.parallel import run_jobs
+from mapf_pz.evaluation.policies import factory_for, policy_factory
+from mapf_pz.evaluation.results import Episode, Results
+from mapf_pz.evaluation.rollout import Policy, PolicyFactory, run_episodes
+from mapf_pz.evaluation.suite import load_suite
+from mapf_pz.evaluation.task import EvaluationTask
+
+EPISODES_PER_JOB = 8
+"""So many episodes are done by one process before it takes others."""
+
+
+class Task(NamedTuple):
+    """Some episodes of a task, for a policy."""
+
+    name: str
+    factory: PolicyFactory
+    task: EvaluationTask
+    episodes: Sequence[int]
+
+
+def evaluate(
+    policies: Mapping[str, PolicyFactory | Policy | str] | Iterable[str],
+    suite: str | Path | Sequence[EvaluationTask] = "standard",
+    output: Path | None = None,
+    jobs: int | str = 1,
+    show: Callable[[Episode | None, int], None] = lambda episode, left: None,
+) -> list[Episode]:
+    """Let policies act in all episodes of a suite, and return the episodes: those of each policy have the same seeds.
+
+    Args:
+        policies: a name or names that `policy_factory` knows, or by name a policy that is at hand or what makes one.
+        suite: the name of a suite, the path of a suite's file, or tasks.
+        output: a folder in which every episode is kept as it is done; what is there already is not done again.
+        jobs: processes, or `ray`: see `run_jobs`. Results do not depend on it, apart from the times.
+        show: is called with each episode that is done, and at first with None, and the number of those left.
+
+    Raises:
+        ValueError: a policy or suite is unknown, they do not fit, two tasks have the same name, or the folder has an
+            evaluation of other tasks.
+        TypeError: an object is no policy.
+        FileNotFoundError, FormatError: a file of the suite is absent or malformed.
+    """
+    if isinstance(policies, str):
+        policies = [policies]
+    named = policies if isinstance(policies, Mapping) else {name: name for name in policies}
+    factories = {name: _factory(policy) for name, policy in named.items()}
+    tasks = load_suite(suite) if isinstance(suite, (str, Path)) else tuple(suite)
+    _check_names(tasks)
+    results = Results(tasks, output)
+    done = results.done()
+    tasks = [
+        Task(name, factory, task, episodes)
+        for task in tasks
+        for name, factory in factories.items()
+        for episodes in _in_parts([e for e in range(task.episodes) if _key(name, task, e) not in done])
+    ]
+    left = sum(len(task.episodes) for task in tasks)
+    show(None, left)
+    for episodes in run_jobs(_run, tasks, jobs):
+        for episode in episodes:
+            results.add(episode)
+            left -= 1
+            show(episode, left)
+    found = {episode.key: episode for episode in results.episodes}
+    return [found[_key(name, task, e)] for task in tasks for name in factories for e in range(task.episodes)]
+
+
+def _factory(policy: PolicyFactory | Policy | str) -> PolicyFactory:
+    if isinstance(policy, str):
+        return policy_factory(policy)
+    if callable(policy) and not isinstance(policy, type) and not hasattr(policy, "act"):
+        return policy
+    return factory_for(cast("Policy", policy))
+
+
+def _check_names(tasks: Sequence[EvaluationTask]) -> None:
+    names: set[str] = set()
+    for task in tasks:
+        if task.name in names:
+            raise ValueError(f"two tasks are called {task.name!r}: expected different names")
+        names.add(task.name)
+
+
+def _key(name: str, task: EvaluationTask, episode: int) -> tuple[str, str, int, int]:
+    return name, task.family, task.num_agents, episode
+
+
+def _in_parts(episodes: Sequence[int]) -> Iterator[Sequence[int]]:
+    for first in range(0, len(episodes), EPISODES_PER_JOB):
+        yield episodes[first : first + EPISODES_PER_JOB]
+
+
+def _run(task: Task) -> list[Episode]:
+    """Do a task."""
+    measured = run_episodes(task.factory, task.task, task.episodes)
+    return [
+        Episode(*_key(task.name, task.task, number), metrics)
+        for number, metrics in zip(task.episodes, measured, strict=True)
+    ]

@@ -1,0 +1,74 @@
+"""Figures of evaluated episodes: how success, throughput and time go with the number of agents."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from mapf_pz.evaluation.report import grouped, interval
+from mapf_pz.evaluation.results import Episode
+from mapf_pz.io.atomic import replacing
+
+LABELS = {
+    "CSR": "all agents at their goals (CSR)",
+    "ISR": "agents at their goals (ISR)",
+    "SoC_ratio": "sum of costs / lower bound",
+    "avg_throughput": "goals reached in a step",
+    "step_ms": "milliseconds for a step",
+}
+"""The metrics that are drawn, where episodes have them."""
+
+Points = dict[int, list[float]]
+"""The values of a metric, by the number of agents."""
+
+
+def draw_figures(episodes: Iterable[Episode], folder: Path) -> list[Path]:
+    """Draw a figure for whatever was tried with several numbers of agents, and return the files."""
+    by_task: dict[str, dict[str, dict[str, Points]]] = {}
+    for (about, num_agents, policy), values in grouped(episodes).items():
+        for metric in values:
+            lines = by_task.setdefault(about, {}).setdefault(metric, {})
+            lines.setdefault(policy, {})[num_agents] = values[metric]
+    return list(_draw(by_task, folder))
+
+
+def _draw(by_task: dict[str, dict[str, dict[str, Points]]], folder: Path) -> Iterator[Path]:
+    for about, metrics in by_task.items():
+        shown = [name for name in LABELS if name in metrics]
+        if not shown or max(len(points) for points in metrics[shown[0]].values()) < 2:
+            continue
+        figure = Figure(figsize=(4.2 * len(shown), 3.6), layout="constrained")
+        for panel, metric in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
+            _draw_panel(panel, metric, metrics[metric])
+        figure.axes[0].legend(fontsize=8)
+        figure.suptitle(_plain(about))
+        name = "".join(char if char.isalnum() else "-" for char in about)
+        file = folder / f"{name}.png"
+        with replacing(file) as beside:
+            figure.savefig(beside, dpi=110)
+        yield file
+
+
+def _plain(name: str) -> str:
+    """Return text that matplotlib shows as it is: between two `$` there would be a formula."""
+    return name.replace("$", r"\$")
+
+
+def _draw_panel(panel: Axes, metric: str, lines: dict[str, Points]) -> None:
+    """Draw a metric's means with their 95 % intervals, a line for each policy."""
+    for policy, points in lines.items():
+        agents = sorted(points)
+        ends = np.array([interval(points[count]) for count in agents])
+        panel.plot(
+            agents, [float(np.mean(points[count])) for count in agents], marker="o", markersize=3, label=_plain(policy)
+        )
+        panel.fill_between(agents, ends[:, 0], ends[:, 1], alpha=0.2)
+    panel.set(xlabel="agents", ylabel=LABELS[metric])
+    if metric == "step_ms":
+        panel.set_yscale("log")
+    elif metric != "SoC_ratio":
+        panel.set_ylim(bottom=0)

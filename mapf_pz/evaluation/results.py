@@ -1,0 +1,171 @@
+"""The episodes of an evaluation, kept in a CSV file while it goes on, so that it can be resumed."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mapf_pz.config import DEFAULT_MAP
+from mapf_pz.errors import FormatError
+from mapf_pz.evaluation.task import EvaluationTask
+from mapf_pz.instances import load_map
+from mapf_pz.io.atomic import naming, write_whole
+from mapf_pz.io.text import read_text
+
+METRICS = (
+    "CSR",
+    "ISR",
+    "SoC",
+    "SoC_ratio",
+    "makespan",
+    "avg_throughput",
+    "exhausted_agents",
+    "best_ratio",
+    "ep_length",
+    "collisions",
+    "runtime",
+    "step_ms",
+    "agent_us",
+)
+"""All metrics, in the order of the file's columns; an episode has those that its mode knows."""
+COLUMNS = ("policy", "about", "num_agents", "episode", *METRICS)
+EPISODES_FILE, TASKS_FILE = "episodes.csv", "tasks.json"
+MAX_BYTES, MAX_ROW_BYTES = 2**30, 2**20
+"""Of the file of episodes, some ten million of them, and of a row in it."""
+
+
+@dataclass(frozen=True)
+class Episode:
+    """What came of an episode."""
+
+    policy: str
+    """The policy's name."""
+    about: str
+    """The task's `family`."""
+    num_agents: int
+    """N."""
+    number: int
+    """Of the episode in its task."""
+    metrics: dict[str, float] = field(default_factory=dict)
+    """By name, out of `METRICS`."""
+
+    @property
+    def key(self) -> tuple[str, str, int, int]:
+        """What tells it from all others of an evaluation."""
+        return self.policy, self.about, self.num_agents, self.number
+
+
+class Results:
+    """Episodes in memory and, with a folder, in its file `episodes.csv`, to which each is added when it is done."""
+
+    def __init__(self, tasks: Iterable[EvaluationTask], folder: Path | None = None) -> None:
+        """Begin, or go on where the folder has episodes of the same tasks.
+
+        Raises `ValueError` where it has those of others, `FormatError` where its file is not one of ours.
+        """
+        self.episodes: list[Episode] = []
+        self._file = None if folder is None else folder / EPISODES_FILE
+        if folder is None or self._file is None:
+            return
+        folder.mkdir(parents=True, exist_ok=True)
+        told = json.dumps([_description(task) for task in tasks], indent=1)
+        before = folder / TASKS_FILE
+        if not before.exists():
+            write_whole(before, told.encode())
+        elif before.read_bytes() != told.encode():
+            raise ValueError(f"{folder}: holds an evaluation of other tasks; expected another folder")
+        if self._file.exists():
+            self.episodes = _read(self._file)
+        if not self._file.exists() or not self._file.stat().st_size:
+            _write_rows(self._file, "w", [COLUMNS])
+
+    def add(self, episode: Episode) -> None:
+        """Add an episode, and write it."""
+        self.episodes.append(episode)
+        if self._file is not None:
+            values = [episode.metrics.get(name, "") for name in METRICS]
+            _write_rows(self._file, "a", [[*episode.key, *values]])
+
+    def done(self) -> set[tuple[str, str, int, int]]:
+        """Return the keys of all episodes."""
+        return {episode.key for episode in self.episodes}
+
+
+def discard(folder: Path) -> None:
+    """Remove what a folder has of an evaluation."""
+    for name in (EPISODES_FILE, TASKS_FILE):
+        (folder / name).unlink(missing_ok=True)
+
+
+def _description(task: EvaluationTask) -> dict[str, Any]:
+    """Return what must be the same for episodes to be comparable; the number of episodes need not be."""
+    elsewhere = ("map", "source", "distance_bytes")  # in the digest; the last one has no influence on episodes
+    keywords = {name: repr(value) for name, value in sorted(task.keywords.items()) if name not in elsewhere}
+    return {"task": task.name, "seed": task.seed, "keywords": keywords, "instances": _digest(task)}
+
+
+def _digest(task: EvaluationTask) -> str:
+    """Return a checksum of the instances or, where episodes are drawn, of the map or the first that is drawn."""
+    source = task.keywords.get("source")
+    instances = task.instances or (() if source is None else (source.sample(np.random.default_rng(task.seed)),))
+    arrays = [load_map(task.keywords.get("map", DEFAULT_MAP)).free] if not instances else []
+    for instance in instances:
+        arrays += [instance.grid.free, instance.scenario.starts, instance.scenario.goals]
+        arrays += [] if instance.headings is None else [instance.headings]
+    digest = sha256()
+    for array in arrays:
+        digest.update(str(array.shape).encode() + array.tobytes())
+    return digest.hexdigest()
+
+
+def _write_rows(file: Path, mode: str, rows: Iterable[Iterable[object]]) -> None:
+    with naming(file), file.open(mode, newline="", encoding="utf-8") as out:
+        csv.writer(out, lineterminator="\n").writerows(rows)
+
+
+def _read(file: Path) -> list[Episode]:
+    """Read the episodes; a last line that was cut off when the evaluation was killed is taken off the file."""
+    header = ",".join(COLUMNS) + "\n"
+    if file.is_file():
+        _cut_torn_line(file, header.encode())
+    text = read_text(file, MAX_BYTES)
+    if text and not text.startswith(header):
+        raise FormatError(file, f"expected the columns {', '.join(COLUMNS)}", 1)
+    rows = csv.reader(io.StringIO(text, newline=""), strict=True)
+    next(rows, None)
+    try:
+        return [_episode(row, rows.line_num, file) for row in rows]
+    except csv.Error as error:
+        raise FormatError(file, f"expected CSV: {error}", rows.line_num) from None
+
+
+def _cut_torn_line(file: Path, header: bytes) -> None:
+    """Take off a last line without an end, which may be cut within a character, where the file is one of ours."""
+    with file.open("r+b") as out:
+        begins = out.read(len(header))
+        size = out.seek(0, os.SEEK_END)
+        first = out.seek(max(0, size - MAX_ROW_BYTES))
+        end = out.read()
+        if header.startswith(begins) and not end.endswith(b"\n") and (b"\n" in end or not first):
+            out.truncate(first + end.rfind(b"\n") + 1)
+
+
+def _episode(row: list[str], line: int, file: Path) -> Episode:
+    if len(row) != len(COLUMNS):
+        raise FormatError(file, f"expected an episode of {len(COLUMNS)} values, got {len(row)}", line)
+    try:
+        policy, about, num_agents, number, *values = row
+        told = zip(METRICS, values, strict=True)
+        metrics = {name: float(value) for name, value in told if value}
+        return Episode(policy, about, int(num_agents), int(number), metrics)
+    except ValueError as error:
+        raise FormatError(file, f"expected an episode: {error}", line) from None

@@ -1,0 +1,249 @@
+"""Suites: lists of tasks in small JSON files, those that come with the package and those that users write."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from functools import partial
+from importlib import resources
+from pathlib import Path
+from reprlib import repr as shortened
+from typing import Any, cast
+
+from mapf_pz.config import EnvConfig
+from mapf_pz.errors import FormatError
+from mapf_pz.evaluation.task import EvaluationTask
+from mapf_pz.instance import Instance
+from mapf_pz.instances import RandomObstacles, load_map, load_problem, load_scenario
+from mapf_pz.instances.library import benchmark_file
+from mapf_pz.instances.pogema import load_pogema
+from mapf_pz.io.json import MAX_NAME, MAX_NUMBER, JsonObject, is_whole, list_member, named_file, parse_object
+from mapf_pz.io.text import read_text
+
+MAX_CELLS = 2**24
+"""Larger random maps are refused."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One of the entries of a suite's file: a task, or one for each of several numbers of agents.
+
+    Exactly one of `map`, `random`, `pogema` and `lorr` says where episodes come from. Files are sought beside the
+    suite's own file first, then in the folders that the variable `MAPF_PZ_BENCHMARK` names, then among downloads.
+    """
+
+    map: str | None = None
+    """A map's name, or the path of a `.map` file; episodes are drawn, unless there are `scenarios`."""
+    scenarios: list[str] | None = None
+    """Names or `.scen` files, one for each episode; `random-1` is that of the map."""
+    random: list[float] | None = None
+    """Rows, columns, and share of obstacles of random maps."""
+    pogema: str | None = None
+    """A file of POGEMA's benchmark, `01-random.mapf.json`."""
+    lorr: str | None = None
+    """The JSON file of a League of Robot Runners problem; its `teamSize` is the number of agents."""
+    num_agents: int | list[int] = 0
+    """N, or several."""
+    max_steps: int = EnvConfig.max_steps
+    """Time limit."""
+    episodes: int | None = None
+    """How many; None: one for each instance, or 64 where they are drawn."""
+    seed: int = EvaluationTask.seed
+    """Of the first episode; the others follow by ones."""
+    about: str | None = None
+    """What the task is about, all but the number of agents; None: the map's name or the file's."""
+    best: float | None = None
+    """The best throughput known."""
+    env: JsonObject = field(default_factory=dict)
+    """Other keywords of `parallel_env`."""
+
+
+def suite_names() -> list[str]:
+    """Return the names of the suites that come with the package, sorted."""
+    return sorted(file.stem for file in _bundled().glob("*.json"))
+
+
+def load_suite(suite: str | Path) -> tuple[EvaluationTask, ...]:
+    """Return the tasks of a suite: one of `suite_names()`, or the path of a `.json` file.
+
+    Raises:
+        FileNotFoundError: There is no such file, or one that the suite names is absent.
+        FormatError: The file is malformed, or names one that is.
+        ValueError: There is no suite of that name.
+    """
+    if str(suite).endswith(".json"):
+        file = Path(suite)
+    elif str(suite) in suite_names():
+        file = _bundled() / f"{suite}.json"
+    else:
+        raise ValueError(f"suite {str(suite)!r}: expected a .json file, or one of {', '.join(suite_names())}")
+    data = parse_object(read_text(file), file)
+    _check_keys(data, ("about", "tasks"), str(file))
+    entries = list_member(data, "tasks", file, least=1)
+    tasks = [task for number, entry in enumerate(entries) for task in _tasks(entry, number, file)]
+    names = [task.name for task in tasks]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise FormatError(file, f"expected tasks of different names ('about'), got {twice!r} twice")
+    return tuple(tasks)
+
+
+def _tasks(data: Any, number: int, file: Path) -> list[EvaluationTask]:
+    """Return the tasks of an entry, one for each number of agents."""
+    where = f"{file}: task {number}"
+    entry = _entry(data, where)
+    make = next(make for kind, make in _KINDS.items() if getattr(entry, kind) is not None)
+    counts = entry.num_agents if isinstance(entry.num_agents, list) else [entry.num_agents]
+    try:
+        return [make(entry, count, file.parent) for count in counts]
+    except FormatError:
+        raise
+    except FileNotFoundError as error:
+        raise FileNotFoundError(f"{where}: {error}") from None
+    except (ValueError, TypeError, RecursionError) as error:
+        raise FormatError(where, str(error)) from None
+
+
+def _check_keys(data: JsonObject, known: Iterable[str], where: str) -> None:
+    for name in data:
+        if name not in known:
+            raise FormatError(where, f"expected one of {', '.join(known)}, got {shortened(name)}")
+
+
+def _entry(data: Any, where: str) -> Entry:
+    if not isinstance(data, dict):
+        raise FormatError(where, f"expected an object, got {shortened(data)}")
+    _check_keys(data, [field.name for field in dataclasses.fields(Entry)], where)
+    for name, (fits, expected) in _EXPECTED.items():
+        if data.get(name) is not None and not fits(data[name]):
+            raise FormatError(where, f"expected {name!r} to be {expected}, got {shortened(data[name])}")
+    entry = Entry(**{name: value for name, value in data.items() if value is not None})
+    _check_keys(entry.env, _ENV_KEYWORDS, f"{where}: env")
+    kinds = [kind for kind in _KINDS if getattr(entry, kind) is not None]
+    if len(kinds) != 1:
+        raise FormatError(where, f"expected exactly one of {', '.join(_KINDS)}, got {' and '.join(kinds) or 'none'}")
+    if entry.scenarios is not None and entry.map is None:
+        raise FormatError(where, "expected 'scenarios' beside 'map' only")
+    if (entry.num_agents == 0) != (entry.lorr is not None):
+        raise FormatError(where, "expected 'num_agents', except beside 'lorr': the problem tells how many there are")
+    return entry
+
+
+def _is_count(value: Any) -> bool:
+    return is_whole(value) and 1 <= value <= MAX_NUMBER
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= MAX_NUMBER
+
+
+def _is_name(value: Any) -> bool:
+    return isinstance(value, str) and 0 < len(value) <= MAX_NAME and value.isprintable()
+
+
+def _is_list_of(fits: Callable[[Any], bool], value: Any) -> bool:
+    return isinstance(value, list) and len(value) > 0 and all(map(fits, value))
+
+
+def _is_random(value: Any) -> bool:
+    if not _is_list_of(_is_number, value) or len(value) != 3 or not all(map(_is_count, value[:2])):
+        return False
+    return value[0] * value[1] <= MAX_CELLS and 0 <= value[2] < 1
+
+
+_NAME, _COUNT = (_is_name, "a line of text"), (_is_count, "a whole number, 1 or more")
+
+_EXPECTED: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "map": _NAME,
+    "scenarios": (partial(_is_list_of, _is_name), "a list of names or files"),
+    "random": (_is_random, f"[rows, columns, share of obstacles], with at most {MAX_CELLS} cells"),
+    "pogema": _NAME,
+    "lorr": _NAME,
+    "num_agents": (
+        lambda value: _is_count(value) or _is_list_of(_is_count, value),
+        "a whole number, 1 or more, or several",
+    ),
+    "max_steps": _COUNT,
+    "episodes": _COUNT,
+    "seed": (lambda value: is_whole(value) and 0 <= value <= MAX_NUMBER, "a whole number, 0 or more"),
+    "about": _NAME,
+    "best": (lambda value: _is_number(value) and value > 0, "a number above 0"),
+    "env": (lambda value: isinstance(value, dict), "an object"),
+}
+"""What the members of an entry must be, and the words for it."""
+
+_ENV_KEYWORDS = [
+    field.name
+    for field in dataclasses.fields(EnvConfig)
+    if field.name not in ("map", "scenario", "source", "num_agents", "max_steps", "render_mode")
+]
+"""The keywords of `parallel_env` that are not said by an entry itself."""
+
+
+def _of_map(entry: Entry, num_agents: int, folder: Path) -> EvaluationTask:
+    """Return a task on one map, with drawn episodes or scenarios."""
+    name = cast("str", entry.map)
+    grid = load_map(_found(name, "map", folder) if name.endswith(".map") else name)
+    if entry.scenarios is None:
+        return _task(entry, grid.name, num_agents, {"map": grid, "num_agents": num_agents})
+    instances: list[Instance] = []
+    for told in entry.scenarios:
+        source = _found(told, "scenarios", folder) if told.endswith(".scen") else f"{grid.name}-{told}"
+        scenario = load_scenario(source, grid)
+        if len(scenario) < num_agents:
+            raise ValueError(f"scenario {told!r}: expected {num_agents} agents, got {len(scenario)}")
+        instances.append(Instance(grid, scenario.first(num_agents)))
+    return _task(entry, grid.name, num_agents, {}, instances)
+
+
+def _of_random(entry: Entry, num_agents: int, _: Path) -> EvaluationTask:
+    """Return a task on random maps."""
+    height, width, density = cast("list[float]", entry.random)
+    source = RandomObstacles(int(height), int(width), density, num_agents)
+    return _task(entry, f"random {height} x {width}, {100 * density:g} % obstacles", num_agents, {"source": source})
+
+
+def _of_pogema(entry: Entry, num_agents: int, folder: Path) -> EvaluationTask:
+    """Return a task of POGEMA's instances."""
+    file = _found(cast("str", entry.pogema), "pogema", folder)
+    return _task(entry, file.name.removesuffix(".json"), num_agents, {}, load_pogema(file, num_agents))
+
+
+def _of_lorr(entry: Entry, _: int, folder: Path) -> EvaluationTask:
+    """Return a task of a League of Robot Runners problem, whose robots have goals one after the other."""
+    file = _found(cast("str", entry.lorr), "lorr", folder)
+    instance = load_problem(file).instance(entry.max_steps)  # no robot can reach more than one goal a step
+    if entry.env.get("action_model") == "cardinal":
+        instance = Instance(instance.grid, instance.scenario)
+    return _task(entry, file.stem, instance.num_agents, {"on_target": "restart"}, [instance])
+
+
+_KINDS = {"map": _of_map, "random": _of_random, "pogema": _of_pogema, "lorr": _of_lorr}
+"""What makes a task of each kind of entry."""
+
+
+def _task(
+    entry: Entry, about: str, num_agents: int, keywords: dict[str, Any], instances: list[Instance] | None = None
+) -> EvaluationTask:
+    EnvConfig(num_agents=num_agents, **entry.env)  # refuses values that are not allowed
+    return EvaluationTask(
+        family=entry.about or about,
+        num_agents=num_agents,
+        keywords={"max_steps": entry.max_steps} | keywords | entry.env,
+        episodes=entry.episodes or (len(instances) if instances else 64),
+        seed=entry.seed,
+        instances=tuple(instances or ()),
+        best=entry.best,
+    )
+
+
+def _found(told: str, name: str, folder: Path) -> Path:
+    """Return the file that a member names: in the suite's own folder or below, or in those of benchmark data."""
+    beside = named_file(told, name, folder, folder)
+    return beside if os.path.isfile(beside) else benchmark_file(told)
+
+
+def _bundled() -> Path:
+    return Path(str(resources.files("mapf_pz.evaluation"))) / "suites"

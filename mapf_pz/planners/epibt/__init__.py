@@ -1,0 +1,1 @@
+"""Enhanced PIBT: priority inheritance over sequences of actions."""

@@ -1,0 +1,1 @@
+"""Lazy constraints addition search (LaCAM)."""

@@ -1,0 +1,176 @@
+"""LaCAM as a planner, and as a policy: complete, and quick also where agents stand close together."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TypeVar
+
+import numpy as np
+
+from mapf_pz.arrays import Floats, Ints
+from mapf_pz.config import WeightsName
+from mapf_pz.core.cost_tables import DistanceTables
+from mapf_pz.core.world import allocate
+from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.instance import Instance
+from mapf_pz.planners.base import PlanFollower
+from mapf_pz.planners.lacam import schedule
+from mapf_pz.planners.lacam import search as lacam
+from mapf_pz.planners.lacam.step import allocate_scratch
+from mapf_pz.planners.problem import Path, Problem, problem_of
+from mapf_pz.planners.sipp.refine import NeighborhoodSearch, refine
+from mapf_pz.plans.plan import Plan
+from mapf_pz.simulator import Simulator
+
+MAX_BYTES = 1 << 30
+"""The search is given up where it would need more room than this."""
+
+_AGENT_STEPS = 50_000  # of one call of the kernel: some 50 ms
+
+Room = TypeVar("Room", lacam.Nodes, lacam.Constraints)
+
+
+class LaCAM(PlanFollower):
+    """Plans all the way by a search over configurations, for both action models: see `mapf_pz.planners.lacam.search`.
+
+    Given time and room it finds a plan for whatever can be solved; what time is left makes it shorter
+    (`mapf_pz.planners.sipp.refine`). The search holds at most `MAX_BYTES` at a time, and half of that more while it moves to
+    larger arrays.
+    """
+
+    def plan(self, problem: Problem, time_limit: float) -> Path | None:
+        """Return where all agents are until they are at their goals, or None where that was not found.
+
+        Of agents that share a goal, only the nearest is to reach it. None means that
+        it was not found in time or in the room there is, or that the search has seen all configurations.
+        """
+        if not np.isfinite(_cost_to_go(problem)).all():
+            return None
+        claimed = _claimed_goals(problem)
+        search = ConfigurationSearch(_without_turns(problem)._replace(goals=claimed), self._rng)
+        improving = self._anytime and (claimed != lacam.NONE).all()
+        refinement = NeighborhoodSearch(problem, self._rng) if improving else None
+        deadline = time.perf_counter() + time_limit
+        cells = search.run(deadline)
+        if cells is None:
+            return None
+        path = _carried_out(problem, cells)
+        return path if refinement is None else refine(refinement, path, deadline)
+
+    def _call_kernels(self, simulator: Simulator) -> None:
+        super()._call_kernels(simulator)
+        problem = problem_of(simulator)
+        ConfigurationSearch(_without_turns(problem), self._rng).double_nodes()
+        if self._anytime:
+            search = NeighborhoodSearch(problem, self._rng)
+            search.begin_anew(np.arange(len(problem.goals)), math.inf)
+            search.path()
+
+    def solve(
+        self,
+        instance: Instance,
+        time_limit: float = 10.0,
+        max_steps: int = 1000,
+        edge_weights: WeightsName | GuidanceGraph = "uniform",
+        distance_bytes: int | None = None,
+    ) -> Plan | None:
+        """Return a plan that brings all agents to their goals, or None where none was found: see `Planner`."""
+        goals = instance.scenario.goals.reshape(-1, 2)
+        shared = len(np.unique(goals, axis=0)) < len(goals)
+        return None if shared else super().solve(instance, time_limit, max_steps, edge_weights, distance_bytes)
+
+
+def _cost_to_go(problem: Problem) -> Floats:
+    return problem.to_go[problem.table, problem.starts, problem.headings]
+
+
+def _claimed_goals(problem: Problem) -> Ints:
+    """Return each agent's goal (N,) int32; -1 where another agent is nearer to the same one."""
+    nearest_first = np.argsort(_cost_to_go(problem), kind="stable")
+    _, first = np.unique(problem.goals[nearest_first], return_index=True)
+    claiming = nearest_first[first]
+    goals = np.full_like(problem.goals, lacam.NONE)
+    goals[claiming] = problem.goals[claiming]
+    return goals
+
+
+class ConfigurationSearch:
+    """A search over configurations, for cardinal agents or for those whose turns are free."""
+
+    def __init__(self, problem: Problem, rng: np.random.Generator) -> None:
+        """Begin with the first configuration."""
+        num_agents, num_cells = len(problem.goals), problem.leads_to.shape[1] - 1
+        cost = np.where(problem.goals == lacam.NONE, -1, _cost_to_go(problem))
+        farthest_first = np.argsort(-cost, kind="stable").astype(np.int32)
+        self._problem = problem
+        self._scratch = allocate_scratch(num_agents, num_cells, int(rng.integers(1, 2**63)))
+        self._nodes, self._constraints = lacam.allocate_nodes(1 << 10, num_agents), lacam.allocate_constraints(1 << 13)
+        self._tally = np.zeros(4, np.int64)
+        self._status = lacam.begin(problem, farthest_first, self._nodes, self._constraints, self._scratch, self._tally)
+
+    def run(self, deadline: float) -> Ints | None:
+        """Return the cells (T + 1, N) of all configurations on the way to the goals, or None."""
+        slice_of_work = 1 + _AGENT_STEPS // len(self._problem.goals)
+        while self._status in (lacam.RUNNING, lacam.FULL) and time.perf_counter() < deadline:
+            if self._status == lacam.FULL and not self._make_room():
+                return None
+            self._status = lacam.search(
+                self._problem, slice_of_work, self._nodes, self._constraints, self._scratch, self._tally
+            )
+        if self._status != lacam.SOLVED:
+            return None
+        chain = [int(self._tally[lacam.SOLUTION])]
+        while self._nodes.parent[chain[-1]] != lacam.NONE:
+            chain.append(int(self._nodes.parent[chain[-1]]))
+        return self._nodes.cells[chain[::-1]]
+
+    def _make_room(self) -> bool:
+        """Double what is full; tell whether that is allowed."""
+        if 2 * sum(array.nbytes for array in (*self._nodes, *self._constraints)) > MAX_BYTES:
+            return False
+        if self._tally[lacam.NUM_NODES] == len(self._nodes.parent):
+            self.double_nodes()
+        else:
+            self._constraints = _doubled(self._constraints)
+        return True
+
+    def double_nodes(self) -> None:
+        """Make room for twice as many configurations."""
+        self._nodes = _doubled(self._nodes)
+        lacam.refill_slots(self._nodes, self._tally)
+
+
+def _without_turns(problem: Problem) -> Problem:
+    """Return the problem that is left if turns are free."""
+    if problem.to_go.shape[2] == 1:
+        return problem
+    num_cells = problem.leads_to.shape[1]
+    world = allocate(1, (1, num_cells - 1))
+    world.leads_to[0], world.weight[0] = problem.leads_to, problem.weight
+    prices = problem.weight[:4][problem.leads_to != np.arange(num_cells)]
+    world.equal_weight[0] = prices[0] if len(np.unique(prices)) == 1 else 0
+    tables = DistanceTables(world, 1, len(problem.goals), max_bytes=8 * num_cells * len(problem.goals))
+    tables.require(np.zeros(1, np.int32), problem.goals[None])
+    table = tables.arrays.slot[0][problem.goals]
+    return problem._replace(to_go=tables.arrays.to_go, table=table, headings=np.zeros_like(problem.headings))
+
+
+def _doubled(room: Room) -> Room:
+    return room._make(np.concatenate([array, np.zeros_like(array)]) for array in room)
+
+
+def _carried_out(problem: Problem, cells: Ints) -> Path:
+    """Return the path that leads through the configurations `cells` (T + 1, N), which are changed."""
+    steps, num_agents = len(cells) - 1, cells.shape[1]
+    rotates = problem.to_go.shape[2] == 4
+    over_cells = np.zeros((2, problem.leads_to.shape[1]), np.int32)
+    at, intent = np.zeros(num_agents, np.int32), np.zeros(num_agents, np.int8)
+    while schedule.cut_loops(cells, over_cells[0], over_cells[1]):
+        pass
+    visits = schedule.allocate_visits(cells)
+    schedule.list_visits(cells, problem.leads_to, visits, at, over_cells[0])
+    rows = (3 if rotates else 1) * steps + 1
+    there, looks = np.tile(problem.starts, (rows, 1)), np.tile(problem.headings.astype(np.int8), (rows, 1))
+    rows = schedule.carry_out(visits, rotates, there, looks, at, intent) + 1
+    return Path(there[:rows], looks[:rows] if rotates else None)

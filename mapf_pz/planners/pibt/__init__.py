@@ -1,0 +1,1 @@
+"""Priority inheritance with backtracking (PIBT), and the safety layer made of it."""

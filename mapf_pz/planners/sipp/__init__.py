@@ -1,0 +1,1 @@
+"""Safe interval path planning: prioritized planning and large neighborhood search."""

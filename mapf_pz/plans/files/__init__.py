@@ -1,0 +1,98 @@
+"""Plan files: the League of Robot Runners' JSON, the MAPF tracker's CSV, and the text of the PIBT and LaCAM tools."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from reprlib import repr as shortened
+
+from mapf_pz.config import ActionModel
+from mapf_pz.errors import FormatError
+from mapf_pz.instance import Instance
+from mapf_pz.io.text import read_text
+from mapf_pz.plans.files.lorr import format_lorr, parse_lorr
+from mapf_pz.plans.files.planfile import About, PlanFile, Schedule, Selection
+from mapf_pz.plans.files.text import format_text, parse_text
+from mapf_pz.plans.files.tracker import format_tracker, parse_tracker
+from mapf_pz.plans.plan import Plan
+
+__all__ = [
+    "About",
+    "PlanFile",
+    "Schedule",
+    "Selection",
+    "check_format",
+    "format_plan",
+    "parse_plan",
+    "read_plan",
+    "write_plan",
+]
+
+PARSERS: dict[str, Callable[[str, str | Path, Selection], PlanFile]] = {
+    r"\{": parse_lorr,
+    r"\w+=|0:": parse_text,
+    r".*\b(solution_plan|path)\b": parse_tracker,
+}
+"""The parsers, by how a file of theirs begins: the first that fits is taken."""
+
+FORMATTERS: dict[str, Callable[[Plan, Instance, About], str]] = {
+    ".json": format_lorr,
+    ".csv": format_tracker,
+    ".txt": format_text,
+}
+"""What makes the text of a plan file, by the file's ending."""
+
+
+def read_plan(path: str | Path, selection: Selection | None = None) -> PlanFile:
+    """Read a plan file of any of the three formats, which is told from what is in it.
+
+    Args:
+        path: The file.
+        selection: What the plan is for: needed for a tracker's CSV file only, which holds several plans and no starts.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        FormatError: The file is none of these or malformed, or not just one of its plans is selected.
+    """
+    return parse_plan(read_text(path), path, selection)
+
+
+def parse_plan(text: str, origin: str | Path, selection: Selection | None = None) -> PlanFile:
+    """Parse the text of a plan file that came from `origin`; raises `FormatError` as `read_plan` does."""
+    start = text.lstrip()[:1000]
+    for beginning, parse in PARSERS.items():
+        if re.match(beginning, start):
+            return parse(text, origin, selection or Selection())
+    expected = "expected a plan: League of Robot Runners JSON, tracker CSV, or text with a 'solution='"
+    raise FormatError(origin, f"{expected}, got {shortened(text)}", 1)
+
+
+def check_format(path: str | Path, action_model: ActionModel) -> None:
+    """Raise `ValueError` unless a file of that name can hold plans of such agents."""
+    ending = Path(path).suffix.lower()
+    if ending not in FORMATTERS:
+        raise ValueError(f"{path}: expected a file that ends in {', '.join(FORMATTERS)}")
+    if ending == ".csv" and action_model != "cardinal":
+        raise ValueError(f"{path}: a tracker CSV file holds no headings, expected action_model='cardinal'")
+
+
+def format_plan(plan: Plan, path: str | Path, instance: Instance, about: About | None = None) -> str:
+    """Return the text of a plan file in the format of a file of that name; raises `ValueError` as `write_plan` does."""
+    check_format(path, "cardinal" if plan.headings is None else "rotate")
+    return FORMATTERS[Path(path).suffix.lower()](plan, instance, about or About())
+
+
+def write_plan(plan: Plan, path: str | Path, instance: Instance, about: About | None = None) -> None:
+    """Write a plan file: League of Robot Runners `.json`, tracker `.csv` (cardinal agents only), or `.txt`.
+
+    Args:
+        plan: The plan.
+        path: The file.
+        instance: What the plan solves; a lifelong one can be written as `.json` only.
+        about: What else is written, where the format has a place for it.
+
+    Raises:
+        ValueError: The ending is another, or that format cannot hold the plan.
+    """
+    Path(path).write_text(format_plan(plan, path, instance, about), "utf-8", newline="\n")

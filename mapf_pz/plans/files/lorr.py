@@ -1,0 +1,172 @@
+"""Plans of the League of Robot Runners, as its simulator writes and PlanViz reads them; written is the form of 2023.
+
+Read are the model `MAPF_T` (agents that turn) of 2023, 2024 and 2026, and the plain `MAPF`. The plan of 2026 is one of
+ticks: an agent is on its old cell until the last tick of a move, so its size and the way between cells do not count.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from itertools import cycle
+from pathlib import Path
+from reprlib import repr as shortened
+from typing import Any
+
+import numpy as np
+
+from mapf_pz.arrays import Ints
+from mapf_pz.errors import FormatError
+from mapf_pz.instance import Instance
+from mapf_pz.io.json import (
+    JsonObject,
+    are_whole,
+    is_whole,
+    list_member,
+    parse_object,
+    whole_number,
+)
+from mapf_pz.plans.files.letters import TURNS, Steps, follow_steps, follow_turns, spell_steps, spell_turns
+from mapf_pz.plans.files.planfile import About, PlanFile, Selection, check_size
+from mapf_pz.plans.files.schedule import parse_schedule
+from mapf_pz.plans.files.ticks import expand_ticks
+from mapf_pz.plans.plan import Plan, reached
+
+CARDINAL, TURNING = "MAPF", "MAPF_T"
+STEPS: Steps = {"U": (-1, 0), "D": (1, 0), "L": (0, -1), "R": (0, 1), "W": (0, 0)}
+"""The (row, col) step of each letter of the model `MAPF`; `U` is a smaller row."""
+LETTERS = {CARDINAL: "".join(STEPS), TURNING: "".join(TURNS)}
+"""The letters of each model."""
+NAMES = {CARDINAL: ("N/A",), TURNING: ("E", "S", "W", "N")}
+"""The names of the headings, in their order, in each model."""
+CLAIMS = {"sumOfCost": "sum of costs", "makespan": "makespan", "numTaskFinished": "tasks finished"}
+
+_Events = list[list[int | str]]
+
+
+def parse_lorr(text: str, origin: str | Path, _: Selection) -> PlanFile:
+    """Parse the text of a plan file that came from `origin`; raises `FormatError` for anything malformed."""
+    data = parse_object(text, origin)
+    model = data.get("actionModel")
+    if not isinstance(model, str) or model not in LETTERS:
+        raise FormatError(origin, f"expected 'actionModel' {' or '.join(LETTERS)}, got {shortened(model)}")
+    count = whole_number(data, "teamSize", origin, least=1)
+    starts = np.array(_starts(list_member(data, "start", origin, count)[:count], NAMES[model], origin))
+    letters = _letters(data, count, model, origin)
+    if model == TURNING:
+        plan = follow_turns(starts[:, :2], starts[:, 2], letters)
+    else:
+        plan = follow_steps(starts[:, :2], letters, STEPS)
+    claims = {claim: data[key] for key, claim in CLAIMS.items() if is_whole(data.get(key))}
+    schedule = parse_schedule(data, count, origin)
+    goals = None
+    if schedule is not None and claims.get("tasks finished") == count:
+        goals = schedule.only_goals()
+    return PlanFile(plan, goals, schedule, claims)
+
+
+def format_lorr(plan: Plan, instance: Instance, _: About) -> str:
+    """Return the text of a plan file: of one task for each agent, or of its goals one after the other (lifelong).
+
+    Raises `ValueError` for a plan that is not of the instance's agents, or in which one moves or turns otherwise than
+    agents can.
+    """
+    if plan.num_agents != instance.num_agents:
+        raise ValueError(f"plan: {plan.num_agents} agents, but the instance has {instance.num_agents}")
+    model = CARDINAL if plan.headings is None else TURNING
+    words = spell_steps(plan, STEPS) if plan.headings is None else spell_turns(plan)
+    facing = np.zeros(plan.num_agents, np.int64) if plan.headings is None else plan.headings[0]
+    goals = instance.scenario.goals
+    lifelong = goals.ndim == 3
+    events, tasks = _lifelong_tasks(plan, goals) if lifelong else _single_tasks(plan, goals)
+    paths = [",".join(word) for word in words]
+    record: JsonObject = {
+        "actionModel": model,
+        "AllValid": "Yes",
+        "teamSize": plan.num_agents,
+        "start": [[*cell, NAMES[model][h]] for cell, h in zip(plan.cells[0].tolist(), facing.tolist(), strict=True)],
+        "numTaskFinished": sum(event[2] == "finished" for agent in events for event in agent),
+        "sumOfCost": plan.num_steps * plan.num_agents if lifelong else plan.sum_of_costs,
+        "makespan": plan.num_steps if lifelong else plan.makespan,
+        "actualPaths": paths,
+        "plannerPaths": paths,
+        "plannerTimes": [],
+        "errors": [],
+        "events": events,
+        "tasks": tasks,
+    }
+    members = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in record.items()]
+    return "{\n" + ",\n".join(members) + "\n}\n"
+
+
+def _starts(told: Iterable[Any], names: tuple[str, ...], origin: str | Path) -> list[tuple[int, int, int]]:
+    """Return (row, col, heading) of each agent."""
+    starts: list[tuple[int, int, int]] = []
+    for agent, start in enumerate(told):
+        match start:
+            case [row, col, str(name)] if are_whole([row, col]) and name in names:
+                starts.append((row, col, names.index(name)))
+            case _:
+                expected = f"expected the start of agent {agent} to be [row, col, {' or '.join(names)}]"
+                raise FormatError(origin, f"{expected}, got {shortened(start)}")
+    return starts
+
+
+def _letters(data: JsonObject, count: int, model: str, origin: str | Path) -> list[str]:
+    """Return the letters of each agent's steps or ticks."""
+    paths = list_member(data, "actualPaths", origin, count)[:count]
+    for agent, path in enumerate(paths):
+        if not isinstance(path, str):
+            raise FormatError(origin, f"expected the path of agent {agent} to be text, got {shortened(path)}")
+    in_ticks = paths[0].startswith("[")
+    if in_ticks and model != TURNING:
+        raise FormatError(origin, f"expected the model {TURNING} where paths are in ticks, got {model}")
+    ticks = whole_number(data, "agentMaxCounter", origin, least=1) if in_ticks else 1
+    words: list[str] = []
+    for agent, path in enumerate(paths):
+        if in_ticks:
+            words.append(expand_ticks(path, ticks, count, agent, origin))
+        else:
+            words.append(_plain_letters(path, LETTERS[model], agent, origin))
+        if len(words[agent]) != len(words[0]):
+            message = f"expected {len(words[0])} steps of agent {agent}, as of agent 0, got {len(words[agent])}"
+            raise FormatError(origin, message)
+    check_size(len(words[0]), count, origin)
+    return words
+
+
+def _plain_letters(path: str, letters: str, agent: int, origin: str | Path) -> str:
+    # A regular expression would take much memory for a long path.
+    word = path[::2]
+    if set(word) <= set(letters) and set(path[1::2]) <= {","} and not path.endswith(","):
+        return word
+    steps = path.split(",")
+    step = next(step for step, letter in enumerate(steps) if len(letter) != 1 or letter not in letters)
+    message = f"expected one of {letters} as step {step + 1} of agent {agent}, got {shortened(steps[step])}"
+    raise FormatError(origin, message)
+
+
+def _single_tasks(plan: Plan, goals: Ints) -> tuple[list[_Events], list[list[int]]]:
+    """Return the events of agents with one goal each, and the tasks."""
+    events: list[_Events] = []
+    for agent, arrival in enumerate(plan.arrivals.tolist()):
+        events.append([[agent, 0, "assigned"]])
+        if (plan.cells[-1, agent] == goals[agent]).all():
+            events[agent].append([agent, arrival, "finished"])
+    return events, [[agent, *goal] for agent, goal in enumerate(goals.tolist())]
+
+
+def _lifelong_tasks(plan: Plan, goals: Ints) -> tuple[list[_Events], list[list[int]]]:
+    """Return the events of agents with goals (N, L, 2) one after the other, and the tasks: numbered as assigned."""
+    tasks = [[agent, *goal] for agent, goal in enumerate(goals[:, 0].tolist())]
+    events: list[_Events] = [[[agent, 0, "assigned"]] for agent in range(plan.num_agents)]
+    arrivals = [
+        (step, agent, taken)
+        for agent in range(plan.num_agents)
+        for taken, step in enumerate(reached(plan.cells[:, agent], cycle(goals[agent])), 1)
+    ]
+    for step, agent, taken in sorted(arrivals):
+        events[agent].append([events[agent][-1][0], step, "finished"])
+        events[agent].append([len(tasks), step, "assigned"])
+        tasks.append([len(tasks), *goals[agent, taken % goals.shape[1]].tolist()])
+    return events, tasks

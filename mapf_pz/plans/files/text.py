@@ -1,0 +1,151 @@
+"""The text files that the PIBT and LaCAM tools write: a header of `key=value`, then where agents are at each step.
+
+A cell is `(x,y)`, column first; agents that turn have their heading as a third part, as mapf-visualizer reads it.
+Source: github.com/Kei18/lacam (post_processing.cpp), pibt2 (solver.cpp) and mapf-visualizer (main.cpp, demo_2x2.txt).
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from array import array
+from collections.abc import Iterator
+from pathlib import Path
+from reprlib import repr as shortened
+
+import numpy as np
+
+from mapf_pz.actions import Heading
+from mapf_pz.arrays import Ints
+from mapf_pz.errors import FormatError
+from mapf_pz.instance import Instance
+from mapf_pz.plans.files.planfile import About, PlanFile, Selection, one_goal_each
+from mapf_pz.plans.plan import Plan
+
+HEADINGS = {
+    "X_PLUS": Heading.EAST,
+    "Y_PLUS": Heading.SOUTH,
+    "X_MINUS": Heading.WEST,
+    "Y_MINUS": Heading.NORTH,
+}
+"""The headings' names; y grows towards the south."""
+MAX_ENTRIES = 1000
+"""A header of more is refused."""
+CLAIMS = {"soc": "sum of costs", "makespan": "makespan"}
+
+_CELL = re.compile(rf"\((\d{{1,9}}),(\d{{1,9}})(?:,({'|'.join(HEADINGS)}))?\)(?:,|\Z)", re.ASCII)
+_STEP = re.compile(r"(\d{1,9}):", re.ASCII)
+_ENTRY = re.compile(r"(\w+)=(.*)")
+_COUNT = re.compile(r"\d{1,9}", re.ASCII)
+
+
+def parse_text(text: str, origin: str | Path, _: Selection) -> PlanFile:
+    """Parse the text of a result file that came from `origin`; raises `FormatError` unless it holds a solution."""
+    lines = enumerate((line.rstrip("\r\n") for line in io.StringIO(text)), 1)
+    header, first = _header(lines, origin)
+    cells, headings = array("i"), array("b")
+    count = num_steps = 0
+    for number, line in first:
+        step = _STEP.match(line)
+        if step is None or int(step[1]) != num_steps:
+            raise FormatError(origin, f"expected '{num_steps}:' and cells, got {shortened(line)}", number)
+        places, turned = _cells(line, step.end(), origin, number)
+        count = count or len(places) // 2
+        if len(places) != 2 * count or len(turned) != (count if headings or (turned and not num_steps) else 0):
+            raise FormatError(origin, f"expected {count} cells, with headings everywhere or nowhere", number)
+        cells.extend(places)
+        headings.extend(turned)
+        num_steps += 1
+    if not num_steps:
+        raise FormatError(origin, "expected a solution, got none")
+    plan = Plan(
+        np.array(cells).reshape(num_steps, count, 2)[..., ::-1],
+        np.array(headings).reshape(num_steps, count) if headings else None,
+    )
+    told = {name: _told(header, name, count, origin) for name in ("starts", "goals")}
+    if told["starts"] is not None and not np.array_equal(told["starts"], plan.cells[0]):
+        raise FormatError(origin, "expected the solution to begin at the starts", header["starts"][0])
+    claims = {
+        claim: int(header[key][1])
+        for key, claim in CLAIMS.items()
+        if key in header and _COUNT.fullmatch(header[key][1])
+    }
+    return PlanFile(plan, goals=told["goals"], claims=claims)
+
+
+def format_text(plan: Plan, instance: Instance, about: About) -> str:
+    """Return the text of a result file; raises `ValueError` for agents that have several goals each."""
+    goals = one_goal_each(instance.scenario.goals, "text")
+    names = {int(heading): f",{name}" for name, heading in HEADINGS.items()}
+    header = {
+        "agents": plan.num_agents,
+        "map_file": f"{instance.grid.name}.map",
+        "solver": about.solver,
+        "solved": 1,
+        "soc": plan.sum_of_costs,
+        "makespan": plan.makespan,
+        "comp_time": round(about.seconds * 1000),
+        "starts": _row(plan.cells[0], [""] * plan.num_agents),
+        "goals": _row(goals, [""] * plan.num_agents),
+        "solution": "",
+    }
+    lines = [f"{key}={' '.join(str(value).split())}" for key, value in header.items()]
+    for step, cells in enumerate(plan.cells):
+        turned = [""] * plan.num_agents if plan.headings is None else [names[h] for h in plan.headings[step].tolist()]
+        lines.append(f"{step}:{_row(cells, turned)}")
+    return "\n".join(lines) + "\n"
+
+
+def _row(cells: Ints, headings: list[str]) -> str:
+    return "".join(f"({col},{row}{heading})," for (row, col), heading in zip(cells.tolist(), headings, strict=True))
+
+
+_Lines = Iterator[tuple[int, str]]
+
+
+def _header(lines: _Lines, origin: str | Path) -> tuple[dict[str, tuple[int, str]], _Lines]:
+    """Take the header off `lines`: the number and value of each entry, and the solution's lines without empty ones."""
+    header: dict[str, tuple[int, str]] = {}
+    for number, line in lines:
+        entry = _ENTRY.fullmatch(line)
+        if entry is not None:
+            header[entry[1]] = number, entry[2]
+            if len(header) > MAX_ENTRIES:
+                raise FormatError(origin, f"expected a header of at most {MAX_ENTRIES} entries", number)
+        elif line.strip():
+            return header, _filled(number, line, lines)
+    return header, iter(())
+
+
+def _filled(number: int, line: str, rest: _Lines) -> _Lines:
+    yield number, line
+    yield from ((number, line) for number, line in rest if line.strip())
+
+
+def _cells(line: str, position: int, origin: str | Path, number: int) -> tuple[list[int], list[int]]:
+    """Return the numbers x, y, x, y, ... and the headings that stand in a line from a position on."""
+    places: list[int] = []
+    headings: list[int] = []
+    while position < len(line):
+        cell = _CELL.match(line, position)
+        if cell is None:
+            got = shortened(line[position:])
+            raise FormatError(origin, f"expected a cell (x,y), got {got}", number, position + 1)
+        places += int(cell[1]), int(cell[2])
+        if cell[3] is not None:
+            headings.append(int(HEADINGS[cell[3]]))
+        position = cell.end()
+    if not places:
+        raise FormatError(origin, "expected cells (x,y), got none", number)
+    return places, headings
+
+
+def _told(header: dict[str, tuple[int, str]], name: str, count: int, origin: str | Path) -> Ints | None:
+    """Return the cells (N, 2), [row, col], of a header's entry, or None where there is no such."""
+    if name not in header:
+        return None
+    number, value = header[name]
+    places, _ = _cells(value, 0, origin, number)
+    if len(places) != 2 * count:
+        raise FormatError(origin, f"expected {count} cells as {name}, got {len(places) // 2}", number)
+    return np.array(places).reshape(count, 2)[:, ::-1]

@@ -1,0 +1,254 @@
+"""Cost to go: against networkx on the explicit graph, its own equation, and the bound on its memory."""
+
+import networkx as nx
+import numpy as np
+import pytest
+
+from mapf_pz import memory
+from mapf_pz.actions import HEADING_STEPS
+from mapf_pz.config import EnvConfig
+from mapf_pz.core import cost_tables as tables
+from mapf_pz.guidance import GuidanceGraph, open_edges
+from mapf_pz.instance import Grid, Instance, Scenario
+from mapf_pz.instances import RandomObstacles
+from mapf_pz.memory import usable_memory
+from mapf_pz.simulator import Simulator
+
+MODELS = ("rotate", "cardinal")
+
+
+def one_way_graph(free, rng):
+    """Random weights, a fifth of the passages closed in one direction."""
+    weights = GuidanceGraph.random(free, rng)
+    return GuidanceGraph(np.where(rng.random(weights.move.shape) < 0.2, np.inf, weights.move), weights.wait)
+
+
+GRAPHS = {
+    "uniform": lambda free, rng: GuidanceGraph.uniform(free),
+    "equal": lambda free, rng: GuidanceGraph(GuidanceGraph.uniform(free).move * 0.7, np.full(free.shape, 0.7)),
+    "random": GuidanceGraph.random,
+    "uneven": lambda free, rng: GuidanceGraph(
+        np.where(open_edges(free), rng.choice([0.01, 1, 5], (4, *free.shape)), np.inf),
+        rng.choice([0.01, 1, 5], free.shape),
+    ),
+    "crisscross": lambda free, rng: GuidanceGraph.crisscross(free),
+    "one-way": one_way_graph,
+    "uniform one-way": lambda free, rng: GuidanceGraph(
+        np.where(rng.random((4, *free.shape)) < 0.2, np.inf, GuidanceGraph.uniform(free).move), np.ones(free.shape)
+    ),
+}
+
+
+def explicit_graph(free, weights, action_model):
+    """The graph of (cell, heading) and actions; cardinal agents have no heading."""
+    graph = nx.DiGraph()
+    headings = range(4) if action_model == "rotate" else [0]
+    for row, col in np.argwhere(free).tolist():
+        for heading in headings:
+            graph.add_node(((row, col), heading))
+            for turn in (-1, 1) if action_model == "rotate" else ():
+                turned = ((row, col), (heading + turn) % 4)
+                graph.add_edge(((row, col), heading), turned, weight=float(weights.wait[row, col]))
+        for direction in np.flatnonzero(open_edges(free)[:, row, col]).tolist():
+            ahead = (row + int(HEADING_STEPS[direction, 0]), col + int(HEADING_STEPS[direction, 1]))
+            heading = direction if action_model == "rotate" else 0
+            if np.isfinite(weights.move[direction, row, col]):
+                price = float(weights.move[direction, row, col])
+                graph.add_edge(((row, col), heading), (ahead, heading), weight=price)
+    return graph
+
+
+def cost_to_go(free, weights, goals, action_model):
+    """The tables (G, H, W, D) that the simulator computes for agents with these goals."""
+    cells = np.argwhere(free)[: len(goals)]
+    config = EnvConfig(
+        map=free,
+        scenario=Scenario(cells, goals),
+        num_agents=len(goals),
+        edge_weights=weights,
+        action_model=action_model,
+        view_size=(1, 1),
+        channels=("cost_to_go",),
+    )
+    simulator = Simulator(config)
+    simulator.reset(seeds={0: 0})
+    tables = simulator.tables.arrays
+    slots = tables.slot[0, goals @ np.array([free.shape[1], 1])]
+    headings = tables.to_go.shape[2]
+    to_go = tables.to_go[slots, :-1].reshape(len(goals), *free.shape, headings)
+    assert np.array_equal(tables.nearest[slots, :-1].reshape(to_go.shape[:3]), to_go.min(axis=3))
+    assert np.isinf(tables.to_go[slots, -1]).all()  # outside the map
+    return to_go
+
+
+@pytest.mark.parametrize("action_model", MODELS)
+@pytest.mark.parametrize("name", GRAPHS)
+def test_equals_dijkstra_on_the_explicit_graph(name, action_model):
+    rng = np.random.default_rng(1)
+    for shape in ((1, 7), (6, 5), (9, 8), (15, 16)):
+        free = connected_map(rng, shape)
+        weights = GRAPHS[name](free, rng)
+        goals = np.argwhere(free)[rng.integers(free.sum(), size=3)]
+        graph = explicit_graph(free, weights, action_model).reverse()
+        for to_go, goal in zip(cost_to_go(free, weights, goals, action_model), goals.tolist(), strict=True):
+            ends = [(tuple(goal), heading) for heading in range(to_go.shape[2])]
+            expected = np.full(to_go.shape, np.inf)
+            for (cell, heading), cost in nx.multi_source_dijkstra_path_length(graph, ends).items():
+                expected[(*cell, heading)] = cost
+            np.testing.assert_allclose(to_go, expected, rtol=1e-5)
+
+
+def connected_map(rng, shape):
+    """Draw a map whose free cells hang together, so that every goal can be reached."""
+    while True:
+        free = rng.random(shape) < 0.75
+        free |= shape[0] == 1
+        graph = explicit_graph(free, GuidanceGraph.uniform(free), "cardinal")
+        if free.sum() >= 4 and nx.is_strongly_connected(graph):
+            return free
+
+
+@pytest.mark.parametrize("action_model", MODELS)
+@pytest.mark.parametrize("name", GRAPHS)
+def test_bellman_equation(name, action_model):
+    rng = np.random.default_rng(2)
+    free = connected_map(rng, (7, 6))
+    weights = GRAPHS[name](free, rng)
+    goal = np.argwhere(free)[[5]]
+    (to_go,) = cost_to_go(free, weights, goal, action_model)
+    for (cell, heading), edges in explicit_graph(free, weights, action_model).adjacency():
+        if list(cell) == goal[0].tolist():
+            assert to_go[(*cell, heading)] == 0
+        else:
+            best = min((edge["weight"] + to_go[(*end, h)] for (end, h), edge in edges.items()), default=np.inf)
+            assert to_go[(*cell, heading)] == pytest.approx(best, rel=1e-5)
+
+
+@pytest.mark.parametrize("source", ["one map", "many maps"])
+@pytest.mark.parametrize("on_target", ["nothing", "restart"])
+def test_a_small_memory_changes_nothing(on_target, source):
+    """Tables are dropped and computed again, and the episodes stay the same."""
+    table_bytes = 4 * (36 + 1) * 5
+    episodes, in_use = [], []
+    for distance_bytes in (2**30, 8 * table_bytes):
+        config = EnvConfig(
+            **{"map": np.ones((6, 6), np.bool_)} if source == "one map" else {"source": RandomObstacles(6, 6, 0.2, 4)},
+            num_agents=4,
+            max_steps=60,
+            on_target=on_target,
+            distance_bytes=distance_bytes,
+            reward="progress",
+            channels=("cost_to_go", "heuristic", "others_next"),
+            features=("action_advantage",),
+        )
+        simulator = Simulator(config, num_envs=2)
+        episodes.append(play(simulator, 150))
+        in_use.append(int((simulator.tables.arrays.slot >= 0).sum()))
+    for one, other in zip(*episodes, strict=True):
+        for left, right in zip(one, other, strict=True):
+            np.testing.assert_array_equal(left, right)
+    assert in_use[1] <= 8  # one for each agent
+    if source == "one map":
+        assert in_use[0] > 8  # so many were computed, and some of them had to be dropped
+
+
+def play(simulator, num_steps):
+    """Return what happened in some episodes."""
+    rng = np.random.default_rng(3)
+    simulator.reset(seeds={b: b for b in range(simulator.num_envs)})
+    log = []
+    for _ in range(num_steps):
+        simulator.step(rng.choice(4, (simulator.num_envs, simulator.num_agents), p=(0.7, 0.1, 0.1, 0.1)))
+        agents = simulator.state.agents
+        log.append((agents["cell"].copy(), agents["goal"].copy(), agents["reward"].copy(), *simulator.observe()))
+        over = np.flatnonzero((agents["truncated"] | agents["terminated"]).any(axis=1)).tolist()
+        if over:
+            simulator.reset(over)
+    return log
+
+
+def test_too_little_memory_is_told_in_one_line():
+    config = EnvConfig(num_agents=6, channels=("cost_to_go",), distance_bytes=5 * 4 * 65 * 5)
+    simulator = Simulator(config)
+    with pytest.raises(
+        MemoryError, match=r"^distance_bytes=6500: .* takes 7800 bytes; pass distance_bytes=7800 or more "
+    ):
+        simulator.reset(seeds={0: 0})
+
+
+def test_by_default_the_bound_grows_with_the_agents(monkeypatch):
+    """All agents' goals fit, unless they take more than half of the memory; without a need nothing is reserved."""
+    monkeypatch.setattr(tables, "CACHE_BYTES", 1)
+    one_table = 4 * 65 * 5
+    for num_agents in (2, 6):
+        simulator = Simulator(EnvConfig(num_agents=num_agents, channels=("cost_to_go",)))
+        simulator.reset(seeds={0: 0})
+        assert len(simulator.tables.arrays.to_go) == num_agents
+    monkeypatch.setattr(tables, "usable_memory", lambda: 2 * 5 * one_table)
+    simulator = Simulator(EnvConfig(num_agents=6, channels=("cost_to_go",)))
+    with pytest.raises(MemoryError, match=rf"^distance_bytes={5 * one_table}: .* pass distance_bytes={6 * one_table} "):
+        simulator.reset(seeds={0: 0})
+    Simulator(EnvConfig(num_agents=6, channels=("cost_to_go",), distance_bytes=6 * one_table)).reset(seeds={0: 0})
+    monkeypatch.setattr(tables, "usable_memory", lambda: None)
+    assert tables.default_bytes(10**9) == tables.CACHE_BYTES
+
+
+def test_the_memory_of_a_container(monkeypatch, tmp_path):
+    machine = usable_memory()
+    assert machine is not None
+    assert machine >= 2**28
+    (tmp_path / "max").write_text("max\n")
+    (tmp_path / "limit").write_text("100000000\n")
+    monkeypatch.setattr(memory, "CGROUP_LIMITS", (tmp_path / "max", tmp_path / "absent"))
+    assert usable_memory() >= machine
+    monkeypatch.setattr(memory, "CGROUP_LIMITS", (tmp_path / "max", tmp_path / "limit"))
+    assert usable_memory() == 100_000_000
+
+
+def test_tables_that_are_in_use_count_where_memory_is_too_little():
+    grid, starts = Grid(np.ones((8, 8), np.bool_)), [(0, 0), (0, 1)]
+    one_goal, two_goals = (Instance(grid, Scenario(starts, goals)) for goals in ([(0, 2)] * 2, [(5, 5), (6, 6)]))
+    config = EnvConfig(map=grid, num_agents=2, channels=("cost_to_go",), distance_bytes=2 * 4 * 65 * 5)
+    simulator = Simulator(config, num_envs=2)
+    simulator.reset(instances={0: one_goal, 1: one_goal})
+    with pytest.raises(MemoryError, match=r" takes 3900 bytes; pass distance_bytes=3900 or more "):
+        simulator.reset([1], instances={1: two_goals})
+
+
+def test_there_is_room_for_all_goals_of_all_maps():
+    source = RandomObstacles(2, 2, density=0, num_agents=4)
+    simulator = Simulator(EnvConfig(source=source, channels=("cost_to_go",), view_size=(1, 1)), num_envs=3)
+    simulator.reset(seeds={b: b for b in range(3)})
+    assert len(simulator.tables.arrays.to_go) == (simulator.tables.arrays.slot >= 0).sum() == 3 * 4
+
+
+def test_memory_for_no_table_still_holds_one():
+    simulator = Simulator(EnvConfig(num_agents=1, channels=("cost_to_go",), distance_bytes=1))
+    for seed in range(5):
+        simulator.reset(seeds={0: seed})
+    goal = simulator.goals(0)[0]
+    assert simulator.tables.arrays.slot[0, goal @ (8, 1)] == 0
+    assert len(simulator.tables.arrays.to_go) == 1
+
+
+@pytest.mark.parametrize("num_agents", [1, 2])
+@pytest.mark.parametrize("action_model", MODELS)
+def test_shortest_steps_ignore_weights(action_model, num_agents):
+    """`SoC_ratio` counts steps, whatever the guidance graph."""
+    free = np.ones((3, 3), np.bool_)
+    grid = Grid(free)
+    config = EnvConfig(
+        map=grid,
+        num_agents=num_agents,
+        edge_weights=GuidanceGraph.random(free, np.random.default_rng(4)),
+        action_model=action_model,
+        view_size=(1, 1),
+        max_steps=9,
+    )
+    simulator = Simulator(config)
+    starts, goals = [(2, 2), (0, 0)][:num_agents], [(2, 1), (0, 2)][:num_agents]
+    simulator.reset(instances={0: Instance(grid, Scenario(starts, goals), [0, 0][:num_agents])})
+    wait = {"rotate": 3, "cardinal": 0}[action_model]
+    simulator.step(np.full((1, num_agents), wait))
+    shortest = sum({"rotate": (3, 2), "cardinal": (1, 2)}[action_model][:num_agents])  # two turns and a move; two moves
+    assert simulator.metrics(0)["SoC_ratio"] == pytest.approx(num_agents / shortest)

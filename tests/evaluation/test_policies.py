@@ -1,0 +1,154 @@
+import inspect
+import re
+
+import pytest
+from tests.evaluate.test_run import Right
+
+from mapf_pz.evaluation import EvaluationTask, policy_factory
+from mapf_pz.evaluation.policies import factory_for, is_trained
+from mapf_pz.evaluation.rollout import run_episodes
+from mapf_pz.instances import RandomObstacles
+from mapf_pz.planners import EPIBT, PIBT, PLANNERS, LaCAM
+
+ROOM = {"map": "empty-8-8", "num_agents": 2, "max_steps": 12}
+CARDINAL = ROOM | {"action_model": "cardinal"}
+TRAINED = ["central-ppo", "ippo", "mappo", "mappo-cardinal"]
+
+
+def actions(name, keywords=ROOM, steps=6, **arguments):
+    env, policy = policy_factory(name, **arguments)(keywords)
+    observations, _ = env.reset(seed=3)
+    policy.reset_states()
+    taken = []
+    while env.agents and len(taken) < steps:
+        taken.append(policy.act(observations))
+        observations = env.step(taken[-1])[0]
+    return taken
+
+
+@pytest.mark.parametrize(("name", "kind"), [("pibt", PIBT), ("epibt:depth=2", EPIBT), ("lacam:time_limit=1", LaCAM)])
+def test_planners(name, kind):
+    env, policy = policy_factory(name)(ROOM)
+    assert isinstance(policy, kind)
+    assert (env.config.view_size, env.config.max_steps) == ((1, 1), 12)
+    env, _ = policy_factory(name)(ROOM | {"view_size": (3, 3)})
+    assert env.config.view_size == (3, 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("epibt", {"depth": 4, "time_limit": 0.0}),
+        ("epibt:", {"depth": 4, "time_limit": 0.0}),
+        ("epibt:depth=2", {"depth": 2, "time_limit": 0.0}),
+        ("epibt: depth = 2, time_limit = 1e-3", {"depth": 2, "time_limit": 0.001}),
+        ("lacam:anytime=False,time_limit=2", {"anytime": False, "time_limit": 2}),
+    ],
+)
+def test_options(monkeypatch, name, expected):
+    kind = PLANNERS[name.partition(":")[0]]
+    got = []
+    begin = kind.__init__
+
+    def spy(self, env=None, seed=0, **options):
+        got.append(options | {"seed": seed, "bound": env is not None})
+        begin(self, env, seed, **options)
+
+    # The signature is what options are checked against.
+    spy.__signature__ = inspect.signature(begin)
+    monkeypatch.setattr(kind, "__init__", spy)
+    _, policy = policy_factory(name, seed=5)(ROOM)
+    assert got[-1].pop("seed") == 5
+    assert got[-1].pop("bound")
+    assert got[-1].items() <= expected.items()
+    assert {option: getattr(policy, f"_{option}") for option in expected} == expected
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("epibt:deep=5", "option 'deep=5': EPIBT has depth, time_limit"),
+        ("pibt:depth=5", "option 'depth=5': PIBT has none"),
+        ("epibt:seed=5", "option 'seed=5': EPIBT has depth, time_limit"),
+        ("epibt:depth", "option 'depth': expected a number, True or False"),
+        ("epibt:depth=", "option 'depth=': expected a number, True or False"),
+        ("epibt:depth=five", "option 'depth=five': expected a number, True or False"),
+        ("epibt:depth='5'", "option \"depth='5'\": expected a number, True or False"),
+        ("epibt:depth=[5]", "option 'depth=[5]': expected a number, True or False"),
+        ("epibt:depth=None", "option 'depth=None': expected a number, True or False"),
+        ("epibt:depth=9", "depth=9: expected a number of actions, 1 to 6"),
+    ],
+)
+def test_wrong_options(name, message):
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        policy_factory(name)
+
+
+@pytest.mark.parametrize("name", ["pibbt", "mapo", "no/such/run", "random:seed=1", "pibt+pibt", "mapo+pibt"])
+def test_unknown_names(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    expected = (
+        f"policy {name!r}: expected random, a planner ({', '.join(PLANNERS)}), "
+        f"a trained policy ({', '.join(TRAINED)}), or the folder of a training run"
+    )
+    with pytest.raises(ValueError, match=f"^{re.escape(expected)}$"):
+        policy_factory(name)
+
+
+def test_the_trained_policies_are_those_that_can_be_loaded():
+    pytest.importorskip("torch")
+    from mapf_pz.rl import policy_names
+
+    assert policy_names() == TRAINED
+
+
+@pytest.mark.parametrize("keywords", [ROOM, CARDINAL], ids=["rotate", "cardinal"])
+def test_random_takes_every_action(keywords):
+    taken = actions("random", keywords | {"max_steps": 60}, steps=60)
+    seen = {action for step in taken for action in step.values()}
+    assert seen == set(range(4 if keywords is ROOM else 5))
+    assert actions("random", keywords, seed=1) == actions("random", keywords, seed=1) != actions("random", keywords)
+
+
+def test_a_trained_policy_has_its_own_observations_and_seed():
+    pytest.importorskip("torch")
+    assert actions("mappo") == actions("mappo") != actions("mappo", seed=1)
+    sure = actions("mappo", deterministic=True)
+    assert sure == actions("mappo", deterministic=True, seed=1)
+
+
+def test_a_trained_policy_under_pibt_never_collides():
+    pytest.importorskip("torch")
+    task = EvaluationTask("crowded", 24, {"source": RandomObstacles(8, 8, 0.1, 24), "max_steps": 16}, episodes=2)
+    plain, shielded = (list(run_episodes(policy_factory(name), task, range(2))) for name in ("mappo", "mappo+pibt"))
+    assert [episode["collisions"] for episode in shielded] == [0, 0]
+    assert any(episode["collisions"] > 0 for episode in plain)
+
+
+def test_actions_must_be_those_that_a_policy_was_trained_for():
+    pytest.importorskip("torch")
+    with pytest.raises(ValueError, match=r"^policy 'mappo' acts with action_model='rotate', not 'cardinal'$"):
+        policy_factory("mappo")(CARDINAL)
+    with pytest.raises(ValueError, match=r"^policy 'mappo-cardinal' acts with action_model='cardinal', not 'rotate'$"):
+        policy_factory("mappo-cardinal")(ROOM | {"action_model": "rotate"})
+    env, _ = policy_factory("mappo-cardinal")(ROOM)
+    assert env.config.action_model == "cardinal"
+
+
+def test_a_policy_that_is_at_hand():
+    policy = Right()
+    env, same = factory_for(policy)(ROOM)
+    assert same is policy
+    assert (env.config.action_model, env.config.view_size) == ("cardinal", (1, 1))
+    with pytest.raises(ValueError, match=r"^Right acts with action_model='cardinal', not 'rotate'$"):
+        factory_for(policy)(ROOM | {"action_model": "rotate"})
+
+
+def test_which_names_are_of_trained_policies():
+    assert [
+        name for name in ["random", "pibt", "epibt:depth=2", "mappo", "mappo+pibt", "runs/a"] if is_trained(name)
+    ] == [
+        "mappo",
+        "mappo+pibt",
+        "runs/a",
+    ]

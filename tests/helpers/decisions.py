@@ -1,0 +1,155 @@
+"""What planners decide in small cases, recorded: `python -m tests.helpers.decisions` records anew.
+
+Figures that are published of a planner hold for these decisions. Whoever means to change them measures those again.
+"""
+
+import csv
+import hashlib
+from functools import partial
+from itertools import count, product
+from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import patch
+
+import numpy as np
+
+import mapf_pz
+from mapf_pz.instance import Instance
+from mapf_pz.instances import RandomObstacles
+from mapf_pz.planners import EPIBT, PIBT, LaCAM, PrioritizedSIPP, Shield
+from mapf_pz.planners.sipp.refine import NeighborhoodSearch
+from tests.helpers.text_instances import drawn, problem
+
+RECORDING = Path(__file__).parents[1] / "recordings" / "decisions.csv"
+MODELS = ("cardinal", "rotate")
+WEIGHTS = ("uniform", "crisscross", "random")
+MODES = ("nothing", "restart", "finish")
+FIRST_LACAM, FIRST_PRIORITIZED = (partial(planner, anytime=False) for planner in (LaCAM, PrioritizedSIPP))
+
+
+class Likes:
+    """Likes actions at random."""
+
+    def __init__(self, env):
+        self.num_actions, self.rng = env.action_space("agent_0").n, np.random.default_rng(0)
+
+    def preferences(self, observations):
+        return {name: self.rng.integers(5, size=self.num_actions) for name in observations}
+
+    def reset_states(self):
+        pass
+
+
+class TimedEPIBT(EPIBT):
+    """Improves its plan for two ticks of a clock that does not depend on the machine."""
+
+    def __init__(self, env):
+        super().__init__(env, depth=2, time_limit=2.5)
+
+    def decide(self, simulator):
+        with patch("mapf_pz.planners.epibt.planner.time", SimpleNamespace(perf_counter=count().__next__)):
+            return super().decide(simulator)
+
+
+STEP_PLANNERS = {"pibt": PIBT, "epibt": partial(EPIBT, depth=3), "shield": lambda env: Shield(Likes(env), env)}
+
+
+def episode(planner_in, model, weights, on_target, seed, num_agents=10, max_steps=20):
+    """Return what is decided in an episode (T, N), and the number of arrivals."""
+    env = mapf_pz.parallel_env(
+        source=RandomObstacles(6, 6, 0.2, num_agents),
+        action_model=model,
+        edge_weights=weights,
+        on_target=on_target,
+        max_steps=max_steps,
+    )
+    observations, _ = env.reset(seed=seed)
+    planner, decisions = planner_in(env), []
+    while env.agents:
+        actions = planner.act(observations)
+        decisions.append([actions.get(name, -1) for name in env.possible_agents])
+        observations = env.step(actions)[0]
+    return np.array(decisions), int(env.simulator.state.agents[0]["arrivals"].sum())
+
+
+def obstacles(model, seed, size=6, num_agents=10, density=0.15):
+    """Return an instance with random obstacles."""
+    rng = np.random.default_rng(seed)
+    return facing(RandomObstacles(size, size, density, num_agents).sample(rng), model, rng)
+
+
+def facing(instance, model, rng):
+    """Return the instance with random headings for agents that turn."""
+    headings = rng.integers(4, size=instance.num_agents) if model == "rotate" else None
+    return Instance(instance.grid, instance.scenario, headings)
+
+
+def solution(planner, instance, weights="uniform"):
+    """Return a plan (T + 1, N, 3), and its sum of costs."""
+    plan = planner.solve(instance, time_limit=1000.0, edge_weights=weights)
+    headings = np.zeros(plan.cells.shape[:2]) if plan.headings is None else plan.headings
+    return np.dstack([plan.cells, headings]), plan.sum_of_costs
+
+
+def refined(model, weights, seed):
+    """Return in a search how many paths are missing, what all cost, and the paths if all are there; and that cost."""
+    instance = obstacles(model, seed)
+    search = NeighborhoodSearch(problem(instance, weights), np.random.default_rng(seed))
+    search.begin_anew(np.arange(instance.num_agents), deadline=np.inf)
+    seen = []
+    for _ in range(8):
+        search.improve(work=70)
+        seen += [[search.missing, search.sum_of_costs], [] if search.missing else search.path().cells.ravel()]
+    return np.concatenate(seen), search.sum_of_costs
+
+
+def cases():
+    """Return what is recorded, by a name that begins with the planner's."""
+    found = {}
+    for model, (k, weights) in product(MODELS, enumerate(WEIGHTS)):
+        for name, planner in STEP_PLANNERS.items():
+            on_target = MODES[(k + MODELS.index(model)) % 3]
+            found[f"{name} {model} {weights}"] = partial(episode, planner, model, weights, on_target, seed=k)
+        found[f"lacam {model} {weights}"] = partial(solution, FIRST_LACAM(), obstacles(model, k), weights)
+        instance = obstacles(model, seed=(0, 4, 7)[k])
+        found[f"prioritized {model} {weights}"] = partial(solution, FIRST_PRIORITIZED(), instance, weights)
+        for seed in (6, 7):
+            found[f"refine {model} {weights} {seed}"] = partial(refined, model, weights, seed)
+    for model in MODELS:
+        for text in (
+            "abc..CBA ####.###",
+            "aB.bA .....",
+            "abcd DCBA",
+            "#c#d#e# a..f..b B.....A #g#h#F#",
+            "abA B#. ...",
+            "a# b# c# .# .. C# B# A#",
+        ):
+            instance = facing(drawn(text), model, np.random.default_rng(0))
+            found[f"lacam {model} {text}"] = partial(solution, FIRST_LACAM(), instance)
+        for size, num_agents, density in ((4, 14, 0.0), (5, 12, 0.3), (7, 32, 0.2)):
+            instance = obstacles(model, 0, size, num_agents, density)
+            found[f"lacam {model} {num_agents} agents"] = partial(solution, FIRST_LACAM(), instance)
+        lifelong = partial(episode, model=model, weights="uniform", on_target="restart", seed=0)
+        found[f"lacam {model} follows"] = partial(lifelong, FIRST_LACAM, num_agents=8, max_steps=15)
+        found[f"pibt {model} stays"] = partial(
+            episode, PIBT, model, "uniform", "nothing", seed=0, num_agents=20, max_steps=40
+        )
+        found[f"epibt {model} improves"] = partial(lifelong, TimedEPIBT, num_agents=16)
+    return found
+
+
+def decided(case):
+    """Return what is recorded of a case: the arrivals or the sum of costs, and a digest of all that was decided."""
+    decisions, figure = case()
+    return str(figure), hashlib.sha256(decisions.astype("<i4").tobytes()).hexdigest()[:16]
+
+
+def main():
+    with RECORDING.open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(["case", "arrivals_or_cost", "digest"])
+        table.writerows([name, *decided(case)] for name, case in cases().items())
+
+
+if __name__ == "__main__":
+    main()

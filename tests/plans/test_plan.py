@@ -1,0 +1,115 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import mapf_pz
+from mapf_pz.instance import Grid, Instance, Scenario
+from mapf_pz.instances import RandomObstacles
+from mapf_pz.planners import Plan, validate
+
+EAST, SOUTH, WEST, NORTH = range(4)
+
+
+def instance(starts, goals, free=((1, 1, 1), (1, 0, 1)), headings=None):
+    return Instance(Grid(np.array(free, bool), "small"), Scenario(np.array(starts), np.array(goals)), headings)
+
+
+def told(starts, goals, cells, headings=None, **keywords):
+    violation = validate(instance(starts, goals, **keywords), Plan(np.array(cells), headings))
+    return None if violation is None else str(violation)
+
+
+def test_a_legal_plan():
+    assert told([(0, 0)], [(0, 2)], [[(0, 0)], [(0, 1)], [(0, 2)]]) is None
+
+
+@pytest.mark.parametrize(
+    ("cells", "expected"),
+    [
+        ([[(0, 1)], [(0, 2)]], "step 0: agent 0 at [row 0, col 1]: not where the instance starts"),
+        ([[(0, 0)], [(1, 0)], [(1, 1)]], "step 2: agent 0 at [row 1, col 1]: an obstacle, or outside the map"),
+        ([[(0, 0)], [(-1, 0)], [(0, 2)]], "step 1: agent 0 at [row -1, col 0]: an obstacle, or outside the map"),
+        ([[(0, 0)], [(0, 2)]], "step 1: agent 0 at [row 0, col 2]: not one cell further, or not straight ahead"),
+        ([[(0, 0)], [(0, 1)]], "step 1: agent 0 at [row 0, col 1]: not the agent's goal"),
+    ],
+)
+def test_what_one_agent_does_wrong(cells, expected):
+    assert told([(0, 0)], [(0, 2)], cells) == expected
+
+
+@pytest.mark.parametrize(
+    ("cells", "headings", "expected"),
+    [
+        ([(0, 0), (0, 1)], [EAST, EAST], None),
+        ([(0, 0), (0, 0), (0, 1)], [SOUTH, EAST, EAST], None),
+        ([(0, 0), (0, 0), (0, 1)], [NORTH, EAST, EAST], None),
+        ([(0, 0), (0, 1)], [SOUTH, SOUTH], "step 1: agent 0 at [row 0, col 1]: not one cell further, or not"),
+        ([(0, 0), (0, 0), (0, 1)], [WEST, EAST, EAST], "step 1: agent 0 at [row 0, col 0]: more than a quarter turn"),
+        ([(0, 0), (0, 1)], [EAST, SOUTH], "step 1: agent 0 at [row 0, col 1]: more than a quarter turn, or a"),
+    ],
+)  # fmt: skip
+def test_turns(cells, headings, expected):
+    violation = told([(0, 0)], [(0, 1)], np.array(cells)[:, None], np.array(headings)[:, None])
+    assert (violation is None) if expected is None else violation.startswith(expected)
+
+
+def test_headings_at_the_start():
+    plan = Plan(np.zeros((1, 1, 2)), np.array([[EAST]]))
+    assert validate(instance([(0, 0)], [(0, 0)], headings=[EAST]), plan) is None
+    assert validate(instance([(0, 0)], [(0, 0)], headings=[WEST]), plan).kind == "start"
+
+
+def test_two_on_one_cell():
+    cells = [[(0, 0), (0, 2)], [(0, 1), (0, 1)]]
+    expected = "step 1: agent 0 and agent 1 at [row 0, col 1]: two agents on one cell"
+    assert told([(0, 0), (0, 2)], [(0, 1), (0, 2)], cells) == expected
+
+
+def test_two_change_places():
+    cells = [[(0, 0), (0, 1)], [(0, 1), (0, 0)]]
+    expected = "step 1: agent 0 and agent 1 at [row 0, col 1] and [row 0, col 0]: two agents change places"
+    assert told([(0, 0), (0, 1)], [(0, 1), (0, 0)], cells) == expected
+
+
+def test_following_and_cycles_are_allowed():
+    square = [(0, 0), (0, 1), (1, 1), (1, 0)]
+    turned = square[1:] + square[:1]
+    assert told(square, turned, [square, turned], free=((1, 1), (1, 1))) is None
+
+
+def test_the_first_step_is_told():
+    cells = [[(0, 0), (1, 2)], [(0, 1), (1, 2)], [(0, 1), (1, 1)], [(0, 2), (0, 2)]]
+    assert told([(0, 0), (1, 2)], [(0, 2), (1, 2)], cells).startswith("step 2: agent 1")
+
+
+def test_costs():
+    plan = Plan(np.array([[(0, 0), (0, 2)], [(0, 1), (0, 2)], [(0, 0), (0, 2)], [(0, 1), (0, 2)], [(0, 1), (0, 2)]]))
+    assert (plan.num_steps, plan.num_agents) == (4, 2)
+    assert plan.arrivals.tolist() == [3, 0]
+    assert (plan.sum_of_costs, plan.makespan) == (3, 3)
+
+
+def test_wrong_shapes_are_refused():
+    with pytest.raises(ValueError, match=r"plan cells: expected the shape \(T \+ 1, N, 2\), got \(2, 2\)"):
+        Plan(np.zeros((2, 2)))
+    with pytest.raises(ValueError, match=r"plan headings: expected the shape \(3, 1\), got \(3,\)"):
+        Plan(np.zeros((3, 1, 2)), np.zeros(3))
+    with pytest.raises(ValueError, match="plan: 2 agents, but the instance has 1"):
+        validate(instance([(0, 0)], [(0, 1)]), Plan(np.zeros((1, 2, 2))))
+
+
+@given(st.integers(0, 2**31), st.sampled_from(["rotate", "cardinal"]))
+def test_whatever_the_environment_does_is_legal_until_the_goal(seed, action_model):
+    env = mapf_pz.parallel_env(source=RandomObstacles(6, 6, 0.2, 6), max_steps=12, action_model=action_model)
+    env.reset(seed=seed)
+    cells, headings = [env.positions], [env.headings]
+    instance = Instance(Grid(env.grid), Scenario(env.positions, env.goals), env.headings)
+    rng = np.random.default_rng(seed)
+    while env.agents:
+        env.step({agent: int(rng.integers(env.action_space(agent).n)) for agent in env.agents})
+        cells.append(env.positions)
+        headings.append(env.headings)
+    plan = Plan(np.array(cells), np.array(headings) if action_model == "rotate" else None)
+    violation = validate(instance, plan)
+    assert violation is None or violation.kind == "goal"

@@ -1,0 +1,106 @@
+import numpy as np
+import pytest
+
+import mapf_pz
+from mapf_pz.actions import Action
+from mapf_pz.instance import Scenario
+from mapf_pz.wrappers import FrameStack, RecordEpisode
+
+
+def drawn(**keywords):
+    options = {"map": ".....\n..@..\n.....\n", "num_agents": 2, "max_steps": 6, "view_size": (3, 3)} | keywords
+    return mapf_pz.parallel_env(**options)
+
+
+def play(env, seed=0):
+    """Play an episode of random actions, and return what the environment told of each step."""
+    env.reset(seed=seed)
+    rng, inner, told = np.random.default_rng(seed), env.unwrapped, []
+    told.append((inner.positions, inner.headings, inner.goals, inner.simulator.observe().image[0]))
+    while env.agents:
+        env.step({agent: int(rng.integers(inner.simulator.num_actions)) for agent in env.agents})
+        told.append((inner.positions, inner.headings, inner.goals, inner.simulator.observe().image[0]))
+    return [np.stack(column) for column in zip(*told, strict=True)]
+
+
+@pytest.mark.parametrize("on_target", ["nothing", "finish", "restart"])
+def test_everything_that_happened_is_recorded(on_target):
+    env = RecordEpisode(drawn(on_target=on_target, edge_weights="crisscross"))
+    positions, headings, goals, images = play(env)
+    recording = env.recording
+    np.testing.assert_array_equal(recording.positions, positions)
+    np.testing.assert_array_equal(recording.headings, headings)
+    np.testing.assert_array_equal(recording.goals, goals)
+    np.testing.assert_allclose(recording.observed / 127, images.reshape(recording.observed.shape), atol=0.5 / 127)
+    assert recording.num_steps == len(positions) - 1
+    assert recording.planes == ("view", "goal", "orientation", *(f"edge_weights {k}" for k in (1, 2, 3, 4)))
+    np.testing.assert_array_equal(recording.free, env.unwrapped.grid)
+    assert recording.weights[0, 0, 0] == 0.5
+    assert recording.weights[1, 0, 2] == np.inf  # into the obstacle
+
+
+def test_refused_moves_and_agents_that_disappear():
+    env = RecordEpisode(drawn(map="....\n", view_size=(1, 3), on_target="finish", initial_heading="east", num_agents=2))
+    scenario = Scenario([[0, 0], [0, 2]], [[0, 1], [0, 3]])
+    env.reset(options={"instance": scenario})
+    env.step({"agent_0": Action.WAIT, "agent_1": Action.FORWARD})
+    env.step({"agent_0": Action.ROTATE_LEFT})
+    env.step({"agent_0": Action.FORWARD})
+    recording = env.recording
+    assert recording.active[:, 1].tolist() == [True, False, False, False]
+    assert recording.blocked.tolist() == [[False, False], [False, False], [False, False], [True, False]]
+    assert not recording.observed[2:, 1].any()
+
+
+def test_an_episode_is_recorded_alone():
+    env = RecordEpisode(drawn())
+    play(env)
+    env.reset(seed=1)
+    assert env.recording.num_steps == 0
+    env.step(dict.fromkeys(env.agents, Action.WAIT))
+    assert env.recording.num_steps == 1
+
+
+def test_cardinal_agents_have_no_headings_and_equal_weights_are_left_out():
+    env = RecordEpisode(drawn(action_model="cardinal", view="centered"))
+    play(env)
+    assert env.recording.headings is None
+    assert env.recording.weights is None
+
+
+@pytest.mark.parametrize(("bytes_free", "shape"), [(0, 2), (-1, 1)])
+def test_the_observations_that_fit(monkeypatch, bytes_free, shape):
+    """Of 7 planes of 3 x 3 cells, before and after each of 6 steps."""
+    monkeypatch.setattr("mapf_pz.wrappers.record_episode.MAX_OBSERVED_BYTES", 2 * (6 + 1) * 7 * 3 * 3 + bytes_free)
+    env = RecordEpisode(drawn())
+    play(env)
+    assert env.recording.observed.shape[1] == shape
+
+
+@pytest.mark.parametrize(("observed", "shape"), [(0, 0), (1, 1), (None, 2), (5, 2)])
+def test_how_many_agents_observations_are_kept(observed, shape):
+    env = RecordEpisode(drawn(), observed)
+    play(env)
+    assert env.recording.observed.shape[1] == shape
+
+
+def test_fewer_than_none():
+    with pytest.raises(ValueError, match="observed=-1: expected 0 or more"):
+        RecordEpisode(drawn(), -1)
+
+
+def test_only_as_many_as_fit():
+    env = RecordEpisode(mapf_pz.parallel_env(map="empty-32-32", num_agents=60, max_steps=8192, view_size=(7, 7)))
+    env.reset(seed=0)
+    assert 0 < env.recording.observed.shape[1] < 60
+
+
+def test_other_wrappers_change_nothing():
+    env = RecordEpisode(FrameStack(drawn(), 3))
+    *_, images = play(env)
+    np.testing.assert_allclose(env.recording.observed / 127, images.reshape(env.recording.observed.shape), atol=0.004)
+
+
+def test_no_episode():
+    with pytest.raises(RuntimeError, match="reset"):
+        _ = RecordEpisode(drawn()).recording
