@@ -36,7 +36,7 @@ def main(example: Example) -> None:
         task = EvaluationTask("20 x 20", num_agents, {"source": maps, "max_steps": 160}, example.episodes)
         shares = [episode.metrics["ISR"] for episode in evaluate({"ippo": policy}, [task])]
         low, high = interval(shares)
-        print(f"{task.name}: ISR {np.mean(shares):.3f} [{low:.3f}, {high:.3f}]")
+        print(f"{task.label}: ISR {np.mean(shares):.3f} [{low:.3f}, {high:.3f}]")
 
 
 if __name__ == "__main__":

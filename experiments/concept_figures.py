@@ -1,4 +1,4 @@
-"""Draw the figures of the concepts: `python experiments/concept_figures.py`. What they show is what the environment does."""
+"""Draw the figures of the concepts: `python experiments/concept_figures.py`."""
 
 from __future__ import annotations
 

@@ -115,15 +115,15 @@ def check() -> None:
 def differences(table: ResultTable) -> Iterator[str]:
     """Play the table's quick samples again; yield a line for each whose result is another."""
     results = load_results(table.suite)
-    tasks = {(task.family, task.num_agents): task for task in load_suite(table.suite)}
+    tasks = {(task.name, task.num_agents): task for task in load_suite(table.suite)}
     for sample in results["samples"]:
         if sample["runtime"] > QUICK:
             continue
         policy, number = sample["policy"], sample["episode"]
-        task = tasks[sample["about"], sample["num_agents"]]
+        task = tasks[sample["task"], sample["num_agents"]]
         metrics = _comparable(_play(policy, task, number).metrics)
         if metrics != sample["metrics"]:
-            yield f"{policy}, {task.name}, episode {number}: {metrics} instead of {sample['metrics']}"
+            yield f"{policy}, {task.label}, episode {number}: {metrics} instead of {sample['metrics']}"
 
 
 def load_results(suite: str) -> Results:
@@ -134,7 +134,7 @@ def load_results(suite: str) -> Results:
 def _play(policy: str, task: EvaluationTask, number: int) -> Episode:
     """Play one episode of a task."""
     instance = task.instance(number)
-    alone = task.but(seed=task.seed + number, episodes=1, instances=None if instance is None else (instance,))
+    alone = task.with_(seed=task.seed + number, episodes=1, instances=None if instance is None else (instance,))
     return evaluate([policy], [alone])[0]
 
 
@@ -160,12 +160,12 @@ def _summary(table: ResultTable, episodes: Sequence[Episode]) -> dict[str, Any]:
     rows = [
         {
             "policy": policy,
-            "about": about,
+            "task": task_name,
             "num_agents": num_agents,
             "episodes": max(map(len, values.values())),
             "metrics": {name: _mean(numbers) for name, numbers in values.items()},
         }
-        for (about, num_agents, policy), values in grouped(episodes).items()
+        for (task_name, num_agents, policy), values in grouped(episodes).items()
     ]
     return {"rows": rows, "published": _published(table), "samples": _samples(episodes)}
 
@@ -181,7 +181,7 @@ def _samples(episodes: Sequence[Episode]) -> list[dict[str, Any]]:
     return [
         {
             "policy": episode.policy,
-            "about": episode.about,
+            "task": episode.task,
             "num_agents": episode.num_agents,
             "episode": episode.number,
             "runtime": round(episode.metrics["runtime"], 3),
@@ -252,7 +252,7 @@ def with_tables(text: str) -> str:
 def _show(episode: Episode | None, left: int) -> None:
     """Print how many episodes are left, from time to time."""
     if left % 100 == 0 and episode is not None:
-        print(f"{left} episodes left of {episode.about}", file=sys.stderr, flush=True)
+        print(f"{left} episodes left of {episode.task}", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

@@ -46,7 +46,7 @@ TABLES = (
     # The maps of the puzzles are smaller than the views of the trained policies.
     ResultTable("pogema-puzzles", ONE_SHOT[:3], "05-puzzles"),
     ResultTable("pogema-puzzles-lifelong", LIFELONG, "05-puzzles"),
-    ResultTable("paper", ("pibt", "prioritized", "lacam", "mappo", "mappo+pibt")),
+    ResultTable("report", ("pibt", "prioritized", "lacam", "mappo", "mappo+pibt")),
     ResultTable("movingai-small", ("pibt", "lacam")),
     ResultTable(
         "lorr-2023", ("pibt", "epibt:depth=3", "epibt:depth=4", "epibt:depth=5", "epibt:depth=5,time_limit=0.1")
@@ -76,7 +76,7 @@ def by_task(results: Results, metrics: Sequence[str]) -> list[list[str]]:
     policies = list(dict.fromkeys(row["policy"] for row in results["rows"]))
     cells: dict[str, dict[str, str]] = {}
     for row in results["rows"]:
-        task = f"{row['about']}, {row['num_agents']} agents"
+        task = f"{row['name']}, {row['num_agents']} agents"
         cells.setdefault(task, {})[row["policy"]] = _cell(row, metrics)
     body = [[task, *(found.get(policy, "") for policy in policies)] for task, found in cells.items()]
     return [["", *(f"`{policy}`" for policy in policies)], *body]

@@ -45,7 +45,7 @@ _OTHERWISE = ("edge_weights", "reward", "initial_heading")  # fields that need n
 
 @dataclass(frozen=True)
 class RewardConfig:
-    """What a step pays each agent. The defaults are the report's table (`reward="paper"`)."""
+    """What a step pays each agent. The defaults are the report's table (`reward="report"`)."""
 
     forward: float = 0.1
     """For a forward move (any move, with cardinal actions) that changed the cell."""
@@ -77,7 +77,7 @@ class RewardConfig:
 
 
 REWARDS: dict[str, RewardConfig] = {
-    "paper": RewardConfig(),
+    "report": RewardConfig(),
     "progress": RewardConfig(
         forward=0.0,
         rotate=0.0,
@@ -131,7 +131,7 @@ class EnvConfig:
     """How many actions the feature `last_actions` remembers."""
     edge_weights: WeightsName | GuidanceGraph = "uniform"
     """The guidance graph, or the name of a generator; `random` draws new weights every episode."""
-    reward: Literal["paper", "progress"] | RewardConfig = "paper"
+    reward: Literal["report", "progress"] | RewardConfig = "report"
     """The name of a reward, or its terms."""
     initial_heading: HeadingName | ArrayLike = "random"
     """`random`, `east`, or N headings; an instance that has headings keeps them. Cardinal agents always face north."""

@@ -20,7 +20,7 @@ class EpisodeRecord:
     """Steps taken so far."""
     max_steps: int
     """The episode's limit."""
-    settled: Ints
+    resting_since: Ints
     """(N,): the step since which the agent is on its goal (or has disappeared there); -1 where it is not."""
     arrivals: Ints
     """(N,): goals reached."""
@@ -47,8 +47,8 @@ def episode_metrics(record: EpisodeRecord) -> dict[str, float]:
             "ep_length": float(record.num_steps),
             "exhausted_agents": float((record.arrivals >= record.goal_counts).sum()),
         }
-    solved = record.settled >= 0
-    costs = np.where(solved, record.settled, record.num_steps)
+    solved = record.resting_since >= 0
+    costs = np.where(solved, record.resting_since, record.num_steps)
     bound = int(np.maximum(record.shortest, 0).sum())
     return {
         "CSR": float(solved.all()),

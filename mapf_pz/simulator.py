@@ -181,7 +181,7 @@ class Simulator:
                 on_target=self.config.on_target,
                 num_steps=int(self.state.time[b]),
                 max_steps=self.config.max_steps,
-                settled=agents["settled"],
+                resting_since=agents["resting_since"],
                 arrivals=agents["arrivals"],
                 goal_counts=self._goal_counts[b],
                 shortest=self._shortest_steps(b),
@@ -228,7 +228,7 @@ class Simulator:
         """Note `instance` for row `b`."""
         rng = self._rngs[b]
         m = 0 if self._one_map else b
-        self._lay_out(m, instance.grid, rng)
+        self._set_map(m, instance.grid, rng)
         self.state.map[b] = m
         self._start_headings[b] = self._headings(instance, rng)
         self._starts[b] = instance.start_cells
@@ -244,19 +244,19 @@ class Simulator:
         if self._one_map and self.num_envs > 1 and instance.grid is not self.source.grid:
             raise ValueError("instance on another map: this batch shares one map, use a source of several maps")
 
-    def _lay_out(self, m: int, grid: Grid, rng: np.random.Generator) -> None:
+    def _set_map(self, m: int, grid: Grid, rng: np.random.Generator) -> None:
         if grid is self._grids[m] and self.config.edge_weights != "random":
             return
         self._grids[m] = grid
-        world.lay_out(self.world, m, grid.free, self._guidance(grid, rng))
+        world.set_map(self.world, m, grid.free, self._guidance(grid, rng))
         self._draw_layers(m)
         self.tables.forget(m)
 
     def _draw_layers(self, m: int) -> None:
         """Draw map `m`, in every copy of its planes."""
-        layers_ = self._inputs.layers
-        for planes in layers_.planes if layers_.shared else layers_.planes[m : m + 1]:
-            layers.lay_out(planes, layers_, self.world.weight[m], self.world.obstacle[m])
+        map_layers = self._inputs.layers
+        for planes in map_layers.planes if map_layers.shared else map_layers.planes[m : m + 1]:
+            layers.draw_map(planes, map_layers, self.world.weight[m], self.world.obstacle[m])
 
     def _guidance(self, grid: Grid, rng: np.random.Generator) -> GuidanceGraph:
         return GuidanceGraph.random(grid.free, rng) if self._graph is None else self._graph

@@ -110,7 +110,7 @@ def play(kind, seed, agent_steps):
         on_target=on_target,
         max_steps=draw.choice([64, 256, 1024]),
         view_size=(1, 1),
-        reward=draw.choice(["paper", "paper", "paper", "progress"]),
+        reward=draw.choice(["report", "report", "report", "progress"]),
     )
     simulator = Simulator(config, num_envs, draw.choice([1, 2]))
     simulator.reset(seeds={b: seed + b for b in range(num_envs)})
@@ -131,7 +131,7 @@ def play(kind, seed, agent_steps):
 
 
 def reset_again_and_again(number):
-    """Return the growth of resident memory in MiB over so many resets, after a tenth as many to settle."""
+    """Return the growth of resident memory in MiB over so many resets, after a tenth as many to update_goals."""
     config = EnvConfig(source=RandomObstacles(12, 12, 0.2, 6), reward="progress", features=("action_advantage",))
     simulator = Simulator(config, num_envs=16)
     for _ in range(number // 160):

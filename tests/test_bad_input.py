@@ -51,7 +51,7 @@ def refuses(error, message, make):
         ({"frame": "map"}, ValueError, "frame='map': allowed only with view='centered'"),
         ({"action_model": "cardinal", "view": "front"}, ValueError, "action_model='cardinal': agents have no front.*"),
         ({"render_mode": "screen"}, ValueError, "render_mode='screen': expected one of 'human', 'rgb_array'.*"),
-        ({"reward": "rich"}, ValueError, "reward='rich': expected one of 'paper', 'progress'"),
+        ({"reward": "rich"}, ValueError, "reward='rich': expected one of 'report', 'progress'"),
         ({"reward": 3}, ValueError, "reward=3: expected a name or a RewardConfig"),
         ({"edge_weights": "heavy"}, ValueError, "edge_weights='heavy': expected one of 'uniform', .*"),
         ({"edge_weights": 1.5}, ValueError, "edge_weights=1.5: expected a name or a GuidanceGraph"),

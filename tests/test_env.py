@@ -344,15 +344,17 @@ def test_finish_takes_agents_away_one_by_one():
 
 
 @pytest.mark.parametrize(
-    ("settled", "shortest", "metrics"),
+    ("resting_since", "shortest", "metrics"),
     [
         ([1, -1], [2, -1], {"CSR": 0, "ISR": 0.5, "SoC": 4, "makespan": 3, "ep_length": 3, "SoC_ratio": 2}),
         ([0, 0], [0, 0], {"CSR": 1, "ISR": 1, "SoC": 0, "makespan": 0, "ep_length": 3, "SoC_ratio": 1}),
     ],
 )
-def test_metrics_of_goals_out_of_reach_and_at_the_start(settled, shortest, metrics):
+def test_metrics_of_goals_out_of_reach_and_at_the_start(resting_since, shortest, metrics):
     """Sources of one's own may have such goals."""
-    record = EpisodeRecord("nothing", 3, 3, np.array(settled), np.ones(2, int), np.ones(2, int), np.array(shortest))
+    record = EpisodeRecord(
+        "nothing", 3, 3, np.array(resting_since), np.ones(2, int), np.ones(2, int), np.array(shortest)
+    )
     assert episode_metrics(record) == metrics
 
 
@@ -547,7 +549,7 @@ def test_action_mask_samples():
 def test_the_reports_reward_table(pays):
     env, *_ = drawn(
         ".....\n", [(0, 0), (0, 4)], [EAST, WEST], [(0, 2), (0, 0)],
-        reward=RewardConfig(pay_blocked_forward=pays) if pays else "paper",
+        reward=RewardConfig(pay_blocked_forward=pays) if pays else "report",
     )  # fmt: skip
     steps = [
         # agent_0 drives to its goal, leaves it, and comes again; agent_1 turns at the edge and drives into it.

@@ -10,10 +10,10 @@ from experiments.results import as_json, differences, is_reproducible, load_resu
 from experiments.tables import TABLES, ResultTable, markdown
 
 
-def row(policy, num_agents, about="maze", **means):
+def row(policy, num_agents, task="maze", **means):
     return {
         "policy": policy,
-        "about": about,
+        "task": task,
         "num_agents": num_agents,
         "metrics": {name: {"mean": mean} for name, mean in means.items()},
     }

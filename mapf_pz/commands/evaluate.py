@@ -99,11 +99,11 @@ class EvaluateOptions:
     def _overridden(self, task: EvaluationTask) -> EvaluationTask:
         """Return the task with the options that override its own."""
         if self.episodes is not None and task.instances and self.episodes > len(task.instances):
-            instances = f"{task.name!r} has {len(task.instances)} instances"
+            instances = f"{task.label!r} has {len(task.instances)} instances"
             raise ValueError(f"episodes={self.episodes}: {instances}, expected at most one episode for each")
         given = {"action_model": self.action_model, "distance_bytes": self.distance_bytes}
         keywords = {name: value for name, value in given.items() if value is not None}
-        return task.but(keywords=task.keywords | keywords, episodes=self.episodes, seed=self.seed)
+        return task.with_(keywords=task.keywords | keywords, episodes=self.episodes, seed=self.seed)
 
     def label(self, policy: str) -> str:
         """Return what a policy is called in the results: it must tell apart what acts differently."""
@@ -119,8 +119,8 @@ class EvaluateOptions:
                 EvaluationTask(Path(map).stem, count, keywords, episodes=64) for count in counts or [DEFAULT_AGENTS]
             ]
         grid, files = load_map(map), _files(names)
-        about = f"{grid.name}, {Path(files[0]).name if len(files) == 1 else f'{len(files)} scenarios'}"
-        return [_on_scenarios(about, grid, files, count, self.max_steps) for count in counts or [None]]
+        task_name = f"{grid.name}, {Path(files[0]).name if len(files) == 1 else f'{len(files)} scenarios'}"
+        return [_on_scenarios(task_name, grid, files, count, self.max_steps) for count in counts or [None]]
 
 
 def _joined(name: str, values: Sequence[Sequence[Value]]) -> list[Value]:
@@ -142,11 +142,11 @@ def _files(names: Sequence[str]) -> list[str]:
 
 
 def _on_scenarios(
-    about: str, grid: Grid, files: Sequence[str], num_agents: int | None, max_steps: int
+    task_name: str, grid: Grid, files: Sequence[str], num_agents: int | None, max_steps: int
 ) -> EvaluationTask:
     """Return a task with one episode for each scenario; the environment decides where agents look at the start."""
     instances = tuple(load_instance(grid, file, num_agents, action_model="cardinal") for file in files)
-    return EvaluationTask(about, instances[0].num_agents, {"max_steps": max_steps}, instances=instances)
+    return EvaluationTask(task_name, instances[0].num_agents, {"max_steps": max_steps}, instances=instances)
 
 
 def evaluate_policies(options: EvaluateOptions) -> None:
@@ -199,7 +199,7 @@ def _progress_bar(check: Callable[[], None]) -> Generator[Callable[[Episode | No
             if episode is None:
                 bar.update(task, total=left)
             else:
-                about = f"{episode.policy}, {episode.num_agents} agents on {episode.about}"
-                bar.update(task, advance=1, description=about)
+                label = f"{episode.policy}, {episode.num_agents} agents on {episode.task}"
+                bar.update(task, advance=1, description=label)
 
         yield show

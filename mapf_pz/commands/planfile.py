@@ -63,7 +63,7 @@ def load_plan(
 def _of_problem(file: PlanFile, problem: LorrProblem) -> LoadedPlan:
     if problem.strategy == ROUND_ROBIN:
         instance = problem.instance()
-        paths = file.plan.cells.swapaxes(0, 1)
+        paths = file.plan.positions.swapaxes(0, 1)
         arrivals = [reached(path, cycle(goals)) for path, goals in zip(paths, instance.scenario.goals, strict=False)]
         return LoadedPlan(file, instance, sum(map(len, arrivals)), True)
     headings = np.full(problem.team_size, Heading.EAST)
@@ -79,9 +79,9 @@ def _of_map(path: Path, name: str, scenario: str | None, num_agents: int | None)
         plan = file.plan
         headings = None if plan.headings is None else plan.headings[0]
         if file.goals is not None:
-            return LoadedPlan(file, Instance(grid, Scenario(plan.cells[0], file.goals), headings), None, True)
+            return LoadedPlan(file, Instance(grid, Scenario(plan.positions[0], file.goals), headings), None, True)
         finished = None if file.schedule is None else file.schedule.finished(plan)
-        return LoadedPlan(file, _without_goals(grid, plan.cells[0], headings), finished, False)
+        return LoadedPlan(file, _without_goals(grid, plan.positions[0], headings), finished, False)
     everyone = load_instance(grid, scenario)
     file = read_plan(path, Selection(everyone.scenario, num_agents, Path(scenario).stem))
     count = num_agents or file.plan.num_agents

@@ -55,7 +55,7 @@ class PlayOptions:
     on_target: OnTarget = EnvConfig.on_target
     """What an agent does at its goal."""
     reward: str = "progress"
-    """Which rewards are told: `paper` or `progress`."""
+    """Which rewards are told: `report` or `progress`."""
     distance_bytes: int | None = None
     """The most memory for cost-to-go tables, in bytes; None: as much as is needed, up to half of the machine's."""
     seed: int = 0

@@ -107,19 +107,19 @@ def _config_of(run: Run) -> TrainConfig:
 
 
 def _by_rules_of(config: TrainConfig, task: EvaluationTask) -> EvaluationTask:
-    """Return the task under the rules that the policy is trained with."""
-    return task.but(keywords={name: getattr(config.task.env, name) for name in RULES} | task.keywords)
+    """Return the task with the rules that the policy is trained with."""
+    return task.with_(keywords={name: getattr(config.task.env, name) for name in RULES} | task.keywords)
 
 
-def _check_fits(config: TrainConfig, task: EvaluationTask) -> None:
-    """Raise `ValueError` if the policy that `config` trains cannot act in the task."""
+def _check_fits(config: TrainConfig, evaluation: EvaluationTask) -> None:
+    """Raise `ValueError` if the policy that `config` trains cannot act in the evaluation task."""
     task, action_model = config.task, config.task.env.action_model
-    expected = task.keywords.get("action_model", action_model)
+    expected = evaluation.keywords.get("action_model", action_model)
     advice = "choose another suite with --evaluate, or --evaluate none"
     if action_model != expected:
-        raise ValueError(f"action_model={action_model!r}: {task.name!r} needs {expected!r}; {advice}")
-    if config.algorithm == "central-ppo" and task.num_agents != task.num_agents:
-        raise ValueError(f"num_agents={task.num_agents}: {task.name!r} needs {task.num_agents}; {advice}")
+        raise ValueError(f"action_model={action_model!r}: {evaluation.label!r} needs {expected!r}; {advice}")
+    if config.algorithm == "central-ppo" and task.num_agents != evaluation.num_agents:
+        raise ValueError(f"num_agents={task.num_agents}: {evaluation.label!r} needs {evaluation.num_agents}; {advice}")
 
 
 def _check_no_evaluation(output: Path) -> None:

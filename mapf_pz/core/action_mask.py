@@ -13,11 +13,11 @@ _WAIT, _CARDINAL_WAIT = int(Action.WAIT), int(CardinalAction.WAIT)
 
 
 @BatchKernel
-def write_masks(cardinal: bool, leads_to: Array, maps: Array, agents: Array, mask: Array) -> None:
+def write_masks(cardinal: bool, leads_to: Array, maps: Array, all_agents: Array, mask: Array) -> None:
     """Write `mask` (B, N, A) int8: waiting is always legal; turning, and moves to free cells, while active."""
     wait = _CARDINAL_WAIT if cardinal else _WAIT
     for b in prange(maps.size):
-        m, agents = maps[b], agents[b]
+        m, agents = maps[b], all_agents[b]
         for i in range(agents.size):
             agent = agents[i]
             for action in range(mask.shape[2]):

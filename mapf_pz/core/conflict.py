@@ -1,7 +1,7 @@
 """Propose and resolve: which cell each agent wants, and which it gets. POGEMA's three collision systems.
 
-All kernels work on one environment: its agents, (N,) agents, and `occupant`, `claim` (C + 1,) int32. After a resolve, the
-active agents want pairwise different cells, and no two of them swap.
+Kernels work on one environment: `agents` (N,) AGENT, and `occupant`, `claim` (C + 1,) int32. After `resolve`, the cells that active
+ agents want are pairwise different, and no two agents swap.
 """
 
 from __future__ import annotations

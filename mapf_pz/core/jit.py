@@ -91,8 +91,11 @@ def reporting_compilation(report: Callable[[], None]) -> AbstractContextManager[
 def _fingerprint() -> str:
     """Hash the kernel files and what else changes the compiled code."""
     digest = hashlib.sha256(f"bounds check {numba_config.BOUNDSCHECK}".encode())
-    for file in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(file.read_bytes())
+    core = Path(__file__).parent
+    for file in sorted(core.parent.rglob("*.py")):
+        content = file.read_bytes()
+        if core in file.parents or b"from mapf_pz.core.jit import" in content:
+            digest.update(content)
     return digest.hexdigest()[:16]
 
 

@@ -41,4 +41,4 @@ def _place(agent: Array, start: int, heading: int, goal: int) -> None:
     agent.goal = agent.was_goal = goal
     agent.at_goal = start == goal
     agent.active = agent.was_active = True
-    agent.settled = -1
+    agent.resting_since = -1

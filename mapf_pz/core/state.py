@@ -36,7 +36,7 @@ AGENT = np.dtype(
         ("reward", np.float32),
         # Since the episode began:
         ("arrivals", np.int32),  # goals reached
-        ("settled", np.int32),  # the step since which it is on its goal; -1: it is not
+        ("resting_since", np.int32),  # the step since which it is on its goal; -1: it is not
         # Scratch:
         ("want", np.int32),  # the cell it wants, then the cell it gets
         ("next_cell", np.int32),  # the next cell on its own cheapest path; -1: none

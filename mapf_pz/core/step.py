@@ -1,4 +1,4 @@
-"""One step of the environment: propose, resolve, advance, settle, pay, retire, conclude."""
+"""One step of the environment: propose, resolve, advance, update_goals, pay, retire, conclude."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def step(rules: Rules, world: World, distances: Distances, state: State, actions
         propose(rules.cardinal, world.leads_to, m, agents, actions[b])
         resolve(rules.collision, agents, occupant, claim)
         advance(rules.cardinal, agents, actions[b], occupant, state.history[b])
-        solved = settle(rules.on_target, agents, state.goals[b], time)
+        solved = update_goals(rules.on_target, agents, state.goals[b], time)
         note_progress(rules.progress, world.mean_weight[m], distances.slot, distances.to_go, m, agents)
         pay(rules, world.height, world.width, agents, actions[b], occupant, solved)
         retire(rules.on_target, agents, occupant, solved, time >= rules.max_steps)
@@ -72,7 +72,7 @@ def _remember(history: Array, i: int, action: int, moved: bool) -> None:
 
 
 @jit
-def settle(on_target: int, agents: Array, goals: Array, time: int) -> bool:
+def update_goals(on_target: int, agents: Array, goals: Array, time: int) -> bool:
     """Note arrivals and give new goals; return whether all agents rest on their goals at once."""
     solved = on_target == NOTHING
     for i in range(agents.size):
@@ -83,9 +83,9 @@ def settle(on_target: int, agents: Array, goals: Array, time: int) -> bool:
         if agent.arrived:
             agent.arrivals += 1
         if agent.active and not agent.at_goal:
-            agent.settled = -1
-        elif agent.settled < 0:
-            agent.settled = time
+            agent.resting_since = -1
+        elif agent.resting_since < 0:
+            agent.resting_since = time
         if agent.arrived and on_target == RESTART:
             agent.goal = goals[i, agent.arrivals % goals.shape[1]]
     return solved

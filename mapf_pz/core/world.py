@@ -27,9 +27,9 @@ def allocate(num_maps: int, shape: tuple[int, int]) -> World:
     )
 
 
-def lay_out(world: World, m: int, free: Bools, guidance: GuidanceGraph) -> None:
+def set_map(world: World, m: int, free: Bools, guidance: GuidanceGraph) -> None:
     """Write the map `free` (H, W) and its guidance graph to row `m` of `world`."""
-    _lay_out(
+    _set_map(
         free,
         guidance.move,
         guidance.wait,
@@ -42,7 +42,7 @@ def lay_out(world: World, m: int, free: Bools, guidance: GuidanceGraph) -> None:
 
 
 @jit
-def _lay_out(
+def _set_map(
     free: Array,
     free_move: Array,
     free_wait: Array,

@@ -6,7 +6,7 @@ import numpy as np
 
 from mapf_pz.arrays import Ints
 from mapf_pz.core.cost_to_go import shortest_steps
-from mapf_pz.core.world import allocate, lay_out
+from mapf_pz.core.world import allocate, set_map
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instance import Grid, Instance
 
@@ -17,7 +17,7 @@ def shortest_lengths(grid: Grid, starts: Ints, goals: Ints) -> Ints:
     A pair without a path has length -1.
     """
     world = allocate(1, grid.shape)
-    lay_out(world, 0, grid.free, GuidanceGraph.uniform(grid.free))
+    set_map(world, 0, grid.free, GuidanceGraph.uniform(grid.free))
     cells = grid.free.size + 1
     by_goal = np.argsort(goals, kind="stable")
     lengths = np.empty(len(goals), np.int32)

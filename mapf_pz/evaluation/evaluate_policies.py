@@ -17,8 +17,8 @@ EPISODES_PER_JOB = 8
 """So many episodes are done by one process before it takes others."""
 
 
-class Task(NamedTuple):
-    """Some episodes of a task, for a policy."""
+class Job(NamedTuple):
+    """Some episodes of a task, played by one policy."""
 
     name: str
     factory: PolicyFactory
@@ -56,15 +56,15 @@ def evaluate(
     _check_names(tasks)
     results = Results(tasks, output)
     done = results.done()
-    tasks = [
-        Task(name, factory, task, episodes)
+    pending = [
+        Job(name, factory, task, episodes)
         for task in tasks
         for name, factory in factories.items()
         for episodes in _in_parts([e for e in range(task.episodes) if _key(name, task, e) not in done])
     ]
-    left = sum(len(task.episodes) for task in tasks)
+    left = sum(len(job.episodes) for job in pending)
     show(None, left)
-    for episodes in run_jobs(_run, tasks, jobs):
+    for episodes in run_jobs(_run, pending, jobs):
         for episode in episodes:
             results.add(episode)
             left -= 1
@@ -84,13 +84,13 @@ def _factory(policy: PolicyFactory | Policy | str) -> PolicyFactory:
 def _check_names(tasks: Sequence[EvaluationTask]) -> None:
     names: set[str] = set()
     for task in tasks:
-        if task.name in names:
-            raise ValueError(f"two tasks are called {task.name!r}: expected different names")
-        names.add(task.name)
+        if task.label in names:
+            raise ValueError(f"two tasks are called {task.label!r}: expected different names")
+        names.add(task.label)
 
 
 def _key(name: str, task: EvaluationTask, episode: int) -> tuple[str, str, int, int]:
-    return name, task.family, task.num_agents, episode
+    return name, task.name, task.num_agents, episode
 
 
 def _in_parts(episodes: Sequence[int]) -> Iterator[Sequence[int]]:
@@ -98,10 +98,10 @@ def _in_parts(episodes: Sequence[int]) -> Iterator[Sequence[int]]:
         yield episodes[first : first + EPISODES_PER_JOB]
 
 
-def _run(task: Task) -> list[Episode]:
-    """Do a task."""
-    measured = run_episodes(task.factory, task.task, task.episodes)
+def _run(job: Job) -> list[Episode]:
+    """Play the episodes of a job."""
+    measured = run_episodes(job.factory, job.task, job.episodes)
     return [
-        Episode(*_key(task.name, task.task, number), metrics)
-        for number, metrics in zip(task.episodes, measured, strict=True)
+        Episode(*_key(job.name, job.task, number), metrics)
+        for number, metrics in zip(job.episodes, measured, strict=True)
     ]

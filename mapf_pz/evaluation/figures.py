@@ -29,15 +29,15 @@ Points = dict[int, list[float]]
 def draw_figures(episodes: Iterable[Episode], folder: Path) -> list[Path]:
     """Draw a figure for whatever was tried with several numbers of agents, and return the files."""
     by_task: dict[str, dict[str, dict[str, Points]]] = {}
-    for (about, num_agents, policy), values in grouped(episodes).items():
+    for (task_name, num_agents, policy), values in grouped(episodes).items():
         for metric in values:
-            lines = by_task.setdefault(about, {}).setdefault(metric, {})
+            lines = by_task.setdefault(task_name, {}).setdefault(metric, {})
             lines.setdefault(policy, {})[num_agents] = values[metric]
     return list(_draw(by_task, folder))
 
 
 def _draw(by_task: dict[str, dict[str, dict[str, Points]]], folder: Path) -> Iterator[Path]:
-    for about, metrics in by_task.items():
+    for task_name, metrics in by_task.items():
         shown = [name for name in LABELS if name in metrics]
         if not shown or max(len(points) for points in metrics[shown[0]].values()) < 2:
             continue
@@ -45,8 +45,8 @@ def _draw(by_task: dict[str, dict[str, dict[str, Points]]], folder: Path) -> Ite
         for panel, metric in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
             _draw_panel(panel, metric, metrics[metric])
         figure.axes[0].legend(fontsize=8)
-        figure.suptitle(_plain(about))
-        name = "".join(char if char.isalnum() else "-" for char in about)
+        figure.suptitle(_plain(task_name))
+        name = "".join(char if char.isalnum() else "-" for char in task_name)
         file = folder / f"{name}.png"
         with replacing(file) as beside:
             figure.savefig(beside, dpi=110)

@@ -11,12 +11,12 @@ from typing import TypeVar
 
 from mapf_pz.interrupts import unheard_by_children
 
-Task = TypeVar("Task")
+Job = TypeVar("Job")
 Result = TypeVar("Result")
 RAY = "ray"
 
 
-def run_jobs(function: Callable[[Task], Result], tasks: Sequence[Task], jobs: int | str) -> Iterator[Result]:
+def run_jobs(function: Callable[[Job], Result], tasks: Sequence[Job], jobs: int | str) -> Iterator[Result]:
     """Yield what `function` returns for each of the tasks, in the order in which they are done.
 
     Args:
@@ -34,7 +34,7 @@ def run_jobs(function: Callable[[Task], Result], tasks: Sequence[Task], jobs: in
     return map(function, tasks) if jobs == 1 else _in_processes(function, tasks, jobs)
 
 
-def _in_processes(function: Callable[[Task], Result], tasks: Sequence[Task], jobs: int) -> Iterator[Result]:
+def _in_processes(function: Callable[[Job], Result], tasks: Sequence[Job], jobs: int) -> Iterator[Result]:
     others = set(active_children())
     with ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_begin_process) as pool:
         try:
@@ -63,7 +63,7 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _on_ray(function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
+def _on_ray(function: Callable[[Job], Result], tasks: Sequence[Job]) -> Iterator[Result]:
     import ray
     from ray.exceptions import RayError, RayTaskError
 

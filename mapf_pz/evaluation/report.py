@@ -14,7 +14,7 @@ SHOWN = tuple(name for name in METRICS if name not in ("SoC", "ep_length", "runt
 """The metrics of the tables; the others are in the file of episodes."""
 
 Group = tuple[str, int, str]
-"""What a task is about, its number of agents, and a policy."""
+"""What a task is task_name, its number of agents, and a policy."""
 
 
 def interval(values: Sequence[float], seed: int = 0, draws: int = 2000) -> tuple[float, float]:
@@ -29,7 +29,7 @@ def grouped(episodes: Iterable[Episode]) -> dict[Group, dict[str, list[float]]]:
     """Return the values of each metric for each task and policy, in the order in which they come."""
     groups: dict[Group, dict[str, list[float]]] = {}
     for episode in episodes:
-        values = groups.setdefault((episode.about, episode.num_agents, episode.policy), {})
+        values = groups.setdefault((episode.task, episode.num_agents, episode.policy), {})
         for name, value in episode.metrics.items():
             values.setdefault(name, []).append(value)
     return groups
@@ -40,18 +40,18 @@ def rows(episodes: Iterable[Episode]) -> list[list[str]]:
     groups = grouped(episodes)
     shown = [name for name in SHOWN if any(_is_shown(name, values) for values in groups.values())]
     table = [["task", "agents", "policy", "episodes", *shown]]
-    for (about, num_agents, policy), values in groups.items():
+    for (task_name, num_agents, policy), values in groups.items():
         count = max(map(len, values.values()))
-        table.append([about, str(num_agents), policy, str(count), *(_cell(values.get(name)) for name in shown)])
+        table.append([task_name, str(num_agents), policy, str(count), *(_cell(values.get(name)) for name in shown)])
     return table
 
 
 def exhausted(episodes: Iterable[Episode]) -> list[str]:
     """Return a line for each task and policy in whose episodes agents reached the end of their goal sequences."""
     return [
-        f"{policy}, {num_agents} agents on {about}: agents reached the end of their goal sequence and started it over "
+        f"{policy}, {num_agents} agents on {task_name}: agents reached the end of their goal sequence and started it over "
         f"in {np.count_nonzero(values['exhausted_agents'])} episodes; their throughput is not comparable"
-        for (about, num_agents, policy), values in grouped(episodes).items()
+        for (task_name, num_agents, policy), values in grouped(episodes).items()
         if any(values.get("exhausted_agents", ()))
     ]
 

@@ -37,7 +37,7 @@ METRICS = (
     "agent_us",
 )
 """All metrics, in the order of the file's columns; an episode has those that its mode knows."""
-COLUMNS = ("policy", "about", "num_agents", "episode", *METRICS)
+COLUMNS = ("policy", "task", "num_agents", "episode", *METRICS)
 EPISODES_FILE, TASKS_FILE = "episodes.csv", "tasks.json"
 MAX_BYTES, MAX_ROW_BYTES = 2**30, 2**20
 """Of the file of episodes, some ten million of them, and of a row in it."""
@@ -49,7 +49,7 @@ class Episode:
 
     policy: str
     """The policy's name."""
-    about: str
+    task: str
     """The task's `family`."""
     num_agents: int
     """N."""
@@ -61,7 +61,7 @@ class Episode:
     @property
     def key(self) -> tuple[str, str, int, int]:
         """What tells it from all others of an evaluation."""
-        return self.policy, self.about, self.num_agents, self.number
+        return self.policy, self.task, self.num_agents, self.number
 
 
 class Results:
@@ -110,7 +110,7 @@ def _description(task: EvaluationTask) -> dict[str, Any]:
     """Return what must be the same for episodes to be comparable; the number of episodes need not be."""
     elsewhere = ("map", "source", "distance_bytes")  # in the digest; the last one has no influence on episodes
     keywords = {name: repr(value) for name, value in sorted(task.keywords.items()) if name not in elsewhere}
-    return {"task": task.name, "seed": task.seed, "keywords": keywords, "instances": _digest(task)}
+    return {"task": task.label, "seed": task.seed, "keywords": keywords, "instances": _digest(task)}
 
 
 def _digest(task: EvaluationTask) -> str:
@@ -163,9 +163,9 @@ def _episode(row: list[str], line: int, file: Path) -> Episode:
     if len(row) != len(COLUMNS):
         raise FormatError(file, f"expected an episode of {len(COLUMNS)} values, got {len(row)}", line)
     try:
-        policy, about, num_agents, number, *values = row
+        policy, task_name, num_agents, number, *values = row
         told = zip(METRICS, values, strict=True)
         metrics = {name: float(value) for name, value in told if value}
-        return Episode(policy, about, int(num_agents), int(number), metrics)
+        return Episode(policy, task_name, int(num_agents), int(number), metrics)
     except ValueError as error:
         raise FormatError(file, f"expected an episode: {error}", line) from None

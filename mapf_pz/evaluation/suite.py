@@ -27,7 +27,7 @@ MAX_CELLS = 2**24
 
 
 @dataclass(frozen=True)
-class Entry:
+class TaskEntry:
     """One of the entries of a suite's file: a task, or one for each of several numbers of agents.
 
     Exactly one of `map`, `random`, `pogema` and `lorr` says where episodes come from. Files are sought beside the
@@ -52,8 +52,8 @@ class Entry:
     """How many; None: one for each instance, or 64 where they are drawn."""
     seed: int = EvaluationTask.seed
     """Of the first episode; the others follow by ones."""
-    about: str | None = None
-    """What the task is about, all but the number of agents; None: the map's name or the file's."""
+    name: str | None = None
+    """What the task is task_name, all but the number of agents; None: the map's name or the file's."""
     best: float | None = None
     """The best throughput known."""
     env: JsonObject = field(default_factory=dict)
@@ -80,13 +80,13 @@ def load_suite(suite: str | Path) -> tuple[EvaluationTask, ...]:
     else:
         raise ValueError(f"suite {str(suite)!r}: expected a .json file, or one of {', '.join(suite_names())}")
     data = parse_object(read_text(file), file)
-    _check_keys(data, ("about", "tasks"), str(file))
+    _check_keys(data, ("description", "tasks"), str(file))
     entries = list_member(data, "tasks", file, least=1)
     tasks = [task for number, entry in enumerate(entries) for task in _tasks(entry, number, file)]
-    names = [task.name for task in tasks]
+    names = [task.label for task in tasks]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise FormatError(file, f"expected tasks of different names ('about'), got {twice!r} twice")
+        raise FormatError(file, f"expected tasks of different names ('name'), got {twice!r} twice")
     return tuple(tasks)
 
 
@@ -112,14 +112,14 @@ def _check_keys(data: JsonObject, known: Iterable[str], where: str) -> None:
             raise FormatError(where, f"expected one of {', '.join(known)}, got {shortened(name)}")
 
 
-def _entry(data: Any, where: str) -> Entry:
+def _entry(data: Any, where: str) -> TaskEntry:
     if not isinstance(data, dict):
         raise FormatError(where, f"expected an object, got {shortened(data)}")
-    _check_keys(data, [field.name for field in dataclasses.fields(Entry)], where)
+    _check_keys(data, [field.name for field in dataclasses.fields(TaskEntry)], where)
     for name, (fits, expected) in _EXPECTED.items():
         if data.get(name) is not None and not fits(data[name]):
             raise FormatError(where, f"expected {name!r} to be {expected}, got {shortened(data[name])}")
-    entry = Entry(**{name: value for name, value in data.items() if value is not None})
+    entry = TaskEntry(**{name: value for name, value in data.items() if value is not None})
     _check_keys(entry.env, _ENV_KEYWORDS, f"{where}: env")
     kinds = [kind for kind in _KINDS if getattr(entry, kind) is not None]
     if len(kinds) != 1:
@@ -168,7 +168,7 @@ _EXPECTED: dict[str, tuple[Callable[[Any], bool], str]] = {
     "max_steps": _COUNT,
     "episodes": _COUNT,
     "seed": (lambda value: is_whole(value) and 0 <= value <= MAX_NUMBER, "a whole number, 0 or more"),
-    "about": _NAME,
+    "name": _NAME,
     "best": (lambda value: _is_number(value) and value > 0, "a number above 0"),
     "env": (lambda value: isinstance(value, dict), "an object"),
 }
@@ -182,7 +182,7 @@ _ENV_KEYWORDS = [
 """The keywords of `parallel_env` that are not said by an entry itself."""
 
 
-def _of_map(entry: Entry, num_agents: int, folder: Path) -> EvaluationTask:
+def _of_map(entry: TaskEntry, num_agents: int, folder: Path) -> EvaluationTask:
     """Return a task on one map, with drawn episodes or scenarios."""
     name = cast("str", entry.map)
     grid = load_map(_found(name, "map", folder) if name.endswith(".map") else name)
@@ -198,20 +198,20 @@ def _of_map(entry: Entry, num_agents: int, folder: Path) -> EvaluationTask:
     return _task(entry, grid.name, num_agents, {}, instances)
 
 
-def _of_random(entry: Entry, num_agents: int, _: Path) -> EvaluationTask:
+def _of_random(entry: TaskEntry, num_agents: int, _: Path) -> EvaluationTask:
     """Return a task on random maps."""
     height, width, density = cast("list[float]", entry.random)
     source = RandomObstacles(int(height), int(width), density, num_agents)
     return _task(entry, f"random {height} x {width}, {100 * density:g} % obstacles", num_agents, {"source": source})
 
 
-def _of_pogema(entry: Entry, num_agents: int, folder: Path) -> EvaluationTask:
+def _of_pogema(entry: TaskEntry, num_agents: int, folder: Path) -> EvaluationTask:
     """Return a task of POGEMA's instances."""
     file = _found(cast("str", entry.pogema), "pogema", folder)
     return _task(entry, file.name.removesuffix(".json"), num_agents, {}, load_pogema(file, num_agents))
 
 
-def _of_lorr(entry: Entry, _: int, folder: Path) -> EvaluationTask:
+def _of_lorr(entry: TaskEntry, _: int, folder: Path) -> EvaluationTask:
     """Return a task of a League of Robot Runners problem, whose robots have goals one after the other."""
     file = _found(cast("str", entry.lorr), "lorr", folder)
     instance = load_problem(file).instance(entry.max_steps)  # no robot can reach more than one goal a step
@@ -225,11 +225,11 @@ _KINDS = {"map": _of_map, "random": _of_random, "pogema": _of_pogema, "lorr": _o
 
 
 def _task(
-    entry: Entry, about: str, num_agents: int, keywords: dict[str, Any], instances: list[Instance] | None = None
+    entry: TaskEntry, task_name: str, num_agents: int, keywords: dict[str, Any], instances: list[Instance] | None = None
 ) -> EvaluationTask:
     EnvConfig(num_agents=num_agents, **entry.env)  # refuses values that are not allowed
     return EvaluationTask(
-        family=entry.about or about,
+        name=entry.name or task_name,
         num_agents=num_agents,
         keywords={"max_steps": entry.max_steps} | keywords | entry.env,
         episodes=entry.episodes or (len(instances) if instances else 64),

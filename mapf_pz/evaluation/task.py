@@ -17,7 +17,7 @@ class EvaluationTask:
     Raises `ValueError` where `keywords` or `instances` have another number of agents than `num_agents`.
     """
 
-    family: str
+    name: str
     """What is evaluated, without the number of agents, such as the map's name: the first column of the results."""
     num_agents: int
     """N, the number of agents in every episode; passed to the environment."""
@@ -37,7 +37,7 @@ class EvaluationTask:
         """Check that all parts agree on the number of agents, and resolve the number of episodes."""
         for origin, count in self._agent_counts():
             if count != self.num_agents:
-                expected = f"task {self.family!r}: num_agents={self.num_agents}"
+                expected = f"task {self.name!r}: num_agents={self.num_agents}"
                 raise ValueError(f"{expected}, but {origin} has {count} agents")
         object.__setattr__(self, "episodes", self.episodes or len(self.instances) or 256)
 
@@ -52,9 +52,9 @@ class EvaluationTask:
             yield f"instance {number}", instance.num_agents
 
     @property
-    def name(self) -> str:
-        """Return what the task is called."""
-        return f"{self.num_agents} agents on {self.family}"
+    def label(self) -> str:
+        """The task's label in reports: its number of agents and its name."""
+        return f"{self.num_agents} agents on {self.name}"
 
     def instance(self, episode: int) -> Instance | None:
         """Return the instance of an episode, or None where the environment draws it."""
@@ -66,6 +66,6 @@ class EvaluationTask:
         keywords = self.keywords | {"num_agents": self.num_agents}
         return keywords if instance is None else keywords | {"source": InstanceList([instance])}
 
-    def but(self, **changes: Any) -> EvaluationTask:
+    def with_(self, **changes: Any) -> EvaluationTask:
         """Return the same task with other fields; `None` leaves a field as it is."""
         return replace(self, **{name: value for name, value in changes.items() if value is not None})

@@ -19,38 +19,38 @@ Kind = Literal["start", "map", "move", "turn", "vertex", "edge", "goal"]
 class Plan:
     """T steps of N agents. Raises `ValueError` unless the shapes are as said below."""
 
-    cells: Ints
+    positions: Ints
     """(T + 1, N, 2) int32, [row, col]: row 0 is where the agents start."""
     headings: Ints | None = None
     """(T + 1, N) int8, `Heading`s; None: cardinal agents, which have none."""
 
     def __post_init__(self) -> None:
         """Copy, freeze and check the arrays."""
-        cells = frozen(self.cells, np.int32)
-        if cells.ndim != 3 or cells.shape[2] != 2 or not len(cells):
-            raise ValueError(f"plan cells: expected the shape (T + 1, N, 2), got {cells.shape}")
-        object.__setattr__(self, "cells", cells)
+        positions = frozen(self.positions, np.int32)
+        if positions.ndim != 3 or positions.shape[2] != 2 or not len(positions):
+            raise ValueError(f"plan positions: expected the shape (T + 1, N, 2), got {positions.shape}")
+        object.__setattr__(self, "positions", positions)
         if self.headings is not None:
             headings = frozen(self.headings, np.int8)
-            if headings.shape != cells.shape[:2]:
-                raise ValueError(f"plan headings: expected the shape {cells.shape[:2]}, got {headings.shape}")
+            if headings.shape != positions.shape[:2]:
+                raise ValueError(f"plan headings: expected the shape {positions.shape[:2]}, got {headings.shape}")
             object.__setattr__(self, "headings", headings)
 
     @property
     def num_steps(self) -> int:
         """T."""
-        return len(self.cells) - 1
+        return len(self.positions) - 1
 
     @property
     def num_agents(self) -> int:
         """N."""
-        return self.cells.shape[1]
+        return self.positions.shape[1]
 
     @property
     def arrivals(self) -> Ints:
         """(N,) int64: the step after which each agent rests on its last cell for good; 0 if it never leaves it."""
-        away = (self.cells != self.cells[-1]).any(axis=2)
-        steps = np.arange(1, len(self.cells) + 1)[:, None]
+        away = (self.positions != self.positions[-1]).any(axis=2)
+        steps = np.arange(1, len(self.positions) + 1)[:, None]
         return np.where(away, steps, 0).max(axis=0)
 
     @property
@@ -131,18 +131,18 @@ def reached(path: Ints, goals: Iterable[Ints]) -> list[int]:
 
 
 def _starts(instance: Instance, plan: Plan) -> Violation | None:
-    wrong = (plan.cells[0] != instance.scenario.starts).any(axis=1)
+    wrong = (plan.positions[0] != instance.scenario.starts).any(axis=1)
     if plan.headings is not None and instance.headings is not None:
         wrong |= plan.headings[0] != instance.headings
     return _first("start", plan, wrong[None])
 
 
 def _obstacles(instance: Instance, plan: Plan) -> Violation | None:
-    return _first("map", plan, ~_free(instance.grid, plan.cells))
+    return _first("map", plan, ~_free(instance.grid, plan.positions))
 
 
 def _moves(_: Instance, plan: Plan) -> Violation | None:
-    steps = np.diff(plan.cells, axis=0)
+    steps = np.diff(plan.positions, axis=0)
     wrong = np.abs(steps).sum(axis=2) > 1
     if plan.headings is not None:
         ahead = HEADING_STEPS[plan.headings[:-1]]
@@ -154,7 +154,7 @@ def _turns(_: Instance, plan: Plan) -> Violation | None:
     if plan.headings is None:
         return None
     turns = np.diff(plan.headings, axis=0) % 4
-    moved = (np.diff(plan.cells, axis=0) != 0).any(axis=2)
+    moved = (np.diff(plan.positions, axis=0) != 0).any(axis=2)
     return _first("turn", plan, (turns == 2) | ((turns != 0) & moved), first_step=1)
 
 
@@ -163,7 +163,7 @@ def _vertices(instance: Instance, plan: Plan) -> Violation | None:
         seen: dict[int, int] = {}
         for agent, place in enumerate(places.tolist()):
             if place in seen:
-                return Violation("vertex", step, (seen[place], agent), (_cell(plan.cells[step, agent]),))
+                return Violation("vertex", step, (seen[place], agent), (_cell(plan.positions[step, agent]),))
             seen[place] = agent
     return None
 
@@ -176,7 +176,7 @@ def _edges(instance: Instance, plan: Plan) -> Violation | None:
         for agent in np.flatnonzero(before != after).tolist():
             other = at.get(int(after[agent]))
             if other is not None and after[other] == before[agent]:
-                cells = (_cell(plan.cells[step, agent]), _cell(plan.cells[step, other]))
+                cells = (_cell(plan.positions[step, agent]), _cell(plan.positions[step, other]))
                 return Violation("edge", step, (agent, other), cells)
     return None
 
@@ -185,7 +185,7 @@ def _goals(instance: Instance, plan: Plan) -> Violation | None:
     goals = instance.scenario.goals
     if goals.ndim == 3:
         return None
-    return _first("goal", plan, (plan.cells[-1] != goals).any(axis=1)[None], first_step=plan.num_steps)
+    return _first("goal", plan, (plan.positions[-1] != goals).any(axis=1)[None], first_step=plan.num_steps)
 
 
 _CHECKS: tuple[Callable[[Instance, Plan], Violation | None], ...] = (
@@ -207,7 +207,7 @@ def _first(kind: Kind, plan: Plan, wrong: Bools, first_step: int = 0) -> Violati
         return None
     row, agent = marked[0]
     step = first_step + row
-    return Violation(kind, step, (agent,), (_cell(plan.cells[step, agent]),))
+    return Violation(kind, step, (agent,), (_cell(plan.positions[step, agent]),))
 
 
 def _free(grid: Grid, cells: Ints) -> Bools:
@@ -219,7 +219,7 @@ def _free(grid: Grid, cells: Ints) -> Bools:
 
 def _places(grid: Grid, plan: Plan) -> Ints:
     """Return one number for each cell (T + 1, N), different also for cells outside the map."""
-    offset = plan.cells.astype(np.int64) - plan.cells.min()
+    offset = plan.positions.astype(np.int64) - plan.positions.min()
     return offset[..., 0] * (int(offset.max()) + grid.shape[1]) + offset[..., 1]
 
 

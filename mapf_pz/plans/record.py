@@ -18,13 +18,13 @@ def record_plan(instance: Instance, plan: Plan, with_goals: bool = True) -> Reco
     if not with_goals:
         shown = None
     elif goals.ndim == 2:
-        shown = np.broadcast_to(goals, plan.cells.shape)
+        shown = np.broadcast_to(goals, plan.positions.shape)
     else:
-        paths = plan.cells.swapaxes(0, 1)
+        paths = plan.positions.swapaxes(0, 1)
         shown = np.stack([_goals_in_turn(path, own) for path, own in zip(paths, goals, strict=True)], axis=1)
     return Recording(
         free=instance.grid.free,
-        positions=plan.cells,
+        positions=plan.positions,
         goals=shown,
         headings=plan.headings,
         title=f"{instance.grid.name}, {plan.num_agents} agents",

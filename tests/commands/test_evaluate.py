@@ -27,7 +27,7 @@ def suite(tmp_path):
     file = tmp_path / "mine.json"
     tasks = [
         {"map": "empty-8-8", "num_agents": [2, 4], "max_steps": 30, "episodes": 3},
-        {"random": [6, 6, 0.1], "num_agents": 3, "max_steps": 30, "episodes": 3, "about": "random"},
+        {"random": [6, 6, 0.1], "num_agents": 3, "max_steps": 30, "episodes": 3, "task": "random"},
     ]
     file.write_text(json.dumps({"tasks": tasks}))
     return file
@@ -61,8 +61,8 @@ def test_policies_on_a_suite_in_processes(capsys, suite, tmp_path):
     assert told in out
     table = [line for line in out if line.startswith("│")]
     assert [tuple(re.split(r"\s*│\s*", line)[1:5]) for line in table] == [
-        (about, agents, policy, "3")
-        for about, agents in [("empty-8-8", "2"), ("empty-8-8", "4"), ("random", "3")]
+        (task_name, agents, policy, "3")
+        for task_name, agents in [("empty-8-8", "2"), ("empty-8-8", "4"), ("random", "3")]
         for policy in ("pibt", "random")
     ]
     markdown = (output / "evaluation.md").read_text()
@@ -126,7 +126,7 @@ def test_a_scenario_is_one_episode(capsys, tmp_path):
     words = [*ON_SCENARIOS, "--scenario", tmp_path / "0.scen"]
     assert run(capsys, *words, "--output", tmp_path / "out")[0] == 0
     (row,) = rows(tmp_path / "out")
-    assert (row["about"], row["num_agents"]) == ("empty-8-8, 0.scen", "5")
+    assert (row["task"], row["num_agents"]) == ("empty-8-8, 0.scen", "5")
     assert bounds(tmp_path / "out") == [cost(5)]
     status, _, err = run(capsys, *words, "--episodes", 2)
     message = "episodes=2: '5 agents on empty-8-8, 0.scen' has 1 instances, expected at most one episode for each"
@@ -141,7 +141,7 @@ def test_several_scenarios_and_numbers_of_agents(capsys, tmp_path, again):
     counts = ["--num-agents", 4, "--num-agents", 2] if again else ["--num-agents", 4, 2]
     assert run(capsys, *ON_SCENARIOS, *scenarios, *counts, "--output", tmp_path / "out")[0] == 0
     assert [row["num_agents"] for row in rows(tmp_path / "out")] == ["4"] * 3 + ["2"] * 3
-    assert {row["about"] for row in rows(tmp_path / "out")} == {"empty-8-8, 3 scenarios"}
+    assert {row["task"] for row in rows(tmp_path / "out")} == {"empty-8-8, 3 scenarios"}
     assert bounds(tmp_path / "out") == [costs[number](count) for count in (4, 2) for number in (2, 0, 1)]
 
 

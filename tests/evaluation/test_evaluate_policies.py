@@ -61,7 +61,7 @@ def test_seeds_follow_by_ones():
     evaluate({"sees": Sees()}, [task])
     first = seen[1:]  # without that before all episodes
     seen.clear()
-    evaluate({"sees": Sees()}, [task.but(seed=11)])
+    evaluate({"sees": Sees()}, [task.with_(seed=11)])
     assert seen[1:-1] == first[1:]
     assert len(set(first)) == 3
 

@@ -8,9 +8,9 @@ Image = pytest.importorskip("PIL.Image")
 from mapf_pz.evaluation.figures import draw_figures  # noqa: E402
 
 
-def episodes(about, counts, *names, **metrics):
+def episodes(task_name, counts, *names, **metrics):
     return [
-        Episode(name, about, count, number, {metric: value + number for metric, value in metrics.items()})
+        Episode(name, task_name, count, number, {metric: value + number for metric, value in metrics.items()})
         for name in names
         for count in counts
         for number in range(3)

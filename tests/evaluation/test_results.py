@@ -54,7 +54,7 @@ def test_the_file_has_every_number(tmp_path):
     written = rows(tmp_path)
     assert [tuple(row) for row in written] == [COLUMNS] * ALL
     for row, episode in zip(written, episodes, strict=True):
-        assert (row["policy"], row["about"], int(row["num_agents"]), int(row["episode"])) == episode.key
+        assert (row["policy"], row["task"], int(row["num_agents"]), int(row["episode"])) == episode.key
         assert {name: float(row[name]) for name in METRICS if row[name]} == episode.metrics
     assert Results(TRIALS, tmp_path).episodes == episodes
 
@@ -128,7 +128,7 @@ def test_a_damaged_row_is_told(tmp_path, row, message):
     [
         TRIALS[:1],
         (TRIALS[0].but(seed=5), TRIALS[1]),
-        (TRIALS[0].but(family="another"), TRIALS[1]),
+        (TRIALS[0].but(name="another"), TRIALS[1]),
         (TRIALS[0].but(keywords={"max_steps": 7}), TRIALS[1]),
         (TRIALS[0].but(instances=(drawn("a..A."), drawn("a.A.."))), TRIALS[1]),
         (TRIALS[0], TRIALS[1].but(keywords={"max_steps": 6, "source": RandomObstacles(4, 4, 0.3, 2)})),
@@ -146,9 +146,9 @@ def test_other_trials_are_refused(tmp_path, other):
 
 def test_more_and_fewer_episodes(tmp_path):
     begun(Right(), TRIALS, tmp_path)
-    more, left = begun(Right(), [task.but(episodes=task.episodes + 2) for task in TRIALS], tmp_path)
+    more, left = begun(Right(), [task.with_(episodes=task.episodes + 2) for task in TRIALS], tmp_path)
     assert (left, len(more)) == (4, ALL + 4)
-    fewer, left = begun(Right(), [task.but(episodes=2) for task in TRIALS], tmp_path)
+    fewer, left = begun(Right(), [task.with_(episodes=2) for task in TRIALS], tmp_path)
     assert (left, len(fewer)) == (0, 4)
     assert fewer == [episode for episode in more if episode.number < 2]
 

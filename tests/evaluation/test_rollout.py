@@ -188,7 +188,7 @@ def test_maps_of_different_sizes_in_one_trial():
 
 
 def test_instances_are_gone_through_again():
-    task = on("a...A", "a.A..").but(episodes=5)
+    task = on("a...A", "a.A..").with_(episodes=5)
     assert [episode["SoC"] for episode in measured(Right(), task)] == [4, 2, 4, 2, 4]
 
 

@@ -79,7 +79,7 @@ def test_suites_that_come_with_the_package(name, monkeypatch):
             pytest.skip(f"{' and '.join(absent)} absent: the benchmarks' data is not part of the repository")
         monkeypatch.setenv("MAPF_PZ_BENCHMARK", os.pathsep.join(map(str, DATA)))
     tasks = load_suite(name)
-    assert len({task.name for task in tasks}) == len(tasks)
+    assert len({task.label for task in tasks}) == len(tasks)
     for task in tasks:
         assert task.episodes > 0
         assert all(instance.num_agents == task.num_agents for instance in task.instances)
@@ -115,7 +115,7 @@ def test_unknown_suites(tmp_path):
 
 def test_a_map_beside_the_suite(folder):
     (task,) = loaded(folder, {"map": "tiny.map", "num_agents": 3, "max_steps": 20, "seed": 7})
-    assert (task.name, task.episodes, task.seed) == ("3 agents on tiny", 64, 7)
+    assert (task.label, task.episodes, task.seed) == ("3 agents on tiny", 64, 7)
     assert task.keywords["map"].free.tolist() == GRID.free.tolist()
     assert task.keywords["max_steps"] == 20
     (episode,) = run_episodes(factory_for(Right()), task, [0])
@@ -123,8 +123,8 @@ def test_a_map_beside_the_suite(folder):
 
 
 def test_a_bundled_map_by_name(folder):
-    (task,) = loaded(folder, {"map": "empty-8-8", "num_agents": 1, "episodes": 5, "about": "nothing in the way"})
-    assert (task.name, task.episodes, task.instances) == ("1 agents on nothing in the way", 5, ())
+    (task,) = loaded(folder, {"map": "empty-8-8", "num_agents": 1, "episodes": 5, "name": "nothing in the way"})
+    assert (task.label, task.episodes, task.instances) == ("1 agents on nothing in the way", 5, ())
 
 
 def test_scenarios_are_instances_of_their_first_agents(folder, monkeypatch):
@@ -144,7 +144,7 @@ def test_scenarios_are_instances_of_their_first_agents(folder, monkeypatch):
 
 def test_random_maps(folder):
     small, large = loaded(folder, {"random": [5, 7, 0.2], "num_agents": [2, 4], "env": {"action_model": "cardinal"}})
-    assert [task.name for task in (small, large)] == [
+    assert [task.label for task in (small, large)] == [
         "2 agents on random 5 x 7, 20 % obstacles",
         "4 agents on random 5 x 7, 20 % obstacles",
     ]
@@ -154,13 +154,13 @@ def test_random_maps(folder):
 
 def test_instances_of_pogema(folder):
     (task,) = loaded(folder, SOURCES["pogema"] | {"num_agents": 2})
-    assert (task.name, len(task.instances), task.episodes) == ("2 agents on set.mapf", 1, 1)
+    assert (task.label, len(task.instances), task.episodes) == ("2 agents on set.mapf", 1, 1)
     assert next(run_episodes(factory_for(Right()), task, [0]))["SoC"] == 4
 
 
 def test_a_problem_of_the_league_of_robot_runners(folder):
     (task,) = loaded(folder, {"lorr": "problem.json", "max_steps": 6, "best": 0.5})
-    assert (task.name, task.episodes, task.best) == ("2 agents on problem", 1, 0.5)
+    assert (task.label, task.episodes, task.best) == ("2 agents on problem", 1, 0.5)
     assert task.keywords == {"max_steps": 6, "on_target": "restart"}
     assert task.instances[0].headings.tolist() == [0, 0]
     (cardinal,) = loaded(folder, {"lorr": "problem.json", "env": {"action_model": "cardinal"}})
@@ -197,8 +197,8 @@ GOOD = {"random": [5, 5, 0.1], "num_agents": 2}
         (GOOD | {"seed": -1}, "task 0: expected 'seed' to be a whole number, 0 or more, got -1"),
         (GOOD | {"best": "3"}, "task 0: expected 'best' to be a number above 0, got '3'"),
         (GOOD | {"best": 0}, "task 0: expected 'best' to be a number above 0, got 0"),
-        (GOOD | {"about": "two\nlines"}, "task 0: expected 'about' to be a line of text"),
-        (GOOD | {"about": ""}, "task 0: expected 'about' to be a line of text"),
+        (GOOD | {"name": "two\nlines"}, "task 0: expected 'name' to be a line of text"),
+        (GOOD | {"task": ""}, "task 0: expected 'name' to be a line of text"),
         (GOOD | {"scenarios": ["random-1"]}, "task 0: expected 'scenarios' beside 'map' only"),
         (SOURCES["map"] | {"scenarios": [], "num_agents": 1}, "task 0: expected 'scenarios' to be a list of"),
         (SOURCES["map"] | {"scenarios": [1], "num_agents": 1}, "task 0: expected 'scenarios' to be a list of"),
@@ -222,9 +222,9 @@ def test_the_largest_random_maps(folder, monkeypatch):
 
 def test_the_trial_is_counted(folder):
     assert told(folder, GOOD, GOOD | {"seed": "x"}).startswith("task 1: ")
-    same_name = "expected tasks of different names ('about'), got '2 agents on random 5 x 5, 10 % obstacles' twice"
+    same_name = "expected tasks of different names ('name'), got '2 agents on random 5 x 5, 10 % obstacles' twice"
     assert told(folder, GOOD, GOOD) == same_name
-    assert len(loaded(folder, GOOD, GOOD | {"about": "others"})) == 2
+    assert len(loaded(folder, GOOD, GOOD | {"task": "others"})) == 2
 
 
 def test_wrong_files(folder):
@@ -233,7 +233,7 @@ def test_wrong_files(folder):
         ("[]", "expected a JSON object"),
         ("{}", "expected 'tasks' to be a list"),
         ('{"tasks": []}', "expected 1 items in 'tasks', got 0"),
-        ('{"task": []}', "expected one of about, tasks, got 'task'"),
+        ('{"task": []}', "expected one of task_name, tasks, got 'task'"),
     ]:
         (folder / "mine.json").write_text(text)
         with pytest.raises(FormatError, match=message):
@@ -255,7 +255,7 @@ JUNK = st.recursive(
     ),
     max_leaves=4,
 )
-KEYS = ["map", "scenarios", "random", "pogema", "lorr", "num_agents", "max_steps", "episodes", "seed", "about", "best"]
+KEYS = ["map", "scenarios", "random", "pogema", "lorr", "num_agents", "max_steps", "episodes", "seed", "task", "best"]
 ENV = ["action_model", "on_target", "view_size", "channels", "edge_weights", "reward", "initial_heading", "features"]
 
 

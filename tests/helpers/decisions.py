@@ -87,8 +87,8 @@ def facing(instance, model, rng):
 def solution(planner, instance, weights="uniform"):
     """Return a plan (T + 1, N, 3), and its sum of costs."""
     plan = planner.solve(instance, time_limit=1000.0, edge_weights=weights)
-    headings = np.zeros(plan.cells.shape[:2]) if plan.headings is None else plan.headings
-    return np.dstack([plan.cells, headings]), plan.sum_of_costs
+    headings = np.zeros(plan.positions.shape[:2]) if plan.headings is None else plan.headings
+    return np.dstack([plan.positions, headings]), plan.sum_of_costs
 
 
 def refined(model, weights, seed):

@@ -170,7 +170,7 @@ class Reference(Rules):
     def next_cell(self, agent: int) -> Cell | None:
         """The cell that the agent enters next on its own cheapest path; None if there is no path."""
         cell, heading, best, chosen = self.positions[agent], self.headings[agent], inf, None
-        turns = {0: 0, 1: 1, 3: 1, 2: 2}  # by the side to drive to, in the order in which ties are settled
+        turns = {0: 0, 1: 1, 3: 1, 2: 2}  # by the side to drive to, in the order in which ties are resting_since
         if self.cardinal:
             heading, turns = 0, {0: 0, 1: 0, 2: 0, 3: 0}
         for side, count in turns.items():

@@ -1,4 +1,4 @@
-"""The rules of one episode in plain Python: obviously right, and slow. `tests.helpers.reference` adds what agents observe."""
+"""The rules of one episode in plain Python. `tests.helpers.reference` adds the observations."""
 
 from __future__ import annotations
 

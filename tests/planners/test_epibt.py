@@ -93,4 +93,4 @@ def test_a_depth_that_it_cannot_have():
 
 def test_same_seed_same_actions():
     plans = [EPIBT(seed=3).solve(drawn("a.b.. ..A.. B....", [0, 1])) for _ in range(2)]
-    assert np.array_equal(plans[0].cells, plans[1].cells)
+    assert np.array_equal(plans[0].positions, plans[1].positions)

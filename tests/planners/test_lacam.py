@@ -52,7 +52,7 @@ def test_one_agent_takes_the_shortest_way():
 
 def test_nobody_waits_for_nothing():
     plan = LaCAM(anytime=False).solve(drawn("a..# ..#A ....", headings=[2]))
-    moved = (plan.cells[1:] != plan.cells[:-1]).any(axis=2)
+    moved = (plan.positions[1:] != plan.positions[:-1]).any(axis=2)
     assert moved.sum() == 6
     assert (moved | (plan.headings[1:] != plan.headings[:-1])).all()
 
@@ -98,7 +98,7 @@ def test_room_that_grows_changes_nothing(room, monkeypatch):
     small = LaCAM(anytime=False).solve(instance)
     assert plan is not None
     assert small is not None
-    assert np.array_equal(plan.cells, small.cells)
+    assert np.array_equal(plan.positions, small.positions)
 
 
 def test_a_goal_out_of_reach_has_no_plan():
@@ -179,7 +179,7 @@ def test_weights_lead_the_way():
 def test_same_seed_same_plan(model):
     instance = facing_east(RandomObstacles(8, 8, 0.2, 14).sample(np.random.default_rng(3)), model)
     one, other = (LaCAM(anytime=False, seed=5).solve(instance) for _ in range(2))
-    assert np.array_equal(one.cells, other.cells)
+    assert np.array_equal(one.positions, other.positions)
     assert model == "cardinal" or np.array_equal(one.headings, other.headings)
 
 

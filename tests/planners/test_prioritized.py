@@ -243,7 +243,7 @@ def test_weights_decide_between_ways_of_one_length():
         weights[dear, 0, 0] = 3
         plan = first_solution(instance, edge_weights=GuidanceGraph(weights, np.ones((2, 2))))
         assert plan is not None
-        assert plan.cells[1, 0].tolist() == expected
+        assert plan.positions[1, 0].tolist() == expected
 
 
 def test_it_keeps_off_one_way_streets():
@@ -265,7 +265,7 @@ def test_benchmark_instances(benchmark, model):
     assert plans[0] is not None
     assert plans[1] is not None
     assert validate(instance, plans[0]) is None
-    assert np.array_equal(plans[0].cells, plans[1].cells)
+    assert np.array_equal(plans[0].positions, plans[1].positions)
 
 
 @pytest.mark.parametrize("model", ["cardinal", "rotate"])

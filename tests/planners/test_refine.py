@@ -104,7 +104,7 @@ def test_a_benchmark_instance(benchmark):
     instance = Instance(grid, Scenario(scenario.starts[:100], scenario.goals[:100]))
     plan = LaCAM(anytime=False).solve(instance, time_limit=60)
     assert plan is not None
-    path = Path((plan.cells @ np.array([grid.shape[1], 1])).astype(np.int32), None)
+    path = Path((plan.positions @ np.array([grid.shape[1], 1])).astype(np.int32), None)
     better = refine(NeighborhoodSearch(problem(instance), np.random.default_rng(0)), path, time.perf_counter() + 1)
     assert validate(instance, plan_of(instance, better)) is None
     assert 2253 <= plan_of(instance, better).sum_of_costs <= plan.sum_of_costs  # the best known lower bound

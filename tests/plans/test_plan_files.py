@@ -78,12 +78,12 @@ def plans(draw, turning=None, lifelong=False):
     """Draw a plan and an instance that it starts from."""
     plan = walks(draw, draw(st.booleans()) if turning is None else turning)
     goals = np.array(draw(st.lists(st.sampled_from(np.argwhere(GRID.free).tolist()), min_size=2, max_size=3)))
-    goals = np.tile(goals, (plan.num_agents, 1, 1)) if lifelong else plan.cells[-1]
-    return plan, Instance(GRID, Scenario(plan.cells[0], goals), None if plan.headings is None else plan.headings[0])
+    goals = np.tile(goals, (plan.num_agents, 1, 1)) if lifelong else plan.positions[-1]
+    return plan, Instance(GRID, Scenario(plan.positions[0], goals), None if plan.headings is None else plan.headings[0])
 
 
 def assert_same(plan, expected):
-    assert np.array_equal(plan.cells, expected.cells)
+    assert np.array_equal(plan.positions, expected.positions)
     assert (plan.headings is None) == (expected.headings is None)
     assert plan.headings is None or np.array_equal(plan.headings, expected.headings)
 
@@ -128,7 +128,7 @@ def test_tracker_round_trip(drawn):
     plan, instance = drawn
     text = format_plan(plan, "a.csv", instance, About("some-map-even-7"))
     file = parse_plan(text, "a.csv", Selection(instance.scenario, plan.num_agents, "small-even-7"))
-    assert_same(file.plan, Plan(plan.cells[: plan.makespan + 1]))
+    assert_same(file.plan, Plan(plan.positions[: plan.makespan + 1]))
     assert file.claims == {"sum of costs": plan.sum_of_costs}
 
 
@@ -146,7 +146,7 @@ def test_files(tmp_path):
 
 def test_what_is_written():
     plan = Plan(np.array([[(0, 0), (2, 3)], [(1, 0), (2, 3)], [(0, 0), (2, 2)]]))
-    instance = Instance(GRID, Scenario(plan.cells[0], plan.cells[-1]))
+    instance = Instance(GRID, Scenario(plan.positions[0], plan.positions[-1]))
     record = json.loads(format_plan(plan, "a.json", instance))
     assert record == {
         "actionModel": "MAPF",
@@ -194,7 +194,7 @@ def test_what_cannot_be_written_is_refused():
 
 def test_text():
     file = parse_plan(TEXT, "p")
-    assert file.plan.cells.tolist() == [[[0, 0], [2, 3]], [[0, 1], [1, 3]], [[0, 2], [1, 3]]]
+    assert file.plan.positions.tolist() == [[[0, 0], [2, 3]], [[0, 1], [1, 3]], [[0, 2], [1, 3]]]
     assert file.goals.tolist() == SCENARIO.goals.tolist()
     assert file.claims == {"sum of costs": 3, "makespan": 2}
 
@@ -203,7 +203,7 @@ def test_headings_in_a_text():
     """The example that mapf-visualizer comes with."""
     text = "0:(0,0,Y_MINUS),\n1:(0,0,X_PLUS),\n2:(1,0,X_PLUS),\n3:(1,0,Y_PLUS),\n4:(1,1,Y_PLUS),\n5:(1,1,X_PLUS),\n"
     file = parse_plan(text, "p")
-    assert file.plan.cells[:, 0].tolist() == [[0, 0], [0, 0], [0, 1], [0, 1], [1, 1], [1, 1]]
+    assert file.plan.positions[:, 0].tolist() == [[0, 0], [0, 0], [0, 1], [0, 1], [1, 1], [1, 1]]
     assert file.plan.headings[:, 0].tolist() == [3, 0, 0, 1, 1, 0]
     assert file.goals is None
 
@@ -233,7 +233,7 @@ def test_malformed_texts(old, new, message):
 @pytest.mark.parametrize("text", [TRACKER, TRACKER.replace("\n", "\r\n"), TRACKER.rstrip("\n")])
 def test_tracker(text):
     file = parse_plan(text, "p", Selection(SCENARIO, 2))
-    assert file.plan.cells.tolist() == [[[0, 0], [2, 3]], [[0, 1], [1, 3]], [[0, 2], [1, 3]]]
+    assert file.plan.positions.tolist() == [[[0, 0], [2, 3]], [[0, 1], [1, 3]], [[0, 2], [1, 3]]]
     assert file.claims == {"sum of costs": 3}
     assert parse_plan(text, "p", Selection(SCENARIO, 1)).plan.num_steps == 1
 
@@ -265,7 +265,7 @@ def test_a_tracker_needs_the_scenario():
 def test_a_plan_is_selected_by_the_scenario():
     rows = "".join(f"m,even,{number},1,,1,{letter}\n" for number, letter in ((1, "r"), (2, "d")))
     text = f"map_name,scen_type,type_id,agents,lower_cost,solution_cost,solution_plan\n{rows}"
-    assert parse_plan(text, "p", Selection(SCENARIO, 1, "m-even-2")).plan.cells[1].tolist() == [[-1, 0]]
+    assert parse_plan(text, "p", Selection(SCENARIO, 1, "m-even-2")).plan.positions[1].tolist() == [[-1, 0]]
     expected = "p: expected one plan of m-even-3, got 0: the file has plans for m-even-1 1, m-even-2 1"
     assert message_of(text, Selection(SCENARIO, None, "m-even-3")) == expected
 
@@ -282,8 +282,8 @@ def test_a_long_wait_of_many_agents_takes_no_memory():
 
 def test_lorr_of_2023():
     file = parse_plan(lorr(), "p")
-    assert file.plan.cells[:, 0].tolist() == [[0, 0], [0, 1], [0, 2], [0, 2]]
-    assert file.plan.cells[:, 1].tolist() == [[2, 3], [1, 3], [1, 3], [1, 3]]
+    assert file.plan.positions[:, 0].tolist() == [[0, 0], [0, 1], [0, 2], [0, 2]]
+    assert file.plan.positions[:, 1].tolist() == [[2, 3], [1, 3], [1, 3], [1, 3]]
     assert file.plan.headings[:, 1].tolist() == [3, 3, 2, 2]
     assert file.claims == {"sum of costs": 6, "makespan": 3, "tasks finished": 1}
     assert file.schedule.finished(file.plan) == 1
@@ -302,7 +302,7 @@ def test_lorr_of_2026():
     ticks = ["[(0,0,0,0,0):(F 2,W 1)][(3,0,0,0,0):(F 1,R 3)]", "[(0,0,0,0,0):(W 2,C 3,W 1,F 1)]"]
     plan = parse_plan(lorr(version="2026 LoRR", agentMaxCounter=3, actualPaths=ticks), "p").plan
     assert plan.num_steps == 7
-    assert plan.cells[:, 0, 1].tolist() == [0, 0, 0, 0, 1, 1, 1, 1]
+    assert plan.positions[:, 0, 1].tolist() == [0, 0, 0, 0, 1, 1, 1, 1]
     assert plan.headings[:, 1].tolist() == [3, 3, 3, 3, 3, 2, 2, 2]
 
 

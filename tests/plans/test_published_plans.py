@@ -52,7 +52,7 @@ def problem_of(benchmark, name):
 
 def unaimed(grid, plan):
     """Return a lifelong instance with the plan's starts."""
-    return Instance(grid, Scenario(plan.cells[0], plan.cells[0][:, None]), plan.headings[0])
+    return Instance(grid, Scenario(plan.positions[0], plan.positions[0][:, None]), plan.headings[0])
 
 
 def replayed(instance, plan):
@@ -63,7 +63,7 @@ def replayed(instance, plan):
         )
     )
     simulator.reset(seeds={0: 0})
-    cells = plan.cells @ np.array([instance.grid.shape[1], 1])
+    cells = plan.positions @ np.array([instance.grid.shape[1], 1])
     agents = simulator.state.agents[0]
     for step, actions in enumerate(Path(cells, plan.headings).actions(simulator.world.leads_to[0]), 1):
         simulator.step(actions[None])
@@ -80,7 +80,7 @@ def test_plans_of_2023(benchmark, name):
     assert validate(instance, file.plan) is None
     assert (file.plan.num_agents, file.plan.num_steps) == (num_agents, num_steps)
     assert file.claims == {"sum of costs": num_agents * num_steps, "makespan": num_steps, "tasks finished": finished}
-    paths = file.plan.cells.swapaxes(0, 1)
+    paths = file.plan.positions.swapaxes(0, 1)
     arrivals = [reached(path, cycle(goals)) for path, goals in zip(paths, instance.scenario.goals, strict=True)]
     assert sum(map(len, arrivals)) == finished
     assert file.schedule.finished(file.plan) == finished
@@ -103,7 +103,7 @@ def test_plans_of_2024(benchmark, name):
     file, problem = read(benchmark, name), problem_of(benchmark, problem_name)
     instance = unaimed(problem.grid, file.plan)
     assert (file.plan.num_agents, file.plan.num_steps) == (num_agents, num_steps)
-    assert np.array_equal(file.plan.cells[0], problem.starts)
+    assert np.array_equal(file.plan.positions[0], problem.starts)
     assert validate(instance, file.plan) is None
     assert file.claims["tasks finished"] == finished
     assert file.schedule.finished(file.plan, problem.task) == finished
@@ -117,7 +117,7 @@ def test_plans_without_a_schedule(benchmark, name):
     file, problem = read(benchmark, name), problem_of(benchmark, problem_name)
     instance = unaimed(problem.grid, file.plan)
     assert (file.plan.num_agents, file.plan.num_steps) == (num_agents, num_steps)
-    assert np.array_equal(file.plan.cells[0], problem.starts)
+    assert np.array_equal(file.plan.positions[0], problem.starts)
     assert validate(instance, file.plan) is None
     assert file.schedule is None
     assert file.claims == {"makespan": num_steps, "tasks finished": finished}
@@ -145,7 +145,7 @@ def test_a_plan_of_cardinal_agents(benchmark):
     assert file.claims == costs
     assert (file.plan.sum_of_costs, file.plan.makespan) == (9647, 59)
     tracker = benchmark / "costs" / "tracker-plan-random-32-32-20-random-1-300agents.csv"
-    assert np.array_equal(read_plan(tracker, Selection(instance.scenario)).plan.cells, file.plan.cells)
+    assert np.array_equal(read_plan(tracker, Selection(instance.scenario)).plan.positions, file.plan.positions)
 
 
 @pytest.mark.parametrize("kind", ["even", "random"])
@@ -174,7 +174,7 @@ def best(benchmark):
 def told(best, change_cells=None, change_text=None):
     text, plan, instance = best
     if change_cells is not None:
-        cells = plan.cells.copy()
+        cells = plan.positions.copy()
         change_cells(cells)
         return validate(instance, Plan(cells, plan.headings))
     data = json.loads(text)
@@ -191,7 +191,7 @@ def test_swapped_agents(best):
 
 
 def test_a_jump(best):
-    occupied = set(map(tuple, best[1].cells[300].tolist()))
+    occupied = set(map(tuple, best[1].positions[300].tolist()))
     cell = next(cell for cell in np.argwhere(best[2].grid.free).tolist() if tuple(cell) not in occupied)
 
     def jump(cells):
@@ -204,7 +204,7 @@ def test_a_jump(best):
 def test_a_drive_into_an_obstacle(best):
     _, plan, instance = best
     steps = np.array([(0, 1), (1, 0), (0, -1), (-1, 0)])
-    ahead = plan.cells[:-1] + steps[plan.headings[:-1]]
+    ahead = plan.positions[:-1] + steps[plan.headings[:-1]]
     inside = ((ahead >= 0) & (ahead < instance.grid.shape)).all(axis=2)
     clipped = np.clip(ahead, 0, 31)
     step, agent = np.argwhere(inside & ~instance.grid.free[clipped[..., 0], clipped[..., 1]])[5].tolist()

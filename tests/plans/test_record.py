@@ -12,7 +12,7 @@ def test_a_plan_becomes_a_recording():
     instance = Instance(load_map("empty-8-8"), Scenario([[0, 0], [3, 3]], [[5, 5], [0, 0]]), np.array([0, 1]))
     plan = PIBT().solve(instance, time_limit=5.0)
     recording = record_plan(instance, plan)
-    np.testing.assert_array_equal(recording.positions, plan.cells)
+    np.testing.assert_array_equal(recording.positions, plan.positions)
     np.testing.assert_array_equal(recording.headings, plan.headings)
     assert (recording.goals == instance.scenario.goals).all()
     assert recording.title == "empty-8-8, 2 agents"

@@ -22,7 +22,7 @@ AGENT_STEPS = 200_000
 
 
 def main() -> None:
-    """RecordEpisode into the folder that is named on the command line."""
+    """Record into the folder that is named on the command line."""
     for collision_system in COLLISION_SYSTEMS:
         for on_target in MODES:
             record(Path(sys.argv[1]), collision_system, on_target)

@@ -99,7 +99,7 @@ def test_a_new_run_in_the_folder_replaces_the_checkpoints(tmp_path):
 
 
 class RecordInstances(Transform):
-    """RecordEpisode the first observations and positions of each episode."""
+    """Record the first observations and positions of each episode."""
 
     def __init__(self, instances):
         super().__init__()

@@ -32,7 +32,7 @@ OBJECTS = {
     "fixed scenario": {"source": FixedScenario(GRID, SCENARIO, 3)},
     "instances": {"source": InstanceList(INSTANCES)},
     "headings": {"initial_heading": [0, 1, 3]},
-    "name of a reward": {"reward": "paper"},
+    "name of a reward": {"reward": "report"},
 }
 
 

@@ -133,7 +133,7 @@ def test_observations_are_never_reused():
 
 
 def test_success_terminates():
-    env = make_two(reward="paper")
+    env = make_two(reward="report")
     _, info = env.reset(seed=0)
     assert info == {"is_success": False, **dict.fromkeys(METRICS, 0.0)}
     _, reward, terminated, truncated, info = env.step(rows(Action.FORWARD, Action.ROTATE_LEFT))

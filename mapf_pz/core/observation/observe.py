@@ -39,13 +39,13 @@ def observe(num_threads: int, inputs: ObservationInputs, planes: ChannelLayout, 
 @BatchKernel
 def _draw_windows(
     view_shape: ViewShape, rows: Span, columns: Span, layers: MapLayers, turn: Array, corner: Array, shown: Array, drawn: Array,
-    view_at: int, goal_at: int, orientation_at: int, maps: Array, agents: Array, image: Array
+    view_at: int, goal_at: int, orientation_at: int, maps: Array, all_agents: Array, image: Array
 ) -> None:  # fmt: skip
     """Draw the origins of the layers, and the goal."""
     for thread in prange(layers.num_threads):
         for b in range(thread, maps.size, layers.num_threads):
             planes = layers.planes[np.int64(thread) if layers.shared else maps[b]]
-            origins, agents, pictures = ViewOrigins(turn[b], corner[b]), agents[b], image[b]
+            origins, agents, pictures = ViewOrigins(turn[b], corner[b]), all_agents[b], image[b]
             draw_agents(view_shape, layers, origins, agents, planes)
             copy_windows(rows, columns, layers.stride, origins, planes, shown, pictures, drawn)
             erase_agents(view_shape, layers, agents, planes)

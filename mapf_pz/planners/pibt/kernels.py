@@ -43,7 +43,7 @@ class PibtState(NamedTuple):
     tried: Array  # (N,) int64: the rank of the choice that was tried last
     choice: Array  # (N,) int8: the direction of `want`
     asking: Array  # (N,) int32: who waits for the one that it asked to give way
-    settled: Array  # (N,) bool: it is known whether it can drive
+    resolved: Array  # (N,) bool: it is known whether it can drive
     random: Array  # (1,) uint64: the state of the draws between equal choices
 
 
@@ -61,7 +61,7 @@ def allocate_pibt(planning_view: PlanningView, seed: int) -> PibtState:
         tried=np.zeros(num_agents, np.int64),
         choice=np.full(num_agents, STAY, np.int8),
         asking=np.zeros(num_agents, np.int32),
-        settled=np.zeros(num_agents, np.bool_),
+        resolved=np.zeros(num_agents, np.bool_),
         random=seeded(seed),
     )
 
@@ -216,20 +216,20 @@ def _write_rotating(planning_view: PlanningView, state: PibtState, actions: Arra
         towards = state.choice[i]
         turn = (towards - agents[i].heading) & 3
         actions[i] = _WAIT if towards == STAY else (_FORWARD if turn == 0 else (_LEFT if turn == 3 else _RIGHT))
-    state.settled[:] = False
+    state.resolved[:] = False
     for i in range(agents.size):
-        if actions[i] == _FORWARD and not state.settled[i]:
-            _settle_queue(planning_view.occupant, state, actions, i)
+        if actions[i] == _FORWARD and not state.resolved[i]:
+            _resolve_queue(planning_view.occupant, state, actions, i)
 
 
 @jit
-def _settle_queue(occupant: Array, state: PibtState, actions: Array, first: int) -> None:
+def _resolve_queue(occupant: Array, state: PibtState, actions: Array, first: int) -> None:
     """Let the queue from `first` on drive, or wait if the one at its head does not drive away."""
     length, i = 0, first
-    while i != NOBODY and actions[i] == _FORWARD and not state.settled[i]:
+    while i != NOBODY and actions[i] == _FORWARD and not state.resolved[i]:
         state.asking[length] = i
         length += 1
-        state.settled[i] = True
+        state.resolved[i] = True
         i = occupant[state.want[i]]
     if i != NOBODY and actions[i] != _FORWARD:
         for k in range(length):

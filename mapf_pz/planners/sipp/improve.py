@@ -1,6 +1,6 @@
 """Planning agents anew among the others, a neighbourhood at a time: large neighbourhood search.
 
-Li et al., *Anytime Multi-Agent Path Finding via Large Neighborhood SippScratch*, IJCAI 2021. Agents without a path count as
+Li et al., *Anytime Multi-Agent Path Finding via Large Neighborhood Search*, IJCAI 2021. Agents without a path count as
 arriving very late. While there are any, every other neighbourhood is one of them and those in its way, whose new paths
 may be longer ones or leave another agent without one; the rest goes on to shorten paths, which makes way for all.
 """
@@ -26,7 +26,7 @@ from mapf_pz.planners.sipp.neighborhood import (
     shuffle,
 )
 from mapf_pz.planners.sipp.reservations import NONE, Reservations, discard, reserve, withdraw
-from mapf_pz.planners.sipp.search import SippScratch, Task, find_path
+from mapf_pz.planners.sipp.search import SippProblem, SippScratch, find_path
 
 MISSING = 2**24  # what a missing path costs: more than any sum of arrivals that is worth waiting for
 SMALLEST, LARGEST = 2, 8  # agents in a neighbourhood; twice as many around one without a path
@@ -54,8 +54,8 @@ def allocate_lns(num_agents: int) -> LnsState:
 
 @jit
 def plan_and_improve(
-    task: Task, order: Array, work: int, reservations: Reservations, search: SippScratch, neighborhood: Neighborhood,
-    progress: LnsState
+    task: SippProblem, order: Array, work: int, reservations: Reservations, search: SippScratch,
+    neighborhood: Neighborhood, progress: LnsState
 ) -> None:  # fmt: skip
     """Plan the agents in `order`, none of which has a path, then improve the paths of all.
 
@@ -92,7 +92,7 @@ def plan_and_improve(
 
 
 @jit
-def _is_shortest(task: Task, reservations: Reservations) -> bool:
+def _is_shortest(task: SippProblem, reservations: Reservations) -> bool:
     agent = 0
     while agent < task.goals.size and delay(task, reservations, agent) == 0:
         agent += 1
@@ -112,8 +112,8 @@ def _pick(success: Array, random: Array) -> int:
 
 @jit
 def _replan(
-    allowance: int, task: Task, reservations: Reservations, search: SippScratch, neighborhood: Neighborhood,
-    progress: LnsState
+    allowance: int, task: SippProblem, reservations: Reservations, search: SippScratch,
+    neighborhood: Neighborhood, progress: LnsState
 ) -> int:  # fmt: skip
     """Plan the neighbourhood anew in its order; return how much less it costs.
 

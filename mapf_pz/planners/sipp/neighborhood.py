@@ -1,6 +1,6 @@
 """Which agents to plan anew together: the neighbourhoods of a large neighbourhood search.
 
-Those of Li et al., *Anytime Multi-Agent Path Finding via Large Neighborhood SippScratch*, IJCAI 2021: whoever is in the way
+Those of Li et al., *Anytime Multi-Agent Path Finding via Large Neighborhood Search*, IJCAI 2021: whoever is in the way
 of an agent that arrives late; whoever passes a part of the map; and anybody. Agents without a path are a fourth case:
 whoever is in the way on a shortest path.
 """
@@ -15,7 +15,7 @@ from mapf_pz.core.jit import jit
 from mapf_pz.core.state import Array
 from mapf_pz.planners.random import draw_below, seeded
 from mapf_pz.planners.sipp.reservations import FOREVER, NONE, Reservations, last_visit, towards
-from mapf_pz.planners.sipp.search import Task
+from mapf_pz.planners.sipp.search import SippProblem
 
 DELAYED, PLACE, ANYBODY = range(3)
 KINDS = 3
@@ -48,7 +48,7 @@ def allocate_neighborhood(num_agents: int, num_cells: int, seed: int) -> Neighbo
 
 @jit
 def choose_neighborhood(
-    kind: int, wanted: int, task: Task, reservations: Reservations, neighborhood: Neighborhood
+    kind: int, wanted: int, task: SippProblem, reservations: Reservations, neighborhood: Neighborhood
 ) -> None:
     """Choose at most `wanted` agents by one of the `KINDS`; sometimes nobody."""
     clear(neighborhood)
@@ -62,7 +62,9 @@ def choose_neighborhood(
 
 
 @jit
-def choose_around_missing(wanted: int, task: Task, reservations: Reservations, neighborhood: Neighborhood) -> None:
+def choose_around_missing(
+    wanted: int, task: SippProblem, reservations: Reservations, neighborhood: Neighborhood
+) -> None:
     """Choose one of the agents that have no path, and at most `wanted` - 1 others in its way."""
     clear(neighborhood)
     agent = draw_below(neighborhood.random, task.goals.size)
@@ -100,7 +102,7 @@ def shuffle(neighborhood: Neighborhood) -> None:
 
 
 @jit
-def delay(task: Task, reservations: Reservations, agent: int) -> int:
+def delay(task: SippProblem, reservations: Reservations, agent: int) -> int:
     """Return how many steps later than on an empty map an agent arrives; 0 if it has no path."""
     if reservations.first[agent] == NONE:
         return 0
@@ -108,13 +110,15 @@ def delay(task: Task, reservations: Reservations, agent: int) -> int:
 
 
 @jit
-def shortest(task: Task, agent: int) -> int:
+def shortest(task: SippProblem, agent: int) -> int:
     """Return how many steps an agent needs on an empty map."""
     return int(task.steps[task.table[agent], task.starts[agent], task.headings[agent] % task.steps.shape[2]])
 
 
 @jit
-def _in_the_way_of_one_delayed(wanted: int, task: Task, reservations: Reservations, neighborhood: Neighborhood) -> None:
+def _in_the_way_of_one_delayed(
+    wanted: int, task: SippProblem, reservations: Reservations, neighborhood: Neighborhood
+) -> None:
     """Choose an agent, the likelier the later it is, and others in the way on random walks that would be earlier."""
     visits = reservations.visits
     total = 0
@@ -144,7 +148,7 @@ def _in_the_way_of_one_delayed(wanted: int, task: Task, reservations: Reservatio
 
 @jit
 def _walk(
-    agent: int, cell: int, heading: int, step: int, arrival: int, wanted: int, task: Task, reservations: Reservations,
+    agent: int, cell: int, heading: int, step: int, arrival: int, wanted: int, task: SippProblem, reservations: Reservations,
     neighborhood: Neighborhood
 ) -> None:  # fmt: skip
     """Choose whoever is in the way on a random walk of `agent` that can still arrive before `arrival`.
@@ -199,7 +203,7 @@ def _add_whoever_collides(
 
 
 @jit
-def _passing_a_place(wanted: int, task: Task, reservations: Reservations, neighborhood: Neighborhood) -> None:
+def _passing_a_place(wanted: int, task: SippProblem, reservations: Reservations, neighborhood: Neighborhood) -> None:
     """Choose agents that pass the cells around a random cell on somebody's path, at about a random step."""
     visits, queue, seen = reservations.visits, neighborhood.queue, neighborhood.seen
     somebody = draw_below(neighborhood.random, task.goals.size)

@@ -14,7 +14,7 @@ from mapf_pz.planners.problem import Path, Problem
 from mapf_pz.planners.sipp.improve import allocate_lns, plan_and_improve
 from mapf_pz.planners.sipp.neighborhood import allocate_neighborhood
 from mapf_pz.planners.sipp.reservations import allocate_reservations, read_path, write_path
-from mapf_pz.planners.sipp.search import Task, allocate_scratch
+from mapf_pz.planners.sipp.search import SippProblem, allocate_scratch
 
 WORK = 20_000
 """States that are expanded between two looks at the clock: some milliseconds."""
@@ -103,14 +103,14 @@ class NeighborhoodSearch:
         return Path(cells, headings if headings.size else None)
 
 
-def task_of(problem: Problem) -> Task:
+def task_of(problem: Problem) -> SippProblem:
     """Return the problem as the search reads it, which needs the fewest steps to go also where there are weights."""
     leads_to, weight = problem.leads_to, problem.weight
     cells = np.arange(leads_to.shape[1])
     open_moves = leads_to != cells
     free = open_moves.any(axis=0)
     weighted = bool((weight[:4][open_moves] != 1).any() or (weight[WAIT_WEIGHT][free] != 1).any())
-    return Task(
+    return SippProblem(
         leads_to=np.where(np.isinf(weight[:4]), cells, leads_to).astype(np.int32),
         weight=weight,
         to_go=problem.to_go,

@@ -21,7 +21,7 @@ from mapf_pz.core.state import WAIT_WEIGHT, Array
 from mapf_pz.planners.sipp.reservations import FOREVER, NONE, Reservations, discard, last_visit, new_visit, safe_until
 
 
-class Task(NamedTuple):
+class SippProblem(NamedTuple):
     """Where N agents are to go on a map of C cells."""
 
     leads_to: Array  # (4, C + 1) int32: the cell that a move in each direction ends in; the own cell if blocked
@@ -73,7 +73,7 @@ def allocate_scratch(num_visits: int, num_headings: int, horizon: int) -> SippSc
 
 @jit
 def find_path(
-    task: Task, agent: int, limit: int, rotation: int, reservations: Reservations, search: SippScratch
+    task: SippProblem, agent: int, limit: int, rotation: int, reservations: Reservations, search: SippScratch
 ) -> int:
     """Return the first visit of a path of `agent` that arrives as early as possible, and at `limit` at the latest.
 

@@ -49,7 +49,7 @@ def follow_turns(starts: ArrayLike, headings: ArrayLike, letters: Sequence[str])
 
 def spell_steps(plan: Plan, steps: Steps) -> list[str]:
     """Return the letters of each cardinal agent; raises `ValueError` where one moves further than one cell."""
-    moves = np.diff(plan.cells, axis=0)
+    moves = np.diff(plan.positions, axis=0)
     return _spelled(plan, {letter: (moves == step).all(axis=2) for letter, step in steps.items()})
 
 
@@ -57,7 +57,7 @@ def spell_turns(plan: Plan) -> list[str]:
     """Return the letters of each agent that turns; raises `ValueError` where one moves or turns otherwise."""
     if plan.headings is None:
         raise ValueError("plan: expected headings")
-    moves = np.diff(plan.cells, axis=0)
+    moves = np.diff(plan.positions, axis=0)
     turns = np.diff(plan.headings, axis=0) % 4
     still = (moves == 0).all(axis=2)
     ahead = (moves == HEADING_STEPS[plan.headings[:-1]]).all(axis=2)

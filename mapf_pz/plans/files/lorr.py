@@ -84,7 +84,9 @@ def format_lorr(plan: Plan, instance: Instance, _: About) -> str:
         "actionModel": model,
         "AllValid": "Yes",
         "teamSize": plan.num_agents,
-        "start": [[*cell, NAMES[model][h]] for cell, h in zip(plan.cells[0].tolist(), facing.tolist(), strict=True)],
+        "start": [
+            [*cell, NAMES[model][h]] for cell, h in zip(plan.positions[0].tolist(), facing.tolist(), strict=True)
+        ],
         "numTaskFinished": sum(event[2] == "finished" for agent in events for event in agent),
         "sumOfCost": plan.num_steps * plan.num_agents if lifelong else plan.sum_of_costs,
         "makespan": plan.num_steps if lifelong else plan.makespan,
@@ -151,7 +153,7 @@ def _single_tasks(plan: Plan, goals: Ints) -> tuple[list[_Events], list[list[int
     events: list[_Events] = []
     for agent, arrival in enumerate(plan.arrivals.tolist()):
         events.append([[agent, 0, "assigned"]])
-        if (plan.cells[-1, agent] == goals[agent]).all():
+        if (plan.positions[-1, agent] == goals[agent]).all():
             events[agent].append([agent, arrival, "finished"])
     return events, [[agent, *goal] for agent, goal in enumerate(goals.tolist())]
 
@@ -163,7 +165,7 @@ def _lifelong_tasks(plan: Plan, goals: Ints) -> tuple[list[_Events], list[list[i
     arrivals = [
         (step, agent, taken)
         for agent in range(plan.num_agents)
-        for taken, step in enumerate(reached(plan.cells[:, agent], cycle(goals[agent])), 1)
+        for taken, step in enumerate(reached(plan.positions[:, agent], cycle(goals[agent])), 1)
     ]
     for step, agent, taken in sorted(arrivals):
         events[agent].append([events[agent][-1][0], step, "finished"])

@@ -47,7 +47,7 @@ class Schedule:
                 if number >= 0:
                     errands = left[number] if number in left else self._errands(number, task)
                     # The first row of a path is where it starts, which reaches nothing.
-                    path = plan.cells[max(step - 1, 0) : end, agent]
+                    path = plan.positions[max(step - 1, 0) : end, agent]
                     left[number] = errands[len(reached(path, errands)) :]
         return sum(len(errands) == 0 for errands in left.values())
 

@@ -63,7 +63,7 @@ def parse_text(text: str, origin: str | Path, _: Selection) -> PlanFile:
         np.array(headings).reshape(num_steps, count) if headings else None,
     )
     told = {name: _told(header, name, count, origin) for name in ("starts", "goals")}
-    if told["starts"] is not None and not np.array_equal(told["starts"], plan.cells[0]):
+    if told["starts"] is not None and not np.array_equal(told["starts"], plan.positions[0]):
         raise FormatError(origin, "expected the solution to begin at the starts", header["starts"][0])
     claims = {
         claim: int(header[key][1])
@@ -85,12 +85,12 @@ def format_text(plan: Plan, instance: Instance, about: About) -> str:
         "soc": plan.sum_of_costs,
         "makespan": plan.makespan,
         "comp_time": round(about.seconds * 1000),
-        "starts": _row(plan.cells[0], [""] * plan.num_agents),
+        "starts": _row(plan.positions[0], [""] * plan.num_agents),
         "goals": _row(goals, [""] * plan.num_agents),
         "solution": "",
     }
     lines = [f"{key}={' '.join(str(value).split())}" for key, value in header.items()]
-    for step, cells in enumerate(plan.cells):
+    for step, cells in enumerate(plan.positions):
         turned = [""] * plan.num_agents if plan.headings is None else [names[h] for h in plan.headings[step].tolist()]
         lines.append(f"{step}:{_row(cells, turned)}")
     return "\n".join(lines) + "\n"
