@@ -1,19 +1,34 @@
-"""What `mkdocs.yml` cannot say: links that lead out of docs/ work where the repository is browsed, and nowhere else."""
+"""Extend the site: links to repository files outside docs/, and the command-line reference, made from `--help`."""
 
 from __future__ import annotations
 
+import io
+import os
 import re
+from collections.abc import Iterator
+from contextlib import redirect_stdout
+from importlib.util import find_spec
 from posixpath import dirname, join, normpath
+from unittest.mock import patch
 
 from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import Files
 from mkdocs.structure.pages import Page
 
+from mapf_pz.cli import COMMANDS, main
+
 LINK = re.compile(r"(?<!!)\[([^]]*)]\((\.\./[^)\s]*)\)")
+COMMAND_REFERENCE = "<!-- command reference -->"
+SAME_OPTIONS = {"mappo", "ippo", "mappo-cardinal", "central-ppo", "central-ppo-8"}
+"""Presets of `mapf-pz train` that are not repeated: their options are those of `quickstart`, with other defaults."""
 
 
 def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Return the page with links to files of the repository made plain text, or links to it where `repo_url` is set."""
+    """Return the page with the command-line reference filled in, and with links out of docs/ made valid.
+
+    Links to files of the repository become plain text, or links to the repository if `repo_url` is set.
+    """
     folder = dirname(page.file.src_uri)
 
     def replace(link: re.Match[str]) -> str:
@@ -23,4 +38,86 @@ def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: 
             return link.group()
         return f"[{text}]({config.repo_url.rstrip('/')}/blob/HEAD/{path[3:]})" if config.repo_url else text
 
+    if COMMAND_REFERENCE in markdown:
+        markdown = markdown.replace(COMMAND_REFERENCE, "\n".join(command_reference()))
     return LINK.sub(replace, markdown)
+
+
+def command_reference() -> Iterator[str]:
+    """Yield Markdown lines that document every command, its subcommands and their options."""
+    for name in COMMANDS:
+        if name == "train" and find_spec("torchrl") is None:
+            yield f"## mapf-pz {name}\n\nNot listed: this site was built without the extra `train`.\n"
+        else:
+            yield from _section([name])
+
+
+def _section(words: list[str]) -> Iterator[str]:
+    usage, boxes = _parse(_help(words))
+    yield f"{'#' * (len(words) + 1)} mapf-pz {' '.join(words)}\n"
+    yield f"{usage}\n"
+    subcommands: list[str] = []
+    for title, intro, options in boxes:
+        if title == "subcommands":
+            subcommands = [name for name, _ in options if name not in SAME_OPTIONS]
+            continue
+        rows = [row for row in options if row[0] != "-h, --help"]
+        if not rows:
+            continue
+        if title.startswith("config"):
+            yield f"**{title.removesuffix(' options')}**{f': {intro}' if intro else ''}\n"
+        yield "| option | description |\n| --- | --- |"
+        yield from (f"| `{_cell(option)}` | {_cell(text)} |" for option, text in rows)
+        yield ""
+    for name in subcommands:
+        yield from _section([*words, name])
+
+
+def _help(words: list[str]) -> str:
+    output = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")  # tyro draws boxes by the stream's encoding
+    with patch.dict(os.environ, COLUMNS="100", NO_COLOR="1"), redirect_stdout(output):
+        try:
+            status = main([*words, "--help"])
+        except SystemExit as stop:
+            status = stop.code
+    if status:
+        raise PluginError(f"mapf-pz {' '.join(words)} --help failed")
+    output.seek(0)
+    return output.read()
+
+
+Box = tuple[str, str, list[tuple[str, str]]]
+"""A box of the help text: its title, its introduction, and its options or subcommands with their descriptions."""
+
+
+def _parse(text: str) -> tuple[str, list[Box]]:
+    """Return the usage with the summary, and the boxes of a help text."""
+    before, *rest = re.split(r"(?m)^╭─ (.+?) ─+╮$", text)
+    usage, _, summary = before.partition("\n\n")
+    usage = " ".join(usage.removeprefix("usage: ").split())
+    boxes = [(title, *_rows(body)) for title, body in zip(rest[::2], rest[1::2], strict=True)]
+    return f"```text\n{usage}\n```\n\n{' '.join(summary.split())}", boxes
+
+
+def _rows(body: str) -> tuple[str, list[tuple[str, str]]]:
+    lines = [line[2:-2].rstrip() for line in body.splitlines() if line.startswith("│")]
+    rule = next((number for number, line in enumerate(lines) if line.startswith("───")), None)
+    intro = "" if rule is None else " ".join(lines[:rule])
+    rows: list[tuple[str, str]] = []
+    for line in lines if rule is None else lines[rule + 1 :]:
+        if line.startswith("  • ") or (line and not line.startswith((" ", "("))):
+            option, _, text = re.sub(r"^  • ", "", line).partition("  ")
+            if line.startswith("-") or not rows or not rows[-1][0].endswith(","):
+                rows.append((option.strip(), text.strip()))
+            else:  # the rest of a long list of choices
+                rows[-1] = (rows[-1][0] + option.strip(), text.strip())
+        elif rows:
+            option, text = rows[-1]
+            space = "" if text.count("`") % 2 and text.endswith(",") else " "  # code that was wrapped
+            rows[-1] = (option, f"{text}{space}{line.strip()}".strip())
+    return intro, rows
+
+
+def _cell(text: str) -> str:
+    """Escape what would end a table's cell."""
+    return text.replace("|", r"\|")

@@ -1,8 +1,8 @@
 """The documentation: its programs run, and its site is built without a network and loads nothing from one.
 
 All blocks of a page run in order, in one folder that is empty at first: `python` in one namespace; commands of
-`mapf-pz` in tutorials; a block with `title="NAME"` is written to that file. A comment `<!-- not run: WHY -->` just
-above a block leaves it out.
+`mapf-pz` in tutorials and how-to guides; a block with `title="NAME"` is written to that file. A comment `<!-- not run: WHY -->` just
+above a block excludes it.
 """
 
 import dataclasses
@@ -18,12 +18,12 @@ from pathlib import Path
 
 import pytest
 
-from mapf_pz.cli import main
+from mapf_pz.cli import COMMANDS, main
 from mapf_pz.config import EnvConfig
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-SHELL_PAGES = {DOCS / "getting-started.md", *(DOCS / "tutorials").glob("*.md")}
+GUIDES = [page for folder in ("tutorials", "how-to") for page in sorted((DOCS / folder).glob("*.md"))]
 
 FENCE = re.compile(
     r"^(?P<mark><!-- not run: [^\n]+ -->\n)?```(?P<language>\w+)(?P<rest>[^\n]*)\n(?P<code>.*?)^```$", re.M | re.S
@@ -47,7 +47,7 @@ class Block:
         if self.title is not None:
             (folder / self.title).write_text(self.code, "utf-8")
         elif self.language == "python":
-            # Empty lines before it: a traceback tells the page's own line.
+            # Empty lines before it, so that a traceback shows the page's line.
             exec(compile("\n" * self.line + self.code, self.page, "exec"), namespace)
         else:
             # In this process, where torch is loaded once.
@@ -58,12 +58,12 @@ class Block:
 
 
 def blocks(page):
-    """Return what of a page is run."""
+    """Return the blocks of a page that are run."""
     text = page.read_text("utf-8")
     found = []
     for fence in FENCE.finditer(text):
         language, title = fence["language"], TITLE.search(fence["rest"])
-        runs = title is not None or language == "python" or (language == "sh" and page in SHELL_PAGES)
+        runs = title is not None or language == "python" or (language == "sh" and page in GUIDES)
         if runs and fence["mark"] is None:
             line = text[: fence.start("code")].count("\n")
             found.append(Block(page, line, language, fence["code"], title and title[1]))
@@ -74,17 +74,17 @@ PAGES = {str(page.relative_to(DOCS)): found for page in sorted(DOCS.rglob("*.md"
 PAGES["README.md"] = blocks(ROOT / "README.md")
 
 
-def told(name):
+def code_of(name):
     return "".join(block.code for block in PAGES[name])
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] if TRAINS.search(told(name)) else []) for name in PAGES]
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if TRAINS.search(code_of(name)) else []) for name in PAGES]
 )
 def test_page(name, tmp_path, monkeypatch):
-    if NEEDS_TORCH.search(told(name)):
+    if NEEDS_TORCH.search(code_of(name)):
         pytest.importorskip("torchrl")
-    if "from stable_baselines3" in told(name):
+    if "from stable_baselines3" in code_of(name):
         pytest.importorskip("stable_baselines3")
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -106,8 +106,8 @@ def test_every_fence_is_understood():
 
 
 def test_pages_that_must_run_do():
-    assert {"index.md", "getting-started.md", "environment.md", "coming-from-pogema.md", "README.md"} <= PAGES.keys()
-    assert {f"tutorials/{page.name}" for page in (DOCS / "tutorials").glob("*.md")} <= PAGES.keys()
+    assert {"index.md", "environment.md", "README.md"} <= PAGES.keys()
+    assert {str(page.relative_to(DOCS)) for page in GUIDES} <= PAGES.keys()
 
 
 def test_the_table_of_keywords_is_true():
@@ -142,20 +142,20 @@ def site(tmp_path_factory):
 
 
 class Loads(HTMLParser):
-    """Notes what a page makes a browser load: all but links to click on."""
+    """Collects the addresses that a page makes a browser load: all but links to click on."""
 
     def __init__(self):
         super().__init__()
         self.addresses = []
 
     def handle_starttag(self, tag, attributes):
-        told = dict(attributes)
-        relations = set((told.get("rel") or "").split())
+        given = dict(attributes)
+        relations = set((given.get("rel") or "").split())
         if tag != "link" or not relations & {"canonical", "prev", "next", "edit"}:
             names = ("src", "srcset", "data", "poster") + (("href",) if tag == "link" else ())
-            self.addresses += [told[name] for name in names if told.get(name)]
-        if told.get("style"):
-            self.addresses += addresses_of_style(told["style"])
+            self.addresses += [given[name] for name in names if given.get(name)]
+        if given.get("style"):
+            self.addresses += addresses_of_style(given["style"])
 
 
 def addresses_of_style(text):
@@ -183,17 +183,24 @@ def test_the_site_loads_nothing_from_elsewhere(site):
             assert not is_elsewhere(address), f"{style.relative_to(site)} loads {address}"
 
 
-PARTS = ("", "evaluate", "instances", "planners", "render", "rl", "wrappers")
+PARTS = ("", "evaluation", "instances", "planners", "render", "rl", "wrappers")
 
 
 @pytest.mark.parametrize("module", [f"mapf_pz.{part}".rstrip(".") for part in PARTS])
 def test_the_site_has_all_public_names(site, module):
     if module == "mapf_pz.rl":
         pytest.importorskip("torchrl")
-    text = "".join(page.read_text("utf-8") for page in (site / "api").glob("*.html"))
+    text = "".join(page.read_text("utf-8") for page in (site / "reference" / "api").glob("*.html"))
     for name in import_module(module).__all__:
         homes = re.findall(rf'id="mapf_pz[\w.]*\.{name}"', text)
-        assert homes, f"{module}.{name} is on no page of docs/api/"
+        assert homes, f"{module}.{name} is on no page of docs/reference/api/"
+
+
+def test_the_site_has_all_commands(site):
+    text = (site / "reference" / "cli.html").read_text("utf-8")
+    for name in COMMANDS:
+        assert f'id="mapf-pz-{name}"' in text
+    assert "--num-agents" in text
 
 
 def test_the_site_has_no_python_files(site):
