@@ -13,25 +13,32 @@ import pettingzoo
 
 if TYPE_CHECKING:
     from mapf_pz.actions import Action, CardinalAction, Heading
-    from mapf_pz.config import EnvConfig, RewardConfig
+    from mapf_pz.config import EnvConfig
+    from mapf_pz.core.observation.channels import Channel
+    from mapf_pz.core.observation.features import Feature
+    from mapf_pz.core.reward import RewardConfig
     from mapf_pz.environment import MapfEnv, env, parallel_env
     from mapf_pz.errors import FormatError
     from mapf_pz.guidance import GuidanceGraph
     from mapf_pz.instance import Grid, Instance, InstanceSource, Scenario
+    from mapf_pz.transition import Transition
 
 _HOMES = {
-    "Action": "types",
-    "CardinalAction": "types",
+    "Action": "actions",
+    "CardinalAction": "actions",
+    "Channel": "core.observation.channels",
     "EnvConfig": "config",
-    "FormatError": "types",
-    "Grid": "types",
+    "Feature": "core.observation.features",
+    "FormatError": "errors",
+    "Grid": "instance",
     "GuidanceGraph": "guidance",
-    "Heading": "types",
-    "Instance": "types",
-    "InstanceSource": "types",
+    "Heading": "actions",
+    "Instance": "instance",
+    "InstanceSource": "instance",
     "MapfEnv": "environment",
-    "RewardConfig": "config",
-    "Scenario": "types",
+    "RewardConfig": "core.reward",
+    "Scenario": "instance",
+    "Transition": "transition",
     "env": "environment",
     "parallel_env": "environment",
 }
@@ -39,7 +46,9 @@ _HOMES = {
 __all__ = [
     "Action",
     "CardinalAction",
+    "Channel",
     "EnvConfig",
+    "Feature",
     "FormatError",
     "Grid",
     "GuidanceGraph",
@@ -49,6 +58,7 @@ __all__ = [
     "MapfEnv",
     "RewardConfig",
     "Scenario",
+    "Transition",
     "env",
     "parallel_env",
 ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from reprlib import repr as shortened
@@ -13,26 +14,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mapf_pz.arrays import Bools
+from mapf_pz.core.observation.channels import CHANNELS, Channel, channel_of
+from mapf_pz.core.observation.features import Feature, feature_of
+from mapf_pz.core.reward import REWARDS, RewardConfig
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instance import Grid, InstanceSource, Scenario
+from mapf_pz.plugins import import_object
+from mapf_pz.transition import Transition
 
 ActionModel = Literal["rotate", "cardinal"]
 CollisionSystem = Literal["soft", "priority", "block_both"]
 OnTarget = Literal["nothing", "finish", "restart"]
 View = Literal["front", "centered"]
 Frame = Literal["egocentric", "map"]
-ChannelName = Literal[
-    "view",
-    "goal",
-    "orientation",
-    "edge_weights",
-    "cost_to_go",
-    "heuristic",
-    "other_goals",
-    "others_next",
-    "others_at_goal",
-]
-FeatureName = Literal["goal_vector", "location", "action_advantage", "last_actions", "time"]
+RewardFunction = Callable[[Transition], ArrayLike]
 RenderMode = Literal["human", "rgb_array", "ansi"]
 WeightsName = Literal["uniform", "random", "crisscross"]
 HeadingName = Literal["random", "east"]
@@ -40,57 +35,7 @@ DEFAULT_MAP = "empty-8-8"
 """The map where neither `map` nor `source` is given."""
 DEFAULT_NUM_AGENTS = 4
 """The number of agents where nothing else determines it."""
-_OTHERWISE = ("edge_weights", "reward", "initial_heading")  # fields that need not be a name
-
-
-@dataclass(frozen=True)
-class RewardConfig:
-    """What a step pays each agent. The defaults are the report's table (`reward="report"`)."""
-
-    forward: float = 0.1
-    """For a forward move (any move, with cardinal actions) that changed the cell."""
-    rotate: float = 0.01
-    """For turning left or right."""
-    wait: float = 0.0
-    """For waiting."""
-    goal: float = 20.0
-    """For the first arrival at a goal, in place of that step's other action reward."""
-    pay_blocked_forward: bool = False
-    """Pay `forward` for a forward move that was blocked, too: the report's published code, and its exploit."""
-    progress: float = 0.0
-    """Times the step's fall of the cost to go, in units of the mean edge weight."""
-    step_cost: float = 0.0
-    """Taken off in every step that ends away from the goal."""
-    blocked: float = 0.0
-    """Taken off when a move is blocked by an obstacle or another agent."""
-    team_goal: float = 0.0
-    """For every agent, when all agents are on their goals at once."""
-    share: float = 0.0
-    """Each agent also gets this much of the mean reward of the other agents near it."""
-    share_radius: int = 4
-    """How many rows and columns away another agent counts as near."""
-
-    def __post_init__(self) -> None:
-        """Refuse a negative radius."""
-        if self.share_radius < 0:
-            raise ValueError(f"share_radius={self.share_radius}: expected a number of cells, 0 or more")
-
-
-REWARDS: dict[str, RewardConfig] = {
-    "report": RewardConfig(),
-    "progress": RewardConfig(
-        forward=0.0,
-        rotate=0.0,
-        goal=0.0,
-        progress=0.2,
-        step_cost=0.05,
-        blocked=0.05,
-        team_goal=2.0,
-        share=2.0,
-        share_radius=2,
-    ),
-}
-"""The rewards that have a name."""
+_OTHERWISE = ("edge_weights", "initial_heading")  # fields that need not be a name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,16 +68,19 @@ class EnvConfig:
     """`egocentric`: up is the agent's heading; `map`: up is north. Default: egocentric; cardinal: map."""
     see_through_walls: bool = True
     """False hides what has an obstacle on the straight line to it."""
-    channels: tuple[ChannelName, ...] = ("view", "goal", "orientation", "edge_weights")
-    """The observation's channels, in this order. The default is the report's."""
-    features: tuple[FeatureName, ...] = ()
-    """Numbers observed beside the image, in this order; with any, the observation is a Dict(image, features)."""
+    channels: tuple[str | Channel, ...] = ("view", "goal", "orientation", "edge_weights")
+    """Channels of the observation's image, in order: names, `package.module:name`, or `Channel` objects. The default is
+    the report's."""
+    features: tuple[str | Feature, ...] = ()
+    """Numbers that are observed besides the image, in order: names, `package.module:name`, or `Feature` objects. With
+    any, the observation is a Dict(image, features)."""
     num_last_actions: int = 4
     """How many actions the feature `last_actions` remembers."""
     edge_weights: WeightsName | GuidanceGraph = "uniform"
     """The guidance graph, or the name of a generator; `random` draws new weights every episode."""
-    reward: Literal["report", "progress"] | RewardConfig = "report"
-    """The name of a reward, or its terms."""
+    reward: str | RewardConfig | RewardFunction = "report"
+    """`report`, `progress`, the terms of a reward, or a function from a `Transition` to rewards (B, N); also as
+    `package.module:name`."""
     initial_heading: HeadingName | ArrayLike = "random"
     """`random`, `east`, or N headings; an instance that has headings keeps them. Cardinal agents always face north."""
     source: InstanceSource | None = None
@@ -150,10 +98,10 @@ class EnvConfig:
             object.__setattr__(self, "map", Grid.from_array(self.map))
         object.__setattr__(self, "initial_heading", _headings(self.initial_heading))
         object.__setattr__(self, "view_size", _pair("view_size", self.view_size))
-        object.__setattr__(self, "channels", _names("channels", self.channels, get_args(ChannelName)))
-        object.__setattr__(self, "features", _names("features", self.features, get_args(FeatureName)))
+        object.__setattr__(self, "channels", _parts("channels", self.channels, channel_of))
+        object.__setattr__(self, "features", _parts("features", self.features, feature_of))
         if not self.channels:
-            raise ValueError(f"channels: expected at least one of {', '.join(get_args(ChannelName))}")
+            raise ValueError(f"channels: expected at least one of {', '.join(CHANNELS)}")
         for name in ("max_steps", "num_last_actions"):
             _positive(name, getattr(self, name))
         for name in ("num_agents", "distance_bytes"):
@@ -176,7 +124,6 @@ class EnvConfig:
             "frame": (*get_args(Frame), None),
             "render_mode": (*get_args(RenderMode), None),
             "edge_weights": get_args(WeightsName),
-            "reward": tuple(REWARDS),
             "initial_heading": get_args(HeadingName),
         }
         for name, allowed in choices.items():
@@ -185,9 +132,10 @@ class EnvConfig:
                 raise ValueError(f"{name}={_shown(value)}: expected one of {', '.join(map(repr, allowed))}")
             if (value is None or isinstance(value, str)) and value not in allowed:
                 raise ValueError(f"{name}={_shown(value)}: expected one of {', '.join(map(repr, allowed))}")
-        for name, kind in (("edge_weights", GuidanceGraph), ("reward", RewardConfig)):
-            if not isinstance(getattr(self, name), (str, kind)):
-                raise ValueError(f"{name}={_shown(getattr(self, name))}: expected a name or a {kind.__name__}")
+        graph: Any = self.edge_weights
+        if not isinstance(graph, (str, GuidanceGraph)):
+            raise ValueError(f"edge_weights={_shown(graph)}: expected a name or a GuidanceGraph")
+        _resolved_reward(self.reward)
 
     def _check_source(self, source: object) -> None:
         """Refuse what is no source, and other keywords that contradict it."""
@@ -225,9 +173,16 @@ class EnvConfig:
         return self.frame or ("map" if self.action_model == "cardinal" else "egocentric")
 
     @property
-    def rewards(self) -> RewardConfig:
-        """The terms of the reward, also where `reward` is a name."""
-        return REWARDS[self.reward] if isinstance(self.reward, str) else self.reward
+    def reward_config(self) -> RewardConfig:
+        """The terms of the reward; all are 0 if `reward` is a function."""
+        reward = _resolved_reward(self.reward)
+        return reward if isinstance(reward, RewardConfig) else RewardConfig(forward=0, rotate=0, goal=0)
+
+    @property
+    def reward_function(self) -> RewardFunction | None:
+        """The function that computes the reward instead, or None."""
+        reward = _resolved_reward(self.reward)
+        return None if isinstance(reward, RewardConfig) else reward
 
 
 def _positive(name: str, value: object) -> None:
@@ -254,16 +209,29 @@ def _headings(value: HeadingName | ArrayLike) -> str | tuple[int, ...]:
     return tuple(map(int, headings))
 
 
-def _names(name: str, value: Any, known: tuple[str, ...]) -> tuple[str, ...]:
-    if not isinstance(value, (tuple, list)) or not all(isinstance(item, str) for item in value):
+def _parts(name: str, value: Any, check: Callable[[Any], object]) -> tuple[Any, ...]:
+    """Return channels or features as a tuple; raise `ValueError` unless all are known and different."""
+    if not isinstance(value, (tuple, list)):
         example = f", such as ({value!r},)" if isinstance(value, str) else ""
         raise ValueError(f"{name}={_shown(value)}: expected a tuple or list of names{example}")
-    if len(set(value)) < len(value):
+    if any(part in value[:k] for k, part in enumerate(value)):
         raise ValueError(f"{name}={_shown(value)}: expected different names")
-    for item in value:
-        if item not in known:
-            raise ValueError(f"{name}: unknown {item!r}, expected names out of {', '.join(known)}")
+    for part in value:
+        check(part)
     return tuple(value)
+
+
+def _resolved_reward(given: Any) -> Any:
+    """Return the terms or the function that the field `reward` names; raise `ValueError` for anything else."""
+    reward = given
+    if isinstance(given, str):
+        if given not in REWARDS and ":" not in given:
+            names = ", ".join(map(repr, REWARDS))
+            raise ValueError(f"reward={_shown(given)}: expected one of {names}, or package.module:name")
+        reward = REWARDS[given] if given in REWARDS else import_object("reward", given)
+    if not isinstance(reward, RewardConfig) and not callable(reward):
+        raise ValueError(f"reward={_shown(given)}: expected a name, a RewardConfig or a function")
+    return reward
 
 
 def _shown(value: object) -> str:

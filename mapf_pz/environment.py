@@ -15,6 +15,7 @@ from pettingzoo.utils import parallel_to_aec
 
 from mapf_pz.arrays import Bools, Ints
 from mapf_pz.config import EnvConfig
+from mapf_pz.global_state import STATE_PLANES, global_state
 from mapf_pz.instance import Instance, Scenario
 from mapf_pz.simulator import Simulator
 
@@ -23,8 +24,6 @@ AgentInfo: TypeAlias = dict[str, Any]
 StepResult: TypeAlias = (
     "tuple[dict[str, AgentObservation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, AgentInfo]]"
 )
-
-STATE_PLANES = ("obstacle", "agent", "heading_sine", "heading_cosine", "goal", "distance_to_go", "time")
 
 
 class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
@@ -181,7 +180,7 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
     @property
     def _agents(self) -> NDArray[np.void]:
         """(N,) AGENT: the agents' records."""
-        return self.simulator.state.agents[0]
+        return self.simulator.agents[0]
 
     def _observe(self) -> tuple[dict[str, AgentObservation], dict[str, AgentInfo]]:
         seen, agents, rows = self.simulator.observe(), self._agents, self._rows
@@ -213,21 +212,7 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         `RuntimeError` before `reset()`.
         """
         self._require_episode("state")
-        simulator, state = self.simulator, self.simulator.state
-        height, width = simulator.shape
-        planes = np.zeros((len(STATE_PLANES), height, width), np.float32)
-        flat = planes.reshape(len(STATE_PLANES), -1)
-        agents = self._agents[self._agents["active"]]
-        cells, angles = agents["cell"], agents["heading"] * (np.pi / 2)
-        scale = (height + width) * simulator.world.mean_weight[state.map[0]]
-        flat[0] = simulator.world.obstacle[state.map[0], :-1]
-        flat[1, cells] = 1
-        flat[2, cells] = np.sin(angles)
-        flat[3, cells] = np.cos(angles)
-        flat[4, agents["goal"]] = 1
-        flat[5, cells] = np.minimum(simulator.distance_to_go(0)[self._agents["active"]] / scale, 1)
-        flat[6] = min(state.time[0] / self.config.max_steps, 1)
-        return planes
+        return global_state(self.simulator, 0)
 
     def metrics(self) -> dict[str, float]:
         """Return the episode's metrics as if it ended now: see `mapf_pz.metrics.episode_metrics`.
@@ -301,7 +286,7 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
     @property
     def step_count(self) -> int:
         """Steps taken in this episode."""
-        return int(self.simulator.state.time[0])
+        return int(self.simulator.steps[0])
 
 
 def parallel_env(**keywords: Any) -> MapfEnv:

@@ -1,4 +1,4 @@
-"""What the configured channels and features amount to: shapes, Gymnasium spaces, and the kernels' geometry."""
+"""The layout of observations: shapes, Gymnasium spaces, and the geometry that kernels take."""
 
 from __future__ import annotations
 
@@ -10,26 +10,28 @@ from gymnasium import spaces
 from mapf_pz.actions import Action, CardinalAction
 from mapf_pz.arrays import Floats
 from mapf_pz.config import EnvConfig
-from mapf_pz.core.observation.channels import CHANNELS, channel_layout
-from mapf_pz.core.observation.features import FEATURES
+from mapf_pz.core.observation.channels import channel_of, layer_planes
+from mapf_pz.core.observation.features import feature_of
 from mapf_pz.core.observation.inputs import ObservationInputs
-from mapf_pz.core.observation.layers import ViewShape, make_view_shape
+from mapf_pz.core.observation.layers import EDGES, ViewShape, make_view_shape
 from mapf_pz.core.observation.observe import observe
 
 
 class ObservationLayout:
-    """How one agent's observation is laid out. Raises `ValueError` for a view larger than the map."""
+    """The layout of one agent's observation. Raises `ValueError` for a view larger than the map."""
 
     def __init__(self, config: EnvConfig, shape: tuple[int, int]) -> None:
-        """Lay out `config`'s channels and features for maps of `shape` (H, W)."""
+        """Arrange the channels and features of `config` for maps of `shape` (H, W)."""
         if config.view_size[0] > shape[0] or config.view_size[1] > shape[1]:
             raise ValueError(f"view_size={config.view_size}: expected at most the map's size, {shape}")
         self._config = config
         self.num_actions = len(CardinalAction if config.action_model == "cardinal" else Action)
-        self._lengths = [FEATURES[name].length(self.num_actions, config.num_last_actions) for name in config.features]
-        self.num_planes = sum(CHANNELS[name].planes for name in config.channels)
-        self._planes = channel_layout(config.channels)
-        self.num_features = sum(self._lengths)
+        self.channels = tuple(map(channel_of, config.channels))
+        self.features = tuple(map(feature_of, config.features))
+        self._sizes = [feature.size(self.num_actions, config.num_last_actions) for feature in self.features]
+        self._layer_planes = layer_planes(self.channels)
+        self.num_planes = sum(channel.planes for channel in self.channels)
+        self.num_features = sum(self._sizes)
 
     @property
     def image_shape(self) -> tuple[int, int, int]:
@@ -37,18 +39,19 @@ class ObservationLayout:
         return (self.num_planes, *self._config.view_size)
 
     @property
-    def needs_distances(self) -> bool:
+    def needs_cost_to_go(self) -> bool:
         """Whether any channel or feature reads the cost to go."""
-        declared = [CHANNELS[name] for name in self._config.channels] + [FEATURES[n] for n in self._config.features]
-        return any(part.needs_distances for part in declared)
+        return any(part.needs_cost_to_go for part in (*self.channels, *self.features))
+
+    @property
+    def shows_edges(self) -> bool:
+        """Whether any channel shows the weights of edges."""
+        return bool((self._layer_planes.shown >= EDGES[0]).any())
 
     def space(self) -> spaces.Space[Any]:
         """Return the space of one agent's observation: `Box (K, h, w)`, or `Dict(image, features)`."""
         low, high = (
-            np.repeat(
-                [getattr(CHANNELS[name], bound) for name in self._config.channels],
-                [CHANNELS[name].planes for name in self._config.channels],
-            )
+            np.repeat([getattr(channel, bound) for channel in self.channels], [c.planes for c in self.channels])
             for bound in ("low", "high")
         )
         planes = [np.broadcast_to(bound[:, None, None], self.image_shape) for bound in (low, high)]
@@ -63,13 +66,13 @@ class ObservationLayout:
         row = config.view_size[0] - 1 if config.resolved_view == "front" else config.view_size[0] // 2
         return make_view_shape(config.view_size, row, config.resolved_frame == "egocentric", config.see_through_walls)
 
-    def write(self, num_threads: int, inputs: ObservationInputs, image: Floats, features: Floats) -> None:
-        """Fill `image` (B, N, K, h * w) and `features` (B, N, F), both float32, with what all agents observe."""
-        observe(num_threads, inputs, self._planes, image)
+    def write(self, inputs: ObservationInputs, image: Floats, features: Floats) -> None:
+        """Fill `image` (B, N, K, h, w) and `features` (B, N, F), both float32, with what all agents observe."""
+        observe(inputs, self.channels, self._layer_planes, image)
         at = 0
-        for name, length in zip(self._config.features, self._lengths, strict=True):
-            FEATURES[name].write(num_threads, inputs, features, at)
-            at += length
+        for feature, size in zip(self.features, self._sizes, strict=True):
+            feature.write(inputs, features, at)
+            at += size
         if self._config.on_target == "finish":
             gone = ~inputs.state.agents["was_active"]
             image[gone] = 0

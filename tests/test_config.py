@@ -2,25 +2,16 @@
 
 import dataclasses
 from functools import partial
-from typing import get_args
 
 import numpy as np
 import pytest
 
 import mapf_pz
 from mapf_pz import EnvConfig, Grid, GuidanceGraph, Instance, Scenario
-from mapf_pz.config import ChannelName, FeatureName
-from mapf_pz.core.observation.channels import CHANNELS
-from mapf_pz.core.observation.features import FEATURES
 from mapf_pz.instances import FixedMap, FixedScenario, InstanceList, RandomMaps, RandomObstacles, generate
 
 FREE = np.ones((3, 4), np.bool_)
 WALL = np.array([[True, False, True, True]] * 3)
-
-
-def test_the_names_in_a_configuration_are_those_of_the_kernels():
-    assert get_args(ChannelName) == tuple(CHANNELS)
-    assert get_args(FeatureName) == tuple(FEATURES)
 
 
 def test_defaults_follow_the_action_model_of_a_changed_copy():

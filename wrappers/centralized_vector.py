@@ -99,18 +99,18 @@ class CentralizedVectorEnv(VectorEnv[TeamObservation, ArrayLike, NDArray[Any]]):
             raise ValueError(f"actions: expected the shape {self.action_space.shape}, got {values.shape}")
         if np.isnan(values).any():
             raise ValueError("actions: expected numbers, got some that are none")
-        again, state = self._over, self.simulator.state
+        again, simulator = self._over, self.simulator
         self.simulator.step(self._decoded(values.clip(-1, 1)))
         if again.any():
             self.simulator.reset(np.flatnonzero(again).tolist())
-        rewards = self._team_reward(state.agents["reward"].astype(np.float64), axis=1)  # the reset makes them 0
-        terminated, truncated = state.terminated.copy(), state.truncated.copy()  # never both
+        rewards = self._team_reward(simulator.agents["reward"].astype(np.float64), axis=1)  # the reset makes them 0
+        terminated, truncated = simulator.terminated.copy(), simulator.truncated.copy()  # never both
         self._over = terminated | truncated
         return self._observed(), rewards, terminated, truncated, self._infos(self._over)
 
     def _decoded(self, values: Floats) -> Ints:
         """Return the actions (B, N); draws are each environment's own, for the agents that are left."""
-        active = self.simulator.state.agents["active"]
+        active = self.simulator.agents["active"]
         numbers = np.zeros(values.shape[:2], np.int64)
         for b in np.flatnonzero(~self._over):
             numbers[b, active[b]] = self._decode(values[b, active[b]], self._rngs[b])
@@ -130,7 +130,7 @@ class CentralizedVectorEnv(VectorEnv[TeamObservation, ArrayLike, NDArray[Any]]):
         for b in np.flatnonzero(over):
             for name, value in self.simulator.metrics(b).items():
                 told[name][b] = value
-        infos: Infos = {"is_success": self.simulator.state.terminated & over, **told}
+        infos: Infos = {"is_success": self.simulator.terminated & over, **told}
         return infos | {f"_{name}": np.ones(self.num_envs, np.bool_) for name in infos}
 
 

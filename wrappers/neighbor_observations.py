@@ -45,7 +45,7 @@ class NeighborObservations(StackingWrapper):
 
     def _stack(self, observations: dict[str, AgentObservation]) -> dict[str, AgentObservation]:
         """Return each agent's observation with its neighbors'."""
-        positions, active = self._simulator.positions(0), self._simulator.state.agents["active"]
+        positions, active = self._simulator.positions(0), self._simulator.agents["active"]
         numbers = nearest(positions[None], active, self.neighbors, self.radius)[0].tolist()
         near = dict(zip(self._names, numbers, strict=True))
         return {

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper
 
-from mapf_pz.core.observation.channels import CHANNELS
 from mapf_pz.environment import AgentInfo, AgentObservation, MapfEnv, StepResult
 from mapf_pz.render.recording import Recording
 
@@ -63,14 +62,14 @@ class RecordEpisode(BaseParallelWrapper[str, AgentObservation, Any]):
         simulator = self._inner.simulator
         return Recording(
             free=self._inner.grid,
-            weights=None if self._inner.config.edge_weights == "uniform" else simulator.move_weights(0),
+            weights=None if self._inner.config.edge_weights == "uniform" else simulator.edge_weights(0),
             planes=self._planes,
             title=f"{simulator.grid(0).name}, {len(self.possible_agents)} agents",
             **told,
         )
 
     def _note(self) -> None:
-        env, agents = self._inner, self._inner.simulator.state.agents[0]
+        env, agents = self._inner, self._inner.simulator.agents[0]
         # Not what agents are given, which wrappers may have changed, but what they see at this moment.
         seen = env.simulator.observe().image[0, : self._num_observed]
         told: dict[str, NDArray[Any]] = {
@@ -88,7 +87,7 @@ class RecordEpisode(BaseParallelWrapper[str, AgentObservation, Any]):
 def _plane_names(env: MapfEnv) -> tuple[str, ...]:
     """Return a name for each plane of the image."""
     names: list[str] = []
-    for name in env.config.channels:
-        planes = CHANNELS[name].planes
+    for given, channel in zip(env.config.channels, env.simulator.layout.channels, strict=True):
+        name, planes = given if isinstance(given, str) else "channel", channel.planes
         names += [name] if planes == 1 else [f"{name} {k + 1}" for k in range(planes)]
     return tuple(names)

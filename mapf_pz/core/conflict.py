@@ -1,7 +1,7 @@
 """Propose and resolve: which cell each agent wants, and which it gets. POGEMA's three collision systems.
 
-Kernels work on one environment: `agents` (N,) AGENT, and `occupant`, `claim` (C + 1,) int32. After `resolve`, the cells that active
- agents want are pairwise different, and no two agents swap.
+Kernels work on one environment: `agents` (N,) AGENT, and `occupant`, `claim` (C + 1,) int32. After
+`resolve`, the cells that active agents want are pairwise different, and no two agents swap.
 """
 
 from __future__ import annotations

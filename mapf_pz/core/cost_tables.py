@@ -14,7 +14,7 @@ CACHE_BYTES = 2**30
 """Where no bound is given: tables that are no longer used are kept up to this size."""
 
 
-class DistanceTables:
+class CostTables:
     """One cost-to-go table per map and goal, shared by all agents and episodes that head for it.
 
     Memory is only touched by tables that were computed; a bound in bytes limits how many there can be.

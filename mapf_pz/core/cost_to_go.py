@@ -164,11 +164,25 @@ def _pop(cost: Array, heap: Array, place: Array, size: int) -> int:
     return size
 
 
+def shortest_lengths(world: World, m: int, starts: Array, headings: Array, goals: Array, num_headings: int) -> Array:
+    """Return the length in steps (N,) int32 of each agent's shortest path on map `m`, without other agents; -1: none.
+
+    `starts`, `headings` and `goals` are (N,); `num_headings` is 4, or 1 for cardinal agents.
+    """
+    cells = world.obstacle.shape[1]
+    to_go = np.empty((cells, num_headings), np.float32)
+    scratch = np.empty((2, cells * num_headings), np.int32)
+    lengths = np.empty(goals.size, np.int32)
+    order = np.argsort(goals, kind="stable")
+    _shortest_lengths(world, m, starts[order], headings[order], goals[order], to_go, scratch, lengths)
+    return lengths[np.argsort(order)]
+
+
 @jit
-def shortest_steps(
+def _shortest_lengths(
     world: World, m: int, starts: Array, headings: Array, goals: Array, to_go: Array, scratch: Array, steps: Array
 ) -> None:
-    """Write the length in steps of each agent's shortest path on map `m` to `steps` (N,) int32; -1: there is none.
+    """Write the lengths to `steps` (N,); agents with the same goal follow each other.
 
     `to_go` (C + 1, D) float32 and `scratch` (2, (C + 1) * D) int32 are scratch.
     """

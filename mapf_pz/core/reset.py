@@ -1,4 +1,4 @@
-"""Beginning episodes: the agents on their starts, and nothing remembered of the ones before."""
+"""Reset: agents on their starts, and nothing kept of the episode before."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from mapf_pz.core.state import AGENT, Array, State
 _NEW = np.zeros(1, AGENT)
 
 
-def begin(chosen: Array, starts: Array, headings: Array, state: State) -> None:
-    """Begin an episode in the environments `chosen` (K,) int64.
+def reset(chosen: Array, starts: Array, headings: Array, state: State) -> None:
+    """Start an episode in the environments `chosen` (K,) int64.
 
-    Agents stand on `starts` (B, N) with `headings` (B, N), and go to the first of their goals in `state`.
+    Agents stand on `starts` (B, N) with `headings` (B, N), and head for the first of their goals in `state`.
     """
-    _begin(chosen, starts, headings, _NEW, state)
+    _reset(chosen, starts, headings, _NEW, state)
 
 
 @jit
-def _begin(chosen: Array, starts: Array, headings: Array, new: Array, state: State) -> None:
+def _reset(chosen: Array, starts: Array, headings: Array, new: Array, state: State) -> None:
     for b in chosen:
         state.time[b] = 0
         state.terminated[b] = state.truncated[b] = False

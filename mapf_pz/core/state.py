@@ -43,7 +43,7 @@ AGENT = np.dtype(
     ],
     align=True,
 )
-"""One agent. The kernels call the agents of one environment, (N,) of these, its agents."""
+"""One agent. Kernels take the agents of one environment as `agents` (N,) AGENT."""
 
 
 class World(NamedTuple):
@@ -112,20 +112,10 @@ def allocate_state(num_envs: int, num_agents: int, num_cells: int, num_goals: in
 
 
 class Rules(NamedTuple):
-    """The configuration, as numbers."""
+    """The configuration, as the kernels take it."""
 
     cardinal: bool
     collision: int
     on_target: int
     max_steps: int
-    forward: float
-    rotate: float
-    wait: float
-    goal: float
-    pay_blocked_forward: bool
-    progress: float
-    step_cost: float
-    blocked: float
-    team_goal: float
-    share: float
-    share_radius: int
+    rewards: Any  # `RewardTerms`: the numbers of a `RewardConfig`

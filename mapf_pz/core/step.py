@@ -1,4 +1,4 @@
-"""One step of the environment: propose, resolve, advance, update_goals, pay, retire, conclude."""
+"""One step of the environment: propose, resolve, advance, update goals, compute rewards, finish."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from numba import prange
 from mapf_pz.core.conflict import NO_MOVE, direction, propose, resolve
 from mapf_pz.core.cost_to_go import turned
 from mapf_pz.core.jit import BatchKernel, jit
-from mapf_pz.core.reward import note_progress, pay
+from mapf_pz.core.reward import compute_rewards, measure_progress
 from mapf_pz.core.state import Array, Distances, Rules, State, World
 
 NOTHING, FINISH, RESTART = 0, 1, 2
@@ -25,22 +25,22 @@ def step(rules: Rules, world: World, distances: Distances, state: State, actions
         resolve(rules.collision, agents, occupant, claim)
         advance(rules.cardinal, agents, actions[b], occupant, state.history[b])
         solved = update_goals(rules.on_target, agents, state.goals[b], time)
-        note_progress(rules.progress, world.mean_weight[m], distances.slot, distances.to_go, m, agents)
-        pay(rules, world.height, world.width, agents, actions[b], occupant, solved)
-        retire(rules.on_target, agents, occupant, solved, time >= rules.max_steps)
-        conclude(agents, state.terminated, state.truncated, b)
+        measure_progress(rules.rewards.progress, world.mean_weight[m], distances.slot, distances.to_go, m, agents)
+        compute_rewards(rules, world.height, world.width, agents, actions[b], occupant, solved)
+        finish(rules.on_target, agents, occupant, solved, time >= rules.max_steps)
+        end_episode(agents, state.terminated, state.truncated, b)
 
 
 @jit
 def tick(times: Array, b: int) -> int:
-    """Count a step of environment `b`, and return how many it has taken."""
+    """Count a step of environment `b`, and return the number of its steps."""
     times[b] += 1
     return times[b]
 
 
 @jit
 def advance(cardinal: bool, agents: Array, actions: Array, occupant: Array, history: Array) -> None:
-    """Move every agent to the cell it got, turn it, and remember what it did."""
+    """Move each agent to its next cell, turn it, and record its action."""
     for i in range(agents.size):
         agent = agents[i]
         agent.was_active = agent.active
@@ -59,11 +59,11 @@ def advance(cardinal: bool, agents: Array, actions: Array, occupant: Array, hist
             if not cardinal:
                 agent.heading = turned(agent.heading, actions[i])
             occupant[agent.cell] = i
-            _remember(history, i, actions[i], moves)
+            _record(history, i, actions[i], moves)
 
 
 @jit
-def _remember(history: Array, i: int, action: int, moved: bool) -> None:
+def _record(history: Array, i: int, action: int, moved: bool) -> None:
     for k in range(history.shape[1] - 1, 0, -1):
         history[i, k, 0] = history[i, k - 1, 0]
         history[i, k, 1] = history[i, k - 1, 1]
@@ -73,7 +73,7 @@ def _remember(history: Array, i: int, action: int, moved: bool) -> None:
 
 @jit
 def update_goals(on_target: int, agents: Array, goals: Array, time: int) -> bool:
-    """Note arrivals and give new goals; return whether all agents rest on their goals at once."""
+    """Count arrivals and assign new goals; return whether all agents are at their goals at the same time."""
     solved = on_target == NOTHING
     for i in range(agents.size):
         agent = agents[i]
@@ -92,8 +92,8 @@ def update_goals(on_target: int, agents: Array, goals: Array, time: int) -> bool
 
 
 @jit
-def retire(on_target: int, agents: Array, occupant: Array, solved: bool, late: bool) -> None:
-    """End what has ended: everybody once solved, finished agents, and at the time limit all who are left."""
+def finish(on_target: int, agents: Array, occupant: Array, solved: bool, late: bool) -> None:
+    """Terminate all agents once solved and agents that finish, and truncate the others at the time limit."""
     for i in range(agents.size):
         agent = agents[i]
         agent.terminated = solved or (agent.arrived and on_target == FINISH)
@@ -104,8 +104,8 @@ def retire(on_target: int, agents: Array, occupant: Array, solved: bool, late: b
 
 
 @jit
-def conclude(agents: Array, terminated: Array, truncated: Array, b: int) -> None:
-    """Note whether the episode of environment `b` is over."""
+def end_episode(agents: Array, terminated: Array, truncated: Array, b: int) -> None:
+    """Set whether the episode of environment `b` is over."""
     all_ended, any_late = True, False
     for i in range(agents.size):
         all_ended &= agents[i].terminated or not agents[i].active

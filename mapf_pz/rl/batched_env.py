@@ -87,16 +87,16 @@ class BatchedMapfEnv(EnvBase):
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         self.simulator.step(self._checked(tensordict.get(("agents", "action"))))
-        state = self.simulator.state
-        reward = torch.from_numpy(state.agents["reward"].copy()).unsqueeze(-1)
+        simulator = self.simulator
+        reward = torch.from_numpy(simulator.agents["reward"].copy()).unsqueeze(-1)
         terminated, truncated = (
-            torch.from_numpy(flag.copy()).unsqueeze(-1) for flag in (state.terminated, state.truncated)
+            torch.from_numpy(flag.copy()).unsqueeze(-1) for flag in (simulator.terminated, simulator.truncated)
         )
         return self._with_flags(self._observed() | {"reward": reward}, terminated, truncated)
 
     def _checked(self, actions: Tensor) -> Ints:
         """Return the actions as an array; raises `ValueError` unless they are (B, N) int64 in 0 to A - 1."""
-        numbers, expected = actions.numpy(), self.simulator.state.agents.shape
+        numbers, expected = actions.numpy(), self.simulator.agents.shape
         if numbers.dtype != np.int64 or numbers.shape != expected:
             got = f"{numbers.dtype} of shape {numbers.shape}"
             raise ValueError(f"('agents', 'action'): expected int64 of shape {expected}, got {got}")
@@ -110,8 +110,8 @@ class BatchedMapfEnv(EnvBase):
 
     def _observed(self) -> dict[str, Tensor | TensorDict]:
         """Return what the observation specs say of agents, in new tensors."""
-        seen, agents = self.simulator.observe(), self.simulator.state.agents
-        position = self.simulator.places(agents["cell"])
+        seen, agents = self.simulator.observe(), self.simulator.agents
+        position = self.simulator.coordinates(agents["cell"])
         if self.config.on_target == "finish":
             position[~agents["active"]] = -1
         image = torch.from_numpy(seen.image)

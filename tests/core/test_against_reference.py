@@ -75,7 +75,7 @@ class Lockstep:
             instance.headings.tolist(),
             scenario.goals.tolist(),
             **self._weights(b, instance.grid),
-            rewards=config.rewards,
+            rewards=config.reward_config,
             **{name: getattr(config, name) for name in (*COMBINATION_NAMES, "max_steps", "num_last_actions")},
             **{name: getattr(config, name) for name in ("view_size", "see_through_walls")},
             view=config.resolved_view,
@@ -125,15 +125,15 @@ class Lockstep:
         return self.rng.choice(len(chances), shape, p=chances)
 
     def _compare(self, b):
-        game, agents = self.games[b], self.simulator.state.agents[b]
+        game, agents = self.games[b], self.simulator.agents[b]
         assert list(map(tuple, self.simulator.positions(b).tolist())) == game.positions
         assert list(map(tuple, self.simulator.goals(b).tolist())) == game.goals
         assert agents["heading"].tolist() == game.headings
         assert agents["active"].tolist() == game.active
-        assert self.simulator.state.time[b] == game.step_count
+        assert self.simulator.steps[b] == game.step_count
 
     def _compare_outcome(self, b, playing):
-        game, agents = self.games[b], self.simulator.state.agents[b]
+        game, agents = self.games[b], self.simulator.agents[b]
         terminated = [ended and played for ended, played in zip(game.terminated, playing, strict=True)]
         truncated = [game.truncated and p and not t for p, t in zip(playing, terminated, strict=True)]
         at_goal = [on_goal and played for on_goal, played in zip(game.on_goal_log[-1], playing, strict=True)]

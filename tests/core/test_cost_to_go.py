@@ -159,7 +159,7 @@ def play(simulator, num_steps):
     log = []
     for _ in range(num_steps):
         simulator.step(rng.choice(4, (simulator.num_envs, simulator.num_agents), p=(0.7, 0.1, 0.1, 0.1)))
-        agents = simulator.state.agents
+        agents = simulator.agents
         log.append((agents["cell"].copy(), agents["goal"].copy(), agents["reward"].copy(), *simulator.observe()))
         over = np.flatnonzero((agents["truncated"] | agents["terminated"]).any(axis=1)).tolist()
         if over:

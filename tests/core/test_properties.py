@@ -56,7 +56,7 @@ def test_every_state_is_sound(config, seed):
         simulator.step(rng.integers(simulator.num_actions, size=(1, simulator.num_agents)))
         check_state(simulator, space)
         check_moves(simulator)
-        agents = simulator.state.agents[0]
+        agents = simulator.agents[0]
         if agents["terminated"].all() or not agents["active"].any():
             break
     else:
@@ -64,7 +64,7 @@ def test_every_state_is_sound(config, seed):
 
 
 def check_state(simulator, space):
-    state, agents = simulator.state, simulator.state.agents[0]
+    state, agents = simulator.state, simulator.agents[0]
     active = np.flatnonzero(agents["active"])
     cells = agents["cell"][active]
     assert len(np.unique(cells)) == len(cells), "two agents on one cell"
@@ -77,7 +77,7 @@ def check_state(simulator, space):
 
 
 def check_moves(simulator):
-    agents = simulator.state.agents[0]
+    agents = simulator.agents[0]
     width = simulator.shape[1]
     before, after = (np.stack(np.divmod(agents[name], width), axis=1) for name in ("was_cell", "cell"))
     assert np.abs(after - before).sum(axis=1).max() <= 1, "a move of more than one cell"
@@ -92,7 +92,7 @@ def check_moves(simulator):
 
 def check_observations(simulator, space):
     seen = simulator.observe()
-    config, agents = simulator.config, simulator.state.agents[0]
+    config, agents = simulator.config, simulator.agents[0]
     for i in np.flatnonzero(agents["was_active"]):
         image, features = seen.image[0, i], seen.features[0, i]
         assert space.contains({"image": image, "features": features} if config.features else image)
@@ -105,7 +105,7 @@ def check_observations(simulator, space):
 
 def check_others_in_view(simulator, image):
     """Each active agent whose cell is in another's view is drawn there: POGEMA leaves some of them out."""
-    config, agents = simulator.config, simulator.state.agents[0]
+    config, agents = simulator.config, simulator.agents[0]
     drawn = image[:, plane_of(config, "view")]
     positions = simulator.positions(0)
     for i in np.flatnonzero(agents["was_active"]):

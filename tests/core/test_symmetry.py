@@ -56,7 +56,7 @@ def played(config, instance, actions):
     """Observations, rewards, ends and positions at each step."""
     simulator = Simulator(config)
     simulator.reset(instances={0: instance})
-    agents = simulator.state.agents[0]
+    agents = simulator.agents[0]
     trace = [(simulator.observe(), np.zeros(len(agents)), simulator.positions(0))]
     for row in actions:
         simulator.step(row[None])

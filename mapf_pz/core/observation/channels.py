@@ -1,83 +1,89 @@
-"""The channels of the image: each declares its planes and bounds, and where they come from.
+"""The channels of the image: each declares its planes and bounds, and the function that draws it.
 
-Some are origins of the layers (`core/observation/layers.py`); the others are drawn by a kernel each (`core/observation/draw.py`).
+Channels that show the map and the agents on it are copied from the map's layers (`layers.py`); a function draws each of
+the others (`draw.py`). A user's channel is a `Channel` with such a function.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.config import ChannelName
+from mapf_pz.core.observation import draw
+from mapf_pz.core.observation.inputs import ObservationInputs
 from mapf_pz.core.observation.layers import EDGES, HEADING, OCCUPANCY
 from mapf_pz.core.state import Array
+from mapf_pz.plugins import resolve
 
 
 @dataclass(frozen=True)
 class Channel:
-    """What one channel adds to the image."""
+    """One channel of the image."""
 
+    draw: Callable[[ObservationInputs, Array, int], None] | None = None
+    """`draw(inputs, image, plane)` writes to all agents' `image` (B, N, K, h, w) float32 from plane number `plane` on.
+
+    It writes every cell of its planes: they are not cleared before. None: the channel shows `layers`.
+    """
     planes: int = 1
-    shows: tuple[int, ...] = ()
-    """The planes of the layers that it shows, if it is a window."""
+    """How many planes of the image it takes."""
     low: float = 0
+    """The least value."""
     high: float = 1
-    needs_distances: bool = False
-    looks_up: bool = False
-    """Whether cells in view are looked up one by one."""
+    """The largest value."""
+    needs_cost_to_go: bool = False
+    """Whether `draw` reads the cost to go, which is then computed before."""
+    layers: tuple[int, ...] = ()
+    """The layers of the map that it shows, for built-in channels without a function."""
 
 
-CHANNELS: dict[ChannelName, Channel] = {
-    # 0 free, 0.5 another agent, 1 obstacle or outside, -1 unseen
-    "view": Channel(shows=(OCCUPANCY,), low=-1),
+CHANNELS: dict[str, Channel] = {
+    # 0 free, 0.5 another agent, 1 obstacle or outside, -1 hidden
+    "view": Channel(layers=(OCCUPANCY,), low=-1),
     # 1 on the agent's own goal
-    "goal": Channel(),
-    # on each agent in view, the observer among them, (1 + k) / 4 with k its heading
-    "orientation": Channel(shows=(HEADING,)),
-    # weight of leaving each cell in four directions over the largest; blocked -1, outside 0
-    "edge_weights": Channel(planes=4, shows=EDGES, low=-1),
-    # how much nearer to the goal each cell is
-    "cost_to_go": Channel(low=-1, needs_distances=True, looks_up=True),
-    # 1 where leaving the cell in each of four directions leads nearer to the goal
-    "heuristic": Channel(planes=4, needs_distances=True, looks_up=True),
-    # 1 on goals of the other agents in view
-    "other_goals": Channel(looks_up=True),
-    # 1 on cells that the other agents in view would draw_agents next along their own cheapest paths
-    "others_next": Channel(needs_distances=True, looks_up=True),
-    # on each other agent in view 1 if it is on its goal, else -1
-    "others_at_goal": Channel(low=-1, looks_up=True),
+    "goal": Channel(draw.draw_goal),
+    # on each agent in view, including the observer, (1 + k) / 4 with k its heading
+    "orientation": Channel(layers=(HEADING,)),
+    # weight of leaving each cell in four directions, divided by the largest; blocked -1, outside 0
+    "edge_weights": Channel(layers=EDGES, planes=4, low=-1),
+    # how much closer to the goal each cell is
+    "cost_to_go": Channel(draw.draw_cost_to_go, low=-1, needs_cost_to_go=True),
+    # 1 where leaving the cell in each of four directions leads closer to the goal
+    "heuristic": Channel(draw.draw_heuristic, planes=4, needs_cost_to_go=True),
+    # 1 on the goals of the other agents in view
+    "other_goals": Channel(draw.draw_other_goals),
+    # 1 on the cells that the other agents in view would enter next on their own cheapest paths
+    "others_next": Channel(draw.draw_others_next, needs_cost_to_go=True),
+    # on each other agent in view 1 if it is on its goal, otherwise -1
+    "others_at_goal": Channel(draw.draw_others_at_goal, low=-1),
 }
+"""The built-in channels by name."""
 
 
-class ChannelLayout(NamedTuple):
-    """Where the channels are in the image: the number of each one's first plane; -1: it is not drawn."""
-
-    shown: Array  # (W,) int64: the planes of the layers that channels show
-    drawn: Array  # (W,) int64: the planes of the image that they are shown in
-    look_up: bool  # whether there is any channel for which cells in view are looked up
-    view_at: int = -1
-    goal_at: int = -1
-    orientation_at: int = -1
-    edge_weights_at: int = -1
-    cost_to_go_at: int = -1
-    heuristic_at: int = -1
-    other_goals_at: int = -1
-    others_next_at: int = -1
-    others_at_goal_at: int = -1
+def channel_of(channel: str | Channel) -> Channel:
+    """Return a channel that is given by name, as `package.module:name`, or as an object; raises `ValueError`."""
+    return resolve("channels", channel, CHANNELS, Channel)
 
 
-def channel_layout(names: Sequence[ChannelName]) -> ChannelLayout:
-    """Return where these channels are in the image, one after the other."""
-    at, shown, drawn = 0, [], []
-    first: dict[str, int] = {}
-    for name in names:
-        channel = CHANNELS[name]
-        first[f"{name}_at"] = at
-        shown += channel.shows
-        drawn += range(at, at + len(channel.shows))
+class LayerPlanes(NamedTuple):
+    """Which layers are shown, and where in the image."""
+
+    shown: Array  # (W,) int64: layers of the map
+    drawn: Array  # (W,) int64: planes of the image
+    view_at: int  # the plane of the channel `view`; -1: not drawn
+    orientation_at: int
+
+
+def layer_planes(channels: Sequence[Channel]) -> LayerPlanes:
+    """Return where the channels that show layers are in an image of all `channels`."""
+    at, shown, drawn, first = 0, [], [], {OCCUPANCY: -1, HEADING: -1}
+    for channel in channels:
+        shown += channel.layers
+        drawn += range(at, at + len(channel.layers))
+        if channel.layers:
+            first[channel.layers[0]] = at
         at += channel.planes
-    look_up = any(CHANNELS[name].looks_up for name in names)
-    return ChannelLayout(np.array(shown, np.int64), np.array(drawn, np.int64), look_up, **first)
+    return LayerPlanes(np.array(shown, np.int64), np.array(drawn, np.int64), first[OCCUPANCY], first[HEADING])

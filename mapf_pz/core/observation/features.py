@@ -1,6 +1,7 @@
-"""The features: numbers observed beside the image. Each declares its length and what writes it.
+"""The features: numbers observed besides the image. Each declares its length and the function that writes it.
 
-A kernel writes one feature for all agents: `values` (B, N, F) float32, from column `at` on; all numbers are in [-1, 1].
+A kernel writes one feature for all agents to `values` (B, N, F) float32, from column `at` on; numbers are in [-1, 1].
+A user's feature is a `Feature` with such a function.
 """
 
 from __future__ import annotations
@@ -12,12 +13,12 @@ import numpy as np
 from numba import prange
 
 from mapf_pz.actions import Heading
-from mapf_pz.config import FeatureName
 from mapf_pz.core.cost_to_go import advantage
 from mapf_pz.core.jit import BatchKernel
 from mapf_pz.core.observation.inputs import ObservationInputs
 from mapf_pz.core.state import Array
 from mapf_pz.core.world import STEPS
+from mapf_pz.plugins import resolve
 
 _NORTH = int(Heading.NORTH)
 
@@ -37,10 +38,10 @@ def _write_goal_vector(height: int, width: int, agents: Array, egocentric: bool,
             values[b, i, at + 3] = 1.0 if distance == 0 else 0.0
 
 
-def write_goal_vector(num_threads: int, inputs: ObservationInputs, values: Array, at: int) -> None:
+def write_goal_vector(inputs: ObservationInputs, values: Array, at: int) -> None:
     """Unit vector to the goal (up, right in the view), `log(1 + distance) / log(1 + H + W)`, and 1 on the goal."""
     world, egocentric = inputs.world, inputs.view_shape.num_turns > 1
-    _write_goal_vector(num_threads, world.height, world.width, inputs.state.agents, egocentric, values, at)
+    _write_goal_vector(inputs.num_threads, world.height, world.width, inputs.state.agents, egocentric, values, at)
 
 
 @BatchKernel
@@ -54,9 +55,9 @@ def _write_location(height: int, width: int, agents: Array, values: Array, at: i
                 values[b, i, at + 2 + heading] = 1.0 if agent.heading == heading else 0.0
 
 
-def write_location(num_threads: int, inputs: ObservationInputs, values: Array, at: int) -> None:
+def write_location(inputs: ObservationInputs, values: Array, at: int) -> None:
     """`row / H`, `col / W`, and the heading as one of four."""
-    _write_location(num_threads, inputs.world.height, inputs.world.width, inputs.state.agents, values, at)
+    _write_location(inputs.num_threads, inputs.world.height, inputs.world.width, inputs.state.agents, values, at)
 
 
 @BatchKernel
@@ -81,12 +82,12 @@ def _write_action_advantage(
                 values[b, i, at + action] = advantage(ways, costs, mean, table, cardinal, agent, action)
 
 
-def write_action_advantage(num_threads: int, inputs: ObservationInputs, values: Array, at: int) -> None:
+def write_action_advantage(inputs: ObservationInputs, values: Array, at: int) -> None:
     """For each action how much it costs more than the best one, from 0 (nothing) to -1: see `path.advantage`."""
     slot, to_go, _ = inputs.distances
     world, maps, agents = inputs.world, inputs.state.map, inputs.state.agents
     graph = (world.leads_to, world.weight, world.mean_weight)
-    _write_action_advantage(num_threads, inputs.cardinal, *graph, slot, to_go, maps, agents, values, at)
+    _write_action_advantage(inputs.num_threads, inputs.cardinal, *graph, slot, to_go, maps, agents, values, at)
 
 
 @BatchKernel
@@ -100,30 +101,42 @@ def _write_last_actions(num_actions: int, history: Array, values: Array, at: int
                 values[b, i, begin + num_actions] = history[b, i, k, 1]
 
 
-def write_last_actions(num_threads: int, inputs: ObservationInputs, values: Array, at: int) -> None:
+def write_last_actions(inputs: ObservationInputs, values: Array, at: int) -> None:
     """The last L actions, newest first: each one of A, and 1 if the agent changed its cell."""
-    _write_last_actions(num_threads, 5 if inputs.cardinal else 4, inputs.state.history, values, at)
+    _write_last_actions(inputs.num_threads, 5 if inputs.cardinal else 4, inputs.state.history, values, at)
 
 
-def write_time(_num_threads: int, inputs: ObservationInputs, values: Array, at: int) -> None:
+def write_time(inputs: ObservationInputs, values: Array, at: int) -> None:
     """Steps taken over `max_steps`."""
     values[:, :, at] = (inputs.state.time / inputs.max_steps)[:, None]
 
 
 @dataclass(frozen=True)
 class Feature:
-    """What one feature adds to the vector."""
+    """One feature."""
 
-    write: Callable[[int, ObservationInputs, Array, int], None]
-    length: Callable[[int, int], int]
-    """From the number of actions A and of remembered actions L to how many numbers it is."""
-    needs_distances: bool = False
+    write: Callable[[ObservationInputs, Array, int], None]
+    """`write(inputs, values, at)` writes to all agents' `values` (B, N, F) float32 from column `at` on, in [-1, 1]."""
+    length: int | Callable[[int, int], int] = 1
+    """How many numbers it is, or a function that returns it for A actions and `num_last_actions`."""
+    needs_cost_to_go: bool = False
+    """Whether `write` reads the cost to go, which is then computed before."""
+
+    def size(self, num_actions: int, num_last_actions: int) -> int:
+        """Return how many numbers it is in an environment."""
+        return self.length if isinstance(self.length, int) else self.length(num_actions, num_last_actions)
 
 
-FEATURES: dict[FeatureName, Feature] = {
-    "goal_vector": Feature(write_goal_vector, lambda _actions, _remembered: 4),
-    "location": Feature(write_location, lambda _actions, _remembered: 6),
-    "action_advantage": Feature(write_action_advantage, lambda actions, _remembered: actions, needs_distances=True),
-    "last_actions": Feature(write_last_actions, lambda actions, remembered: (actions + 1) * remembered),
-    "time": Feature(write_time, lambda _actions, _remembered: 1),
+FEATURES: dict[str, Feature] = {
+    "goal_vector": Feature(write_goal_vector, 4),
+    "location": Feature(write_location, 6),
+    "action_advantage": Feature(write_action_advantage, lambda actions, _last: actions, needs_cost_to_go=True),
+    "last_actions": Feature(write_last_actions, lambda actions, last: (actions + 1) * last),
+    "time": Feature(write_time),
 }
+"""The built-in features by name."""
+
+
+def feature_of(feature: str | Feature) -> Feature:
+    """Return a feature that is given by name, as `package.module:name`, or as an object; raises `ValueError`."""
+    return resolve("features", feature, FEATURES, Feature)

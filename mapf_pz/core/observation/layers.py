@@ -1,8 +1,8 @@
-"""The layers: the maps as they are looked at, so that a view is a window that is copy_windows out row by row.
+"""The layers of a map: planes from which each agent's view is copied, row by row.
 
-For egocentric views each map stands here four times, turned so that each heading is up in one of them; else once, north
-up. Around it is a margin, as wide as views stick out. ChannelLayout that never change during an episode are drawn when a map
-is laid out; agents draw_agents the planes in which they are seen before an environment is observed, and erase_agents them after it.
+For egocentric views each map is stored four times, rotated so that each heading is up in one of them; otherwise once,
+with north up. A margin around it is as wide as views extend beyond the map. What never changes during an episode is
+drawn when the map is set; agents are drawn before an environment is observed, and erased afterwards.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from mapf_pz.core.jit import jit
 from mapf_pz.core.state import Array
 
 OCCUPANCY, HEADING, EDGES = 0, 1, (2, 3, 4, 5)
-"""ChannelLayout of the layers: 1 on obstacles and 0.5 on agents; `(1 + k) / 4` on agents of heading `k`; weights of edges."""
+"""The planes: 1 on obstacles and 0.5 on agents; `(1 + k) / 4` on agents of heading `k`; weights of edges."""
 
 
 class ViewShape(NamedTuple):
@@ -27,7 +27,7 @@ class ViewShape(NamedTuple):
     row: int  # the observer's own row in the view
     column: int
     see_through_walls: bool
-    num_turns: int  # R: 4, each heading is up in one of the turned maps; or 1, north is up
+    num_turns: int  # R: 4, each heading is up in one of the rotated maps; or 1, north is up
 
 
 Span = tuple[int, ...]
@@ -35,17 +35,15 @@ Span = tuple[int, ...]
 
 
 class MapLayers(NamedTuple):
-    """M maps of C cells, turned in R ways: S places each, rows one after the other."""
+    """M maps of C cells in R rotations: S entries each, row by row, with a margin."""
 
     num_threads: int  # T
     stride: Array  # (R,) int32: the length of a row
-    own: Array  # (R,) int32: the observer's at less that of its view's first cell
-    corner: Array  # (C, R) int32: the at of the first cell of a view from each map cell
-    cell: Array  # (R, S) uint32: the map cell at each at; the number C in the margin
+    own: Array  # (R,) int32: index of the observer minus that of its view's first cell
+    corner: Array  # (C, R) int32: index of the first cell of the view from each map cell
+    cell: Array  # (R, S) uint32: the map cell at each entry; the number C in the margin
     planes: Array  # (X, R, P, S) float32: P = 6, or 2 without weights of edges
-    shared: (
-        bool  # X is T and not M, as there is one map: agents draw_agents the planes, so that each thread needs its own
-    )
+    shared: bool  # one map for all environments: X is T, a copy for each thread to draw agents on; otherwise X is M
 
 
 def make_view_shape(view_size: tuple[int, int], row: int, egocentric: bool, see_through_walls: bool) -> ViewShape:
@@ -100,8 +98,8 @@ def draw_map(planes: Array, layers: MapLayers, weight: Array, obstacle: Array) -
             at = layers.corner[cell, turn] + layers.own[turn]
             planes[turn, OCCUPANCY, at] = obstacle[cell]
             for k in range(planes.shape[1] - EDGES[0]):
-                price = weight[(turn + k) % 4, cell]  # the first direction is that of the turn, or east
-                planes[turn, EDGES[0] + k, at] = price / largest if price < np.inf else -1.0
+                cost = weight[(turn + k) % 4, cell]  # the first direction is that of the turn, or east
+                planes[turn, EDGES[0] + k, at] = cost / largest if cost < np.inf else -1.0
 
 
 @jit
@@ -109,17 +107,17 @@ def _largest(weight: Array) -> float:
     """Return the largest finite weight of a move; 0 where there is none."""
     largest = 0.0
     for towards in range(4):
-        for price in weight[towards]:
-            if largest < price < np.inf:
-                largest = price
+        for cost in weight[towards]:
+            if largest < cost < np.inf:
+                largest = cost
     return largest
 
 
 class ViewOrigins(NamedTuple):
-    """Where the views are copy_windows out: of B x N agents, or of the N of one environment."""
+    """Where views are copied from: of B x N agents, or of the N agents of one environment."""
 
-    turn: Array  # (B, N) uint32: from which of the turned maps
-    corner: Array  # (B, N) uint32: the at of the first cell there
+    turn: Array  # (B, N) uint32: from which of the rotated maps
+    corner: Array  # (B, N) uint32: index of the first cell in it
 
 
 def allocate_origins(num_envs: int, num_agents: int) -> ViewOrigins:
@@ -130,7 +128,7 @@ def allocate_origins(num_envs: int, num_agents: int) -> ViewOrigins:
 
 @jit
 def draw_agents(view_shape: ViewShape, layers: MapLayers, origins: ViewOrigins, agents: Array, planes: Array) -> None:
-    """Set where each agent's view is, and let active agents appear in the planes (R, P, S)."""
+    """Set where each agent's view is copied from, and draw active agents on the planes (R, P, S)."""
     num_turns = view_shape.num_turns
     for i in range(agents.size):
         agent = agents[i]
@@ -152,7 +150,7 @@ def heading_value(turn: int, heading: int) -> np.float32:
 
 @jit
 def erase_agents(view_shape: ViewShape, layers: MapLayers, agents: Array, planes: Array) -> None:
-    """Let them disappear again."""
+    """Erase the agents that `draw_agents` drew."""
     for i in range(agents.size):
         cell = np.uint32(agents[i].cell)
         if agents[i].active:
@@ -173,11 +171,11 @@ def copy_windows(
     image: Array,
     drawn: Array,
 ) -> None:
-    """Cut every agent's window out of the planes `shown` (W,) of the layers, into the planes `drawn` (W,) of the image.
+    """Copy each agent's view from the planes `shown` (W,) of the layers to the planes `drawn` (W,) of the image.
 
     `planes` (R, P, S) are those of one environment, and `image` (N, K, V).
     """
-    # One-dimensional arrays and unsigned numbers spare much reckoning.
+    # Indexing one-dimensional arrays with unsigned numbers takes fewer instructions.
     source, target = planes.reshape(-1), image.reshape(-1)
     num_planes, size = np.uint64(planes.shape[1]), np.uint64(planes.shape[2])
     num_drawn, num_cells = np.uint64(image.shape[1]), np.uint64(len(rows) * len(columns))
@@ -238,11 +236,10 @@ def clear(image: Array, i: int, plane: int) -> None:
 
 @jit
 def mark(
-    view_shape: ViewShape, layers: MapLayers, origins: ViewOrigins, cell: int, image: Array, i: int, plane: int
+    view_shape: ViewShape, layers: MapLayers, turn: int, corner: int, cell: int, image: Array, i: int, plane: int
 ) -> None:
-    """Set 1 where in agent `i`'s view a map cell is, if it is there."""
-    turn = origins.turn[i]
-    ahead = layers.corner[cell, turn] + layers.own[turn] - np.int64(origins.corner[i])
+    """Write 1 to the cell of agent `i`'s view that shows the map's `cell`, if there is one."""
+    ahead = layers.corner[cell, turn] + layers.own[turn] - np.int64(corner)
     if ahead >= 0:
         # Both numbers are below 2^32, for which a processor divides faster.
         row = np.int64(np.uint32(ahead) // np.uint32(layers.stride[turn]))

@@ -1,0 +1,45 @@
+"""Parts that users plug in: objects given directly, by a built-in name, or as `package.module:name`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any, TypeVar
+
+Part = TypeVar("Part")
+
+
+def resolve(field: str, given: object, known: Mapping[str, Part], kind: type[Part]) -> Part:
+    """Return the part that a configuration's field names.
+
+    Args:
+        field: The field's name, for messages.
+        given: An object of type `kind`, a name in `known`, or `package.module:name`.
+        known: The built-in parts by name.
+        kind: The type of parts.
+
+    Raises:
+        ValueError: `given` is none of these, or what is imported is not a `kind`.
+    """
+    if isinstance(given, kind):
+        return given
+    if not isinstance(given, str):
+        raise ValueError(f"{field}: expected names or {kind.__name__} objects, got {given!r}")
+    if ":" not in given:
+        if given not in known:
+            names = ", ".join(known)
+            raise ValueError(f"{field}: unknown {given!r}, expected names out of {names}, or package.module:name")
+        return known[given]
+    part = import_object(field, given)
+    if not isinstance(part, kind):
+        raise ValueError(f"{field}={given!r}: expected a {kind.__name__}, got a {type(part).__name__}")
+    return part
+
+
+def import_object(field: str, path: str) -> Any:
+    """Return the object at `package.module:name`; raises `ValueError` where there is none."""
+    module, _, name = path.partition(":")
+    try:
+        return getattr(import_module(module), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ValueError(f"{field}={path!r}: {' '.join(str(error).split())}") from None
