@@ -6,7 +6,7 @@ from pathlib import Path
 import tyro
 
 import mapf_pz
-from mapf_pz.instances import RandomObstacles
+from mapf_pz.instances import MapMixture
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.config import TRAINING_ENV, TaskConfig, TrainConfig
 
@@ -25,13 +25,13 @@ class Example:
 
 def main(example: Example) -> float:
     """Train, evaluate, and return the share of episodes in which all agents reached their goals."""
-    task = TaskConfig(replace(TRAINING_ENV, num_agents=8, max_steps=96), height=12, width=12, density=0.15)
+    mixture = MapMixture(height=12, width=12, density=0.15)
+    task = TaskConfig(replace(TRAINING_ENV, num_agents=8, max_steps=96), mixture)
     config = replace(TrainConfig(), task=task, agent_steps=example.agent_steps)
     train(config, example.output, on_progress=lambda row: print(f"{row['agent_steps']:9.0f} CSR {row['CSR']:.2f}"))
 
     policy = load_policy(example.output)
-    maps = RandomObstacles(height=12, width=12, density=0.15, num_agents=8)
-    env = mapf_pz.parallel_env(**policy.env_kwargs, source=maps, max_steps=96)
+    env = mapf_pz.parallel_env(**policy.env_kwargs, source=mixture.source(num_agents=8), max_steps=96)
     solved = 0.0
     for episode in range(example.episodes):
         observations, _ = env.reset(seed=1_000_000 + episode)

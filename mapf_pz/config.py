@@ -48,10 +48,13 @@ class EnvConfig:
     map: str | Path | Bools | Grid | None = None
     """A map's name, the path of a `.map` file, a map drawn as text, or a bool array (True = free). Default:
     `empty-8-8`."""
-    scenario: str | Path | Scenario | None = None
-    """The path of a `.scen` file or a `Scenario`: the first `num_agents` of it. None draws starts and goals."""
+    scenario: str | Path | Scenario | tuple[str | Path, ...] | None = None
+    """Starts and goals: a `.scen` file, a `Scenario`, or a problem file that names its own map, `.json` (League of
+    Robot Runners) or `.mapf.json` and `.lmapf.json` (POGEMA). With several files, each episode samples one of them.
+    Default: starts and goals are sampled."""
     num_agents: int | None = None
-    """N, the number of agents. Default: all agents of the scenario or of the source if one is given, otherwise 4."""
+    """N, the number of agents: the first of the scenario. Default: all agents of the scenario (of several, as many as
+    the smallest has) or of the source if one is given, otherwise 4."""
     max_steps: int = 256
     """An episode is truncated after this many steps."""
     action_model: ActionModel = "rotate"
@@ -96,6 +99,7 @@ class EnvConfig:
         self._check_choices()
         if not isinstance(self.map, (str, Path, Grid, type(None))):
             object.__setattr__(self, "map", Grid.from_array(self.map))
+        object.__setattr__(self, "scenario", _scenario(self.scenario))
         object.__setattr__(self, "initial_heading", _headings(self.initial_heading))
         object.__setattr__(self, "view_size", _pair("view_size", self.view_size))
         object.__setattr__(self, "channels", _parts("channels", self.channels, channel_of))
@@ -163,6 +167,13 @@ class EnvConfig:
         return dict(vars(self))
 
     @property
+    def scenarios(self) -> tuple[str | Path | Scenario, ...]:
+        """The scenarios, also where `scenario` is a single one; empty if there is none."""
+        if self.scenario is None:
+            return ()
+        return self.scenario if isinstance(self.scenario, tuple) else (self.scenario,)
+
+    @property
     def resolved_view(self) -> View:
         """`view`, or its default for the action model."""
         return self.view or ("centered" if self.action_model == "cardinal" else "front")
@@ -183,6 +194,24 @@ class EnvConfig:
         """The function that computes the reward instead, or None."""
         reward = _resolved_reward(self.reward)
         return None if isinstance(reward, RewardConfig) else reward
+
+
+def _scenario(value: Any) -> str | Path | Scenario | tuple[str | Path, ...] | None:
+    """Return a scenario or scenarios, several as a tuple."""
+    several = tuple(value) if isinstance(value, (tuple, list)) else (value,)
+    paths = all(isinstance(item, (str, Path)) for item in several)
+    if not several or not (paths or isinstance(value, (Scenario, type(None)))):
+        raise TypeError(f"scenario={_shown(value)}: expected the path of a file, several paths, or a Scenario")
+    return several if isinstance(value, list) else value
+
+
+def _scenario(value: Any) -> str | Path | Scenario | tuple[str | Path, ...] | None:
+    """Return a scenario or scenarios, several as a tuple."""
+    several = tuple(value) if isinstance(value, (tuple, list)) else (value,)
+    paths = all(isinstance(item, (str, Path)) for item in several)
+    if not several or not (paths or isinstance(value, (Scenario, type(None)))):
+        raise TypeError(f"scenario={_shown(value)}: expected the path of a file, several paths, or a Scenario")
+    return several if isinstance(value, list) else value
 
 
 def _positive(name: str, value: object) -> None:

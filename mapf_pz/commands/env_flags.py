@@ -12,7 +12,7 @@ from mapf_pz.config import EnvConfig, HeadingName, RewardConfig, WeightsName
 
 _TYPED: dict[str, Any] = {
     "map": str | None,
-    "scenario": str | None,
+    "scenario": str | tuple[str, ...] | None,
     "edge_weights": WeightsName,
     "initial_heading": HeadingName,
     "reward": RewardConfig,

@@ -32,7 +32,8 @@ class EpisodeOptions:
     map: str | None = None
     """A map's name or the path of a `.map` file; None: an empty map."""
     scenario: str | None = None
-    """The path of a `.scen` file; None draws starts and goals, or takes those of the plan."""
+    """A `.scen` file of the map, or a League of Robot Runners or POGEMA problem file, which names its own map. None:
+    starts and goals are sampled, or are those of the plan."""
     num_agents: int | None = None
     """The number of agents. None: all of the plan or the scenario, otherwise 4."""
     max_steps: int = EnvConfig.max_steps

@@ -2,8 +2,9 @@
 
 from mapf_pz.instances.bundled import generate_bundled
 from mapf_pz.instances.library import load_map, load_scenario, map_names
-from mapf_pz.instances.load import load_instance
+from mapf_pz.instances.load import load_instance, load_instances
 from mapf_pz.instances.lorr import LorrProblem, load_problem
+from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.instances.movingai import (
     format_map,
     format_scenario,
@@ -16,21 +17,31 @@ from mapf_pz.instances.movingai import (
 )
 from mapf_pz.instances.place import components, largest_component, place, place_on
 from mapf_pz.instances.pogema import load_pogema
-from mapf_pz.instances.sources import FixedMap, FixedScenario, InstanceList, RandomMaps, RandomObstacles
+from mapf_pz.instances.sources import (
+    FixedMap,
+    FixedScenario,
+    InstanceList,
+    RandomMaps,
+    RandomObstacles,
+    SourceMixture,
+)
 
 __all__ = [
     "FixedMap",
     "FixedScenario",
     "InstanceList",
     "LorrProblem",
+    "MapMixture",
     "RandomMaps",
     "RandomObstacles",
+    "SourceMixture",
     "components",
     "format_map",
     "format_scenario",
     "generate_bundled",
     "largest_component",
     "load_instance",
+    "load_instances",
     "load_map",
     "load_pogema",
     "load_problem",

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from mapf_pz.config import DEFAULT_MAP, DEFAULT_NUM_AGENTS, EnvConfig
 from mapf_pz.instance import InstanceSource
-from mapf_pz.instances.library import load_map, load_scenario
-from mapf_pz.instances.sources import FixedMap, FixedScenario
+from mapf_pz.instances.library import load_map
+from mapf_pz.instances.load import load_instances
+from mapf_pz.instances.sources import FixedMap, InstanceList
 
 
 def goals_per_agent(config: EnvConfig) -> int:
@@ -14,11 +15,13 @@ def goals_per_agent(config: EnvConfig) -> int:
 
 
 def make_source(config: EnvConfig) -> InstanceSource:
-    """Return `config.source`, or one that draws from `config.map` or takes `config.scenario`."""
+    """Return `config.source`, or a source of random episodes on `config.map` or of the episodes of `config.scenario`.
+
+    Raises as `load_map` and `load_instances` do.
+    """
     if config.source is not None:
         return config.source
+    if config.scenarios:
+        return InstanceList(load_instances(config.scenarios, config.map, config.num_agents, goals_per_agent(config)))
     grid = load_map(DEFAULT_MAP if config.map is None else config.map)
-    if config.scenario is None:
-        return FixedMap(grid, config.num_agents or DEFAULT_NUM_AGENTS, goals_per_agent(config))
-    scenario = load_scenario(config.scenario, grid)
-    return FixedScenario(grid, scenario, config.num_agents or len(scenario))
+    return FixedMap(grid, config.num_agents or DEFAULT_NUM_AGENTS, goals_per_agent(config))

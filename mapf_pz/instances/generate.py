@@ -87,6 +87,15 @@ def warehouse(columns: int, rows: int, length: int, depth: int, aisle: int, marg
     return Grid(free, f"warehouse-{columns}-{rows}-{length}-{depth}-{aisle}")
 
 
+def on_canvas(grid: Grid, shape: tuple[int, int]) -> Grid:
+    """Return the map in the upper left corner of a canvas of obstacles of `shape` (H, W), at least the map's own."""
+    if grid.shape == shape:
+        return grid
+    free = np.zeros(shape, np.bool_)
+    free[: grid.shape[0], : grid.shape[1]] = grid.free
+    return Grid(free, grid.name)
+
+
 def _check(least: int = 1, **sizes: int) -> None:
     for name, size in sizes.items():
         if size < least:

@@ -40,7 +40,7 @@ def load_map(map: str | Path | Bools | Grid) -> Grid:
     Raises:
         FileNotFoundError: There is no such file.
         FormatError: The file or the drawing is malformed.
-        ValueError: There is no map of that name, or the array is not two-dimensional.
+        ValueError: There is no map of that name, the file is a problem's, or the array is not two-dimensional.
         TypeError: `map` is none of these.
     """
     if isinstance(map, Grid):
@@ -48,6 +48,8 @@ def load_map(map: str | Path | Bools | Grid) -> Grid:
     if isinstance(map, str) and "\n" in map:
         return _parse_drawing(map)
     if isinstance(map, (str, Path)):
+        if str(map).endswith(".json"):
+            raise ValueError(f"map={str(map)!r}: expected a .map file; a problem's .json file is a scenario")
         return read_map(_resolve(map, ".map", chain([_bundled()], _benchmark("maps"))))
     return Grid.from_array(map)
 
@@ -63,11 +65,14 @@ def load_scenario(scenario: str | Path | Scenario, grid: Grid | None = None) -> 
     Raises:
         FileNotFoundError: There is no such file.
         FormatError: The file is malformed, or does not fit the map.
-        ValueError: There is no scenario of that name.
+        ValueError: There is no scenario of that name, or the file is a problem's.
         TypeError: `scenario` is none of these.
     """
     if isinstance(scenario, Scenario):
         return scenario
+    if str(scenario).endswith(".json"):
+        advice = "problem files are evaluated as 'lorr' or 'pogema' of a suite"
+        raise ValueError(f"scenario={str(scenario)!r}: expected a .scen file of the map; {advice}")
     return read_scenario(_resolve(scenario, ".scen", _benchmark("scens")), grid)
 
 

@@ -1,7 +1,8 @@
-"""Instances from files: a map, the first agents of a scenario, and how they face."""
+"""Instances from files: scenarios of a map, and problems that name their own maps."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +10,19 @@ from numpy.typing import ArrayLike
 
 from mapf_pz.actions import Heading
 from mapf_pz.arrays import Bools, Ints
-from mapf_pz.config import ActionModel, HeadingName
+from mapf_pz.config import DEFAULT_MAP, ActionModel, HeadingName
+from mapf_pz.errors import FormatError
 from mapf_pz.instance import Grid, Instance, Scenario
+from mapf_pz.instances.generate import on_canvas
 from mapf_pz.instances.library import load_map, load_scenario
+from mapf_pz.instances.lorr import load_problem
 from mapf_pz.instances.place import check_reachable, place
+from mapf_pz.instances.pogema import load_pogema
+
+PROBLEM_ENDING = ".json"
+"""How files end that name their own maps."""
+POGEMA_ENDINGS = (".mapf.json", ".lmapf.json")
+"""How those of POGEMA end; the others are problems of the League of Robot Runners."""
 
 
 def load_instance(
@@ -43,7 +53,8 @@ def load_instance(
     if num_agents is not None and num_agents < 1:
         raise ValueError(f"num_agents={num_agents}: expected a whole number, 1 or more")
     if scenario is not None:
-        agents = _first(load_scenario(scenario, grid), num_agents, scenario)
+        agents = load_scenario(scenario, grid)
+        agents = agents.first(_count(num_agents, len(agents), _name(scenario)))
     elif num_agents is not None:
         agents = place(grid, num_agents, rng)
     else:
@@ -53,12 +64,99 @@ def load_instance(
     return instance
 
 
-def _first(agents: Scenario, num_agents: int | None, origin: object) -> Scenario:
-    count = len(agents) if num_agents is None else num_agents
-    if count > len(agents):
-        name = "scenario" if isinstance(origin, Scenario) else str(origin)
-        raise ValueError(f"{name}: expected {count} agents, got {len(agents)}")
-    return agents.first(count)
+def load_instances(
+    scenarios: Sequence[str | Path | Scenario],
+    map: str | Path | Bools | Grid | None = None,
+    num_agents: int | None = None,
+    goals_per_agent: int = 1,
+) -> list[Instance]:
+    """Return the instances of one or more scenarios, all with the same map size and number of agents.
+
+    If maps differ in size, all are placed in the upper left corner of a canvas of obstacles that holds the largest.
+
+    Args:
+        scenarios: Scenarios of one map, as `load_scenario` takes them; or paths of problem files, which name their own
+            maps: `.mapf.json` and `.lmapf.json` of POGEMA's benchmark, each with several instances, and `.json` of the
+            League of Robot Runners.
+        map: The map of the scenarios, as `load_map` takes it; None: `empty-8-8`. Not allowed with problem files.
+        num_agents: The number of agents, the first of each instance; None: all, or as many as the smallest has.
+        goals_per_agent: The number of goals of each robot of a League of Robot Runners problem.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        FormatError: A file is malformed, or a scenario does not fit the map.
+        ValueError: An instance has fewer agents, an agent cannot reach a goal, or the arguments contradict each other.
+    """
+    problems = [str(item) for item in scenarios if not isinstance(item, Scenario) and _is_problem(item)]
+    if not problems:
+        grid = load_map(DEFAULT_MAP if map is None else map)
+        instances = [_of_scenario(item, grid, num_agents) for item in scenarios]
+    elif map is not None:
+        raise ValueError(f"map: not allowed with the scenario {problems[0]!r}, which names its own map")
+    elif len(problems) < len(scenarios):
+        raise ValueError(f"scenario: expected only problem files, such as {problems[0]!r}, or only scenarios of a map")
+    else:
+        instances = [instance for path in problems for instance in _of_problem(path, num_agents, goals_per_agent)]
+    count = min(instance.num_agents for instance in instances)
+    shape = max(i.grid.shape[0] for i in instances), max(i.grid.shape[1] for i in instances)
+    grids = {id(instance.grid): on_canvas(instance.grid, shape) for instance in instances}
+    return [_first(instance, count, grids[id(instance.grid)]) for instance in instances]
+
+
+def _is_problem(path: str | Path) -> bool:
+    return str(path).endswith(PROBLEM_ENDING)
+
+
+def _of_scenario(scenario: str | Path | Scenario, grid: Grid, num_agents: int | None) -> Instance:
+    agents = load_scenario(scenario, grid)
+    instance = Instance(grid, agents.first(_count(num_agents, len(agents), _name(scenario))))
+    if isinstance(scenario, Scenario):
+        check_reachable(instance)
+    else:
+        _check_file(instance, scenario)
+    return instance
+
+
+def _of_problem(path: str, num_agents: int | None, goals_per_agent: int) -> list[Instance]:
+    """Return the instances of a problem file, each checked."""
+    if path.endswith(POGEMA_ENDINGS):
+        instances = load_pogema(path, num_agents)
+        for number, instance in enumerate(instances):
+            _check_file(instance, f"{path}: instance {number}")
+        return instances
+    problem = load_problem(path)
+    try:
+        instance = problem.instance(goals_per_agent)
+    except ValueError as error:
+        raise FormatError(path, str(error)) from None
+    return [_first(instance, _count(num_agents, instance.num_agents, path), instance.grid)]
+
+
+def _check_file(instance: Instance, where: object) -> None:
+    """Raise `FormatError` unless all agents of an instance from a file can reach their goals."""
+    try:
+        check_reachable(instance)
+    except ValueError as error:
+        raise FormatError(where, str(error)) from None
+
+
+def _first(instance: Instance, count: int, grid: Grid) -> Instance:
+    """Return the instance of the first `count` agents, on a map that holds the instance's own."""
+    if count == instance.num_agents and grid is instance.grid:
+        return instance
+    headings = None if instance.headings is None else instance.headings[:count]
+    return Instance(grid, instance.scenario.first(count), headings)
+
+
+def _name(scenario: str | Path | Scenario) -> str:
+    return "the scenario" if isinstance(scenario, Scenario) else str(scenario)
+
+
+def _count(num_agents: int | None, available: int, origin: str) -> int:
+    """Return how many agents to take; raises `ValueError` if there are not enough."""
+    if num_agents is not None and num_agents > available:
+        raise ValueError(f"num_agents={num_agents}: {origin} has {available} agents")
+    return available if num_agents is None else num_agents
 
 
 def _headings(headings: HeadingName | ArrayLike, count: int, rng: np.random.Generator) -> Ints:

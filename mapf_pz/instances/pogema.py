@@ -23,18 +23,19 @@ MAX_GOALS = 16_000_000
 """Files of more goals are refused, when each sequence counts as long as the longest."""
 
 
-def load_pogema(path: str | Path, num_agents: int) -> list[Instance]:
+def load_pogema(path: str | Path, num_agents: int | None = None) -> list[Instance]:
     """Read the instances of a file `SET.mapf.json` or `SET.lmapf.json`, whose maps are in `SET.maps.json` beside it.
 
-    The first `num_agents` agents of each are taken. In lifelong instances each agent has a sequence of goals; sequences
-    may differ in length. The metric `exhausted_agents` counts the agents that reached the end of theirs.
+    The first `num_agents` agents of each are taken; None: as many as the smallest instance has. In lifelong instances
+    each agent has a sequence of goals; sequences may differ in length. The metric `exhausted_agents` counts the agents
+    that reached the end of theirs.
 
     Raises:
         FileNotFoundError: There is no such file.
         FormatError: A file is malformed, or an instance has fewer agents or does not fit its map.
         ValueError: `num_agents` is less than 1.
     """
-    if num_agents < 1:
+    if num_agents is not None and num_agents < 1:
         raise ValueError(f"num_agents={num_agents}: expected a whole number, 1 or more")
     file = Path(path)
     maps_file = file.with_name(f"{file.name.split('.')[0]}.maps.json")
@@ -42,10 +43,9 @@ def load_pogema(path: str | Path, num_agents: int) -> list[Instance]:
     grids = {name: _grid(name, rows, maps_file) for name, rows in maps.items()}
     entries = _entries(file)
     most_goals = MAX_GOALS // len(entries)
-    return [
-        _instance(entry, num_agents, grids, most_goals, f"{file}: instance {number}")
-        for number, entry in enumerate(entries)
-    ]
+    named = [(entry, f"{file}: instance {number}") for number, entry in enumerate(entries)]
+    count = num_agents or min(len(list_member(entry, "agents_xy", where, least=1)) for entry, where in named)
+    return [_instance(entry, count, grids, most_goals, where) for entry, where in named]
 
 
 def pogema_keys(path: str | Path) -> list[tuple[str, str]]:

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from mapf_pz.arrays import Ints
-from mapf_pz.instance import Grid, Instance, Scenario
+from mapf_pz.instance import Grid, Instance, InstanceSource, Scenario
 from mapf_pz.instances import generate
 from mapf_pz.instances.place import check_reachable, largest_component, place_on
 
@@ -165,7 +165,7 @@ class RandomObstacles:
 class InstanceList:
     """One of some instances in each episode, each as likely as the others.
 
-    Raises `ValueError` when there are none, or when they differ in map size, number of agents or of goals.
+    Raises `ValueError` when there are none, or when they differ in map size or number of agents.
     """
 
     instances: Sequence[Instance]
@@ -173,18 +173,13 @@ class InstanceList:
 
     def __post_init__(self) -> None:
         """Check that one environment can hold all of them."""
-        instances = tuple(self.instances)
-        if not instances:
-            raise ValueError("instances: expected at least one, got none")
-        for index, instance in enumerate(instances):
-            if (got := _size(instance)) != (first := _size(instances[0])):
-                raise ValueError(f"instance {index}: expected {first} as instance 0, got {got}")
-        object.__setattr__(self, "instances", instances)
+        object.__setattr__(self, "instances", tuple(self.instances))
+        _check_alike("instance", [_size(instance.grid.shape, instance.num_agents) for instance in self.instances])
 
     @property
     def size(self) -> str:
-        """Map size, number of agents and of goals, which all instances share."""
-        return _size(self.instances[0])
+        """Map size and number of agents, which all instances share."""
+        return _size(self.shape, self.num_agents)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -207,6 +202,42 @@ class InstanceList:
         return self.instances[int(rng.integers(len(self.instances)))]
 
 
+@dataclass(frozen=True)
+class SourceMixture:
+    """Samples one of several sources in each episode, all equally likely, and the instance from that source.
+
+    Raises `ValueError` if there are no sources, or if they differ in map size or number of agents.
+    """
+
+    sources: Sequence[InstanceSource]
+    """The sources."""
+
+    def __post_init__(self) -> None:
+        """Check that one environment can hold the instances of all sources."""
+        object.__setattr__(self, "sources", tuple(self.sources))
+        _check_alike("source", [_size(source.shape, source.num_agents) for source in self.sources])
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(H, W) of every map."""
+        return self.sources[0].shape
+
+    @property
+    def num_agents(self) -> int:
+        """N."""
+        return self.sources[0].num_agents
+
+    @property
+    def grid(self) -> Grid | None:
+        """The map that all sources share, or None."""
+        grid = self.sources[0].grid
+        return grid if all(source.grid is grid for source in self.sources) else None
+
+    def sample(self, rng: np.random.Generator) -> Instance:
+        """Sample a source, and an instance from it."""
+        return self.sources[int(rng.integers(len(self.sources)))].sample(rng)
+
+
 def _call(generator: Callable[[np.random.Generator], Grid]) -> tuple[object, ...]:
     """Return what a generator calls and with which arguments: equal partials are different objects."""
     if not isinstance(generator, partial):
@@ -214,8 +245,14 @@ def _call(generator: Callable[[np.random.Generator], Grid]) -> tuple[object, ...
     return generator.func, generator.args, tuple(sorted(generator.keywords.items()))
 
 
-def _size(instance: Instance) -> str:
-    height, width = instance.grid.shape
-    goals = instance.scenario.goals
-    goals_per_agent = goals.shape[1] if goals.ndim == 3 else 1
-    return f"a {height} x {width} map, {instance.num_agents} agents, goals per agent {goals_per_agent}"
+def _size(shape: tuple[int, int], num_agents: int) -> str:
+    return f"a {shape[0]} x {shape[1]} map, {num_agents} agents"
+
+
+def _check_alike(name: str, sizes: list[str]) -> None:
+    """Raise `ValueError` unless all items called `name` have the same size."""
+    if not sizes:
+        raise ValueError(f"{name}s: expected at least one, got none")
+    for index, size in enumerate(sizes):
+        if size != sizes[0]:
+            raise ValueError(f"{name} {index}: expected {sizes[0]} as {name} 0, got {size}")

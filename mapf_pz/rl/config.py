@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, PlainSerializer, PlainValidator
@@ -11,8 +12,9 @@ from tyro.conf import arg
 
 from mapf_pz.action_modes import ActionMode
 from mapf_pz.config import DEFAULT_NUM_AGENTS, REWARDS, EnvConfig
+from mapf_pz.instance import InstanceSource
 from mapf_pz.instances.configured import goals_per_agent, make_source
-from mapf_pz.instances.sources import RandomObstacles
+from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl.checks import check_counts, check_from_zero, check_names, check_positive
 from mapf_pz.rl.saved_env import dump_env, load_env
 
@@ -54,13 +56,9 @@ class TaskConfig:
     """What the agents train on: an environment, and what is not part of one."""
 
     env: Annotated[EnvConfig, PlainValidator(load_env), PlainSerializer(dump_env)] = TRAINING_ENV
-    """The environment. If it has no map, scenario or source, a new random map is generated for each episode."""
-    height: int = 12
-    """Number of rows of a random map."""
-    width: int = 12
-    """Number of columns of a random map."""
-    density: float = 0.15
-    """Fraction of cells of a random map that are obstacles."""
+    """The environment. If it has no map, scenario or source, episodes take place on the maps of `mixture`."""
+    mixture: MapMixture = field(default_factory=MapMixture)
+    """The maps to train on, if the environment has no map, scenario or source."""
     num_frames: int = 1
     """Number of latest observations that each agent sees, stacked; 1 is the current one only."""
     neighbors: int = 0
@@ -73,22 +71,25 @@ class TaskConfig:
     def __post_init__(self) -> None:
         """Check names and numbers; what depends on the map is checked when the environment is created."""
         check_names(self)
-        check_counts(self, 1, "height", "width", "num_frames")
+        check_counts(self, 1, "num_frames")
         check_counts(self, 0, "neighbors", "neighbor_radius")
+
+    @cached_property
+    def source(self) -> InstanceSource:
+        """Where episodes come from; reads the files of the map or the scenario on first use."""
+        env = self.env
+        if (env.map, env.scenario, env.source) != (None, None, None):
+            return make_source(env)
+        return self.mixture.source(env.num_agents or DEFAULT_NUM_AGENTS, goals_per_agent(env))
 
     @property
     def num_agents(self) -> int:
         """N; reads the scenario's file if that alone determines it."""
-        return self.env.num_agents or make_source(self.env_config()).num_agents
+        return self.env.num_agents or self.source.num_agents
 
     def env_config(self) -> EnvConfig:
-        """Return the environment to train in: `env`, with random maps as its source if it has nothing else."""
-        env = self.env
-        if (env.map, env.scenario, env.source) != (None, None, None):
-            return env
-        num_agents = env.num_agents or DEFAULT_NUM_AGENTS
-        source = RandomObstacles(self.height, self.width, self.density, num_agents, goals_per_agent(env))
-        return replace(env, source=source)
+        """Return the environment to train in: `env`, whose episodes come from `source`."""
+        return replace(self.env, map=None, scenario=None, source=self.source)
 
     def env_keywords(self) -> dict[str, Any]:
         """Return the keywords of the environment to train in."""

@@ -5,13 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mapf_pz.config import REWARDS
+from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl.config import TRAINING_ENV, ModelConfig, PPOConfig, TaskConfig, TrainConfig
 
 # Denser maps than those of the evaluation teach agents to make way for each other in narrow places.
-_QUICKSTART = TrainConfig(task=TaskConfig(density=0.3), agent_steps=2_000_000)
+_QUICKSTART = TrainConfig(task=TaskConfig(mixture=MapMixture(density=0.3)), agent_steps=2_000_000)
 
 _CROWD = TrainConfig(
-    task=TaskConfig(env=replace(TRAINING_ENV, num_agents=32, max_steps=160), height=20, width=20, density=0.2),
+    task=TaskConfig(
+        env=replace(TRAINING_ENV, num_agents=32, max_steps=160),
+        mixture=MapMixture(height=20, width=20, density=0.2),
+    ),
     ppo=PPOConfig(num_envs=32, minibatch_size=128),
     agent_steps=3_000_000,
 )
@@ -27,9 +31,7 @@ _CENTRAL = TrainConfig(
             view_size=(5, 5),
             reward=replace(REWARDS["progress"], share=1.0),
         ),
-        height=8,
-        width=8,
-        density=0.1,
+        mixture=MapMixture(height=8, width=8, density=0.1),
     ),
     algorithm="central-ppo",
     model=ModelConfig(encoder="report", conv_channels=(32, 64), hidden=128, head=(64, 64)),
@@ -45,7 +47,11 @@ PRESETS: dict[str, TrainConfig] = {
     "central-ppo": _CENTRAL,
     "central-ppo-8": replace(
         _CENTRAL,
-        task=replace(_CENTRAL.task, env=replace(_CENTRAL.task.env, num_agents=8), height=10, width=10),
+        task=replace(
+            _CENTRAL.task,
+            env=replace(_CENTRAL.task.env, num_agents=8),
+            mixture=MapMixture(height=10, width=10, density=0.1),
+        ),
         model=ModelConfig(encoder="report", conv_channels=(64, 64), hidden=384, head=(192,)),
         ppo=replace(_CENTRAL.ppo, learning_rate=7e-4, num_epochs=4),
         agent_steps=8_000_000,

@@ -21,12 +21,13 @@ from mapf_pz.config import EnvConfig, HeadingName
 from mapf_pz.errors import FormatError
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instance import Grid, Instance, Scenario
-from mapf_pz.instances.sources import FixedMap, FixedScenario, InstanceList
+from mapf_pz.instances.sources import FixedMap, FixedScenario, InstanceList, SourceMixture
 
 OBJECT_FIELDS = ("map", "scenario", "edge_weights", "source")
 """The fields of `EnvConfig` that may hold an object."""
 _TYPES = {
-    kind.__name__: kind for kind in (GuidanceGraph, Grid, Scenario, Instance, FixedMap, FixedScenario, InstanceList)
+    kind.__name__: kind
+    for kind in (GuidanceGraph, Grid, Scenario, Instance, FixedMap, FixedScenario, InstanceList, SourceMixture)
 }
 _DAMAGE = (
     *(SafetensorError, OSError, ValueError, TypeError, LookupError, AttributeError),
@@ -45,7 +46,7 @@ def _stored_form() -> type[BaseModel]:
     """Return the model of the JSON: the fields of `EnvConfig`, where names of files stand for objects."""
     hints = get_type_hints(EnvConfig) | {
         "map": str | _StoredPath | None,
-        "scenario": str | _StoredPath | None,
+        "scenario": str | _StoredPath | tuple[str | _StoredPath, ...] | None,
         "edge_weights": str,
         "source": str | None,
         "initial_heading": HeadingName | tuple[int, ...],
@@ -70,12 +71,17 @@ def object_file(field: str) -> str:
 def dump_env(config: EnvConfig) -> dict[str, Any]:
     """Return the fields as the JSON has them."""
     fields = config.keywords() | {"reward": config.reward}
-    for name in OBJECT_FIELDS:
-        if isinstance(fields[name], Path):
-            fields[name] = _StoredPath(path=str(fields[name]))
-        elif fields[name] is not None and not isinstance(fields[name], str):
-            fields[name] = object_file(name)
-    return _stored_form()(**fields).model_dump(mode="json")
+    stored = {name: _stored(name, fields[name]) for name in OBJECT_FIELDS}
+    return _stored_form()(**fields | stored).model_dump(mode="json")
+
+
+def _stored(name: str, value: Any) -> Any:
+    """Return the JSON's form of a field's value: the name of a file stands for an object."""
+    if isinstance(value, tuple):
+        return tuple(_stored(name, part) for part in value)
+    if isinstance(value, Path):
+        return _StoredPath(path=str(value))
+    return value if value is None or isinstance(value, str) else object_file(name)
 
 
 def load_env(stored: Any, info: ValidationInfo) -> EnvConfig:
@@ -88,12 +94,17 @@ def load_env(stored: Any, info: ValidationInfo) -> EnvConfig:
     except ValidationError as error:
         raise ValueError(complaint(error)) from None
     fields = {name: getattr(form, name) for name in type(form).model_fields}
-    for name in OBJECT_FIELDS:
-        if isinstance(fields[name], _StoredPath):
-            fields[name] = Path(fields[name].path)
-        elif fields[name] == object_file(name) and info.context is not None:
-            fields[name] = _read_object(info.context / object_file(name))
-    return EnvConfig(**fields)
+    loaded = {name: _loaded(name, fields[name], info.context) for name in OBJECT_FIELDS}
+    return EnvConfig(**fields | loaded)
+
+
+def _loaded(name: str, value: Any, folder: Path | None) -> Any:
+    """Return a field's value from the JSON's form and the folder of the objects' files."""
+    if isinstance(value, tuple):
+        return tuple(_loaded(name, part, folder) for part in value)
+    if isinstance(value, _StoredPath):
+        return Path(value.path)
+    return _read_object(folder / value) if value == object_file(name) and folder is not None else value
 
 
 def object_files(config: EnvConfig) -> dict[str, bytes]:
@@ -101,7 +112,7 @@ def object_files(config: EnvConfig) -> dict[str, bytes]:
     files: dict[str, bytes] = {}
     for name in OBJECT_FIELDS:
         value = getattr(config, name)
-        if value is not None and not isinstance(value, (str, Path)):
+        if value is not None and not isinstance(value, (str, Path, tuple)):
             try:
                 files[object_file(name)] = _written(value)
             except TypeError as error:
@@ -125,7 +136,7 @@ def _written(value: object) -> bytes:
         if id(part) not in numbers:
             kind = type(part)
             if _TYPES.get(kind.__name__) is not kind:
-                advice = "random maps are set by height, width and density of the task"
+                advice = "generated maps are set by the task's MapMixture"
                 raise TypeError(f"a run cannot save a {kind.__name__}, only {', '.join(_TYPES)}; {advice}")
             made = {field.name: write(getattr(part, field.name)) for field in dataclasses.fields(kind) if field.init}
             objects.append({"type": kind.__name__, "fields": made})

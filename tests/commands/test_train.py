@@ -53,7 +53,7 @@ def test_an_existing_run_is_kept_unless_overwritten(capsys, tmp_path):
         ("quickstart", ["--action-model", "cardinal"], "action_model='cardinal': '2 agents on "),
         ("central-ppo", ["--num-agents", "3"], "num_agents=3: '2 agents on "),
         ("quickstart", ["--map", "absent.map"], "absent.map: no such file"),
-        ("quickstart", ["--density", "2"], "density=2.0: expected"),
+        ("quickstart", ["--maps", "maze-13-13-1", "--num-agents", "80"], "maps: 'maze-13-13-1': 80 agents do not fit"),
     ],
 )
 def test_refusals_leave_an_existing_run_as_it_was(capsys, tmp_path, suite, preset, option, told):

@@ -4,15 +4,18 @@ import csv
 import dataclasses
 
 from mapf_pz.config import EnvConfig
+from mapf_pz.instances import MapMixture
 from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
 
 ENV_FIELDS = {field.name for field in dataclasses.fields(EnvConfig)}
+MIXTURE_FIELDS = {field.name for field in dataclasses.fields(MapMixture)}
 
 
 def changed(task, **fields):
-    """Return the task with other fields, of its own or of its environment."""
-    env = {name: fields.pop(name) for name in fields.keys() & ENV_FIELDS}
-    return dataclasses.replace(task, env=dataclasses.replace(task.env, **env), **fields)
+    """Return the task with other fields, of its own, its environment or its maps."""
+    env = dataclasses.replace(task.env, **{name: fields.pop(name) for name in fields.keys() & ENV_FIELDS})
+    mixture = dataclasses.replace(task.mixture, **{name: fields.pop(name) for name in fields.keys() & MIXTURE_FIELDS})
+    return dataclasses.replace(task, env=env, mixture=mixture, **fields)
 
 
 TINY = TrainConfig(

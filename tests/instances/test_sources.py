@@ -4,6 +4,7 @@ from functools import partial
 import numpy as np
 import pytest
 
+import mapf_pz
 from mapf_pz.instance import Grid, Instance, InstanceSource, Scenario
 from mapf_pz.instances import (
     FixedMap,
@@ -11,6 +12,7 @@ from mapf_pz.instances import (
     InstanceList,
     RandomMaps,
     RandomObstacles,
+    SourceMixture,
     components,
     generate,
     place,
@@ -37,6 +39,7 @@ SOURCES = {
     "mazes": RandomMaps(partial(generate.maze, 5, 6), 3),
     "rooms": RandomMaps(partial(generate.room, 5, 6, size=3), 3),
     "list": InstanceList([instance(), instance()]),
+    "mixture": SourceMixture([FixedMap(GRID, 3), RandomObstacles(5, 6, 0.2, 3)]),
 }
 
 
@@ -117,6 +120,26 @@ def test_a_list_gives_each_instance():
     assert InstanceList([first, instance(Grid(GRID.free))]).grid is None
 
 
+def test_a_mixture_samples_each_source():
+    part = FixedMap(GRID, 3)
+    source, generator = SourceMixture([part, RandomObstacles(5, 6, 0.2, 3), part]), rng()
+    drawn = [source.sample(generator).grid for _ in range(400)]
+    assert 220 < sum(grid is GRID for grid in drawn) < 310
+    assert source.grid is None
+    assert SourceMixture([part, FixedMap(GRID, 3, goals_per_agent=2)]).grid is GRID
+
+
+def test_instances_of_a_list_may_have_different_numbers_of_goals():
+    env = mapf_pz.parallel_env(
+        source=InstanceList([instance(), instance(goals_per_agent=4)]), on_target="restart", max_steps=9
+    )
+    for seed in range(6):
+        env.reset(seed=seed)
+        assert env.goals.tolist() == instance(goals_per_agent=4).scenario.goals[:, 0].tolist() or (
+            env.goals.tolist() == instance().scenario.goals.tolist()
+        )
+
+
 def changing_size(generator):
     return generate.empty(2, int(generator.integers(2, 9)))
 
@@ -141,7 +164,12 @@ def changing_size(generator):
             "instance 1: expected a 5 x 6 map, 3 agents",
         ),
         (lambda: InstanceList([instance(), instance(num_agents=2)]), "got a 5 x 6 map, 2 agents"),
-        (lambda: InstanceList([instance(), instance(goals_per_agent=2)]), "goals per agent 2"),
+        (lambda: SourceMixture([]), "sources: expected at least one"),
+        (
+            lambda: SourceMixture([FixedMap(GRID, 3), FixedMap(GRID, 2)]),
+            "source 1: expected a 5 x 6 map, 3 agents as source 0, got a 5 x 6 map, 2 agents",
+        ),
+        (lambda: SourceMixture([FixedMap(GRID, 3), RandomObstacles(6, 5, 0.1, 3)]), "source 1: .* a 6 x 5 map"),
     ],
 )
 def test_what_cannot_be_is_refused(make, message):

@@ -3,13 +3,22 @@
 import dataclasses
 import inspect
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import mapf_pz
 from mapf_pz import Grid, GuidanceGraph, Instance, Scenario
-from mapf_pz.instances import FixedMap, FixedScenario, InstanceList
+from mapf_pz.instances import (
+    FixedMap,
+    FixedScenario,
+    InstanceList,
+    MapMixture,
+    SourceMixture,
+    write_map,
+    write_scenario,
+)
 from mapf_pz.rl import config as rl_config
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.config import TaskConfig
@@ -31,6 +40,9 @@ OBJECTS = {
     "fixed map": {"source": FixedMap(GRID, 3)},
     "fixed scenario": {"source": FixedScenario(GRID, SCENARIO, 3)},
     "instances": {"source": InstanceList(INSTANCES)},
+    "mixture of sources": {"source": SourceMixture([FixedMap(GRID, 3), InstanceList(INSTANCES)])},
+    "files": {"scenario": ("a.scen", Path("b.scen"))},
+    "mixture of maps": {"maps": ("maze", "empty-8-8"), "height": (5, 6), "density": (0.1, 0.3), "corridor": (1, 2)},
     "headings": {"initial_heading": [0, 1, 3]},
     "name of a reward": {"reward": "report"},
 }
@@ -87,6 +99,26 @@ def test_the_scenario_determines_the_number_of_agents():
     assert (config.task.num_agents, config.steps_per_update) == (3, 3 * 4 * 16)
 
 
+def test_the_files_of_a_task_are_read_once(tmp_path):
+    write_map(GRID, tmp_path / "hall.map")
+    write_scenario(SCENARIO, GRID, tmp_path / "hall.scen")
+    config = with_env(map=tmp_path / "hall.map", scenario=tmp_path / "hall.scen", num_agents=None)
+    unread = dataclasses.replace(config, task=dataclasses.replace(config.task))
+    assert config.task.num_agents == 3
+    (tmp_path / "hall.map").unlink()
+    assert config.steps_per_update == 3 * 4 * 16
+    assert config.task.env_config().source is config.task.source
+    assert config == unread
+    save_config(tmp_path, config)
+    assert load_config(tmp_path / CONFIG) == config
+
+
+def test_a_generated_source_is_made_once():
+    task = TaskConfig(mixture=MapMixture(maps=("maze", "random")))
+    assert task.env_config().source is task.source
+    assert task.source.num_agents == 8
+
+
 def test_an_object_of_another_type_is_refused(tmp_path):
     class Own(FixedMap):
         pass
@@ -120,6 +152,6 @@ def test_other_forms_of_the_file_are_refused_in_one_line(tmp_path, change, told)
 
 
 def test_random_maps_have_the_size_and_the_agents_of_the_task():
-    task = TaskConfig(height=9, width=10, density=0.1)
+    task = TaskConfig(mixture=MapMixture(height=9, width=10, density=0.1))
     env = mapf_pz.MapfEnv(task.env_config())
     assert (env.simulator.shape, len(env.possible_agents)) == ((9, 10), 8)

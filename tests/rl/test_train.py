@@ -9,7 +9,7 @@ from torchrl.envs import Compose, RewardScaling, TransformedEnv
 
 import mapf_pz
 from mapf_pz.evaluation import EvaluationTask, evaluate
-from mapf_pz.instances import RandomObstacles
+from mapf_pz.instances import RandomObstacles, SourceMixture
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.algorithms import ALGORITHMS, MAPPO
 from mapf_pz.rl.config import CuriosityConfig
@@ -52,7 +52,13 @@ def test_a_run_is_at_least_as_long_as_asked_for(tmp_path, asked, updates):
     ("part", "name", "values"),
     [
         ("env", "num_agents", [0, -1, 2.5]),
-        ("task", "height", [0]),
+        ("mixture", "height", [0, (), (5,), (5, 4), (0, 4), (5, 6, 7), 2.5, True]),
+        ("mixture", "width", [0]),
+        ("mixture", "density", [-0.1, 1.0, (0.2, 0.1), (0.2, 1), float("nan")]),
+        ("mixture", "corridor", [0]),
+        ("mixture", "room_size", [1]),
+        ("mixture", "shelf_length", [0]),
+        ("mixture", "maps", [(), "random", ("maze", 3)]),
         ("env", "max_steps", [0]),
         ("task", "action_mode", ["best"]),
         ("model", "encoder", ["transformer"]),
@@ -92,7 +98,7 @@ def test_a_run_is_at_least_as_long_as_asked_for(tmp_path, asked, updates):
     ],
 )
 def test_values_that_are_not_allowed_are_refused(part, name, values):
-    config = TINY if part is None else TINY.task.env if part == "env" else getattr(TINY, part)
+    config = TINY if part is None else getattr(TINY.task if part in ("env", "mixture") else TINY, part)
     for value in values:
         with pytest.raises(ValueError, match=f"^{name}={re.escape(repr(value))}: expected "):
             dataclasses.replace(config, **{name: value})
@@ -119,10 +125,14 @@ def test_a_run_is_replaced_only_when_asked_to(tmp_path):
     [
         {"map": "absent.map"},
         {"map": "empty-8-8", "num_agents": 65},
-        {"density": 1.5},
+        {"maps": ("random", "absent.map")},
+        {"maps": ("random", "maze-13-13-1"), "num_agents": 100},
+        {"scenario": ("absent.scen", "absent-too.scen")},
+        {"scenario": "absent.json"},
         {"num_agents": 500},
         {"view_size": (7, 7)},
         {"source": RandomObstacles(6, 6, 0.1, 3)},  # a run cannot save it
+        {"source": SourceMixture([RandomObstacles(6, 6, 0.1, 3)])},
     ],
 )
 @pytest.mark.parametrize("collector", ["single", "processes"])

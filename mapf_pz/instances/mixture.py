@@ -1,0 +1,153 @@
+"""Mixtures of map families: which maps the episodes of a training run take place on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from mapf_pz.instance import Grid
+from mapf_pz.instances import generate
+from mapf_pz.instances.library import load_map
+from mapf_pz.instances.sources import FixedMap, RandomMaps, SourceMixture
+
+SHELF_DEPTH = 2
+"""Cells that a shelf of a generated warehouse takes from top to bottom, as in the benchmark's warehouses."""
+
+
+@dataclass(frozen=True)
+class MapMixture:
+    """Map families and the ranges of their parameters.
+
+    A number is a fixed value; two numbers are a range, both ends included, that is sampled for every map. Raises
+    `ValueError` for a value that is not allowed, or a size that is too small for one of the families.
+    """
+
+    maps: tuple[str, ...] = ("random",)
+    """The maps that episodes are sampled from: families (`random`, `maze`, `room`, `warehouse`), names of maps, and
+    paths of `.map` files. All are equally likely; one that is listed twice counts twice."""
+    height: int | tuple[int, int] = 12
+    """Number of rows of a generated map; two numbers are a range to sample from."""
+    width: int | tuple[int, int] = 12
+    """Number of columns of a generated map; two numbers are a range to sample from."""
+    density: float | tuple[float, float] = 0.15
+    """Fraction of the cells of a `random` map that are obstacles; two numbers are a range to sample from."""
+    corridor: int | tuple[int, int] = 1
+    """Width in cells of the corridors of a `maze` and the aisles of a `warehouse`; two numbers are a range."""
+    room_size: int | tuple[int, int] = 5
+    """Number of rows and columns of each room of a `room` map, one wall included; two numbers are a range."""
+    shelf_length: int | tuple[int, int] = 5
+    """Length in cells of the shelves of a `warehouse`; two numbers are a range."""
+
+    def __post_init__(self) -> None:
+        """Check every field, and turn lists into tuples."""
+        for field in fields(self):
+            if isinstance(value := getattr(self, field.name), list):
+                object.__setattr__(self, field.name, tuple(value))
+        _check_names("maps", self.maps)
+        for name, least in (("height", 1), ("width", 1), ("corridor", 1), ("room_size", 2), ("shelf_length", 1)):
+            _check_range(name, getattr(self, name), int, least)
+        _check_range("density", self.density, (int, float), 0)
+        if _bounds(self.density)[1] >= 1:
+            raise ValueError(f"density={self.density!r}: expected at least 0 and less than 1")
+        for family in self.maps:
+            if family in _FAMILIES:
+                self._check_size(family)
+
+    def source(self, num_agents: int, goals_per_agent: int = 1) -> SourceMixture:
+        """Return the source of episodes with `num_agents` agents on these maps.
+
+        All maps of a source have the same shape: that of the largest. A smaller map is placed in the upper left corner
+        of a canvas of obstacles. A generated map that has no room for the agents is generated again.
+
+        Raises:
+            FileNotFoundError: There is no such map file.
+            FormatError: A map file is malformed.
+            ValueError: There is no map of a name, or one of the maps is too small for the agents.
+        """
+        grids = {name: load_map(name) for name in self.maps if name not in _FAMILIES}
+        shapes = [grid.shape for grid in grids.values()]
+        if len(grids) < len(set(self.maps)):
+            shapes.append((_bounds(self.height)[1], _bounds(self.width)[1]))
+        shape = max(height for height, _ in shapes), max(width for _, width in shapes)
+
+        def source_of(name: str) -> FixedMap | RandomMaps:
+            try:
+                if name in grids:
+                    return FixedMap(generate.on_canvas(grids[name], shape), num_agents, goals_per_agent)
+                return RandomMaps(partial(_generate, name, self, shape), num_agents, goals_per_agent)
+            except ValueError as error:
+                raise ValueError(f"maps: {name!r}: {error}") from None
+
+        return SourceMixture([source_of(name) for name in self.maps])
+
+    def _check_size(self, family: str) -> None:
+        """Raise `ValueError` unless the smallest size in range holds the family's largest pattern."""
+        least = {"height": 1 if family == "random" else 2, "width": 1 if family == "random" else 2}
+        if family == "warehouse":
+            walls_and_aisles = 2 + 2 * _bounds(self.corridor)[1]
+            least["height"] = walls_and_aisles + SHELF_DEPTH
+            least["width"] = walls_and_aisles + _bounds(self.shelf_length)[1]
+        for name, size in least.items():
+            if _bounds(getattr(self, name))[0] < size:
+                raise ValueError(f"{name}={getattr(self, name)!r}: expected {size} or more for maps={family!r}")
+
+
+def _check_names(name: str, value: Any) -> None:
+    if not isinstance(value, tuple) or not value or not all(isinstance(item, str) for item in value):
+        raise ValueError(f"{name}={value!r}: expected a tuple of names, at least one")
+
+
+def _check_range(name: str, value: Any, kind: Any, least: int) -> None:
+    """Raise `ValueError` unless `value` is a number of at least `least`, or two in ascending order."""
+    ends = _bounds(value)
+    numbers = all(isinstance(end, kind) and not isinstance(end, bool) for end in ends)
+    if len(ends) != 2 or not numbers or not least <= ends[0] <= ends[1]:
+        raise ValueError(f"{name}={value!r}: expected {least} or more, or a range such as ({least}, {least + 4})")
+
+
+def _bounds(value: float | tuple[float, float]) -> tuple[Any, Any]:
+    return value if isinstance(value, tuple) else (value, value)
+
+
+def _sample(value: int | tuple[int, int], rng: np.random.Generator) -> int:
+    """Return a fixed value, for which nothing is sampled, or a sample from a range."""
+    return int(rng.integers(*value, endpoint=True)) if isinstance(value, tuple) else value
+
+
+def _generate(family: str, mixture: MapMixture, shape: tuple[int, int], rng: np.random.Generator) -> Grid:
+    """Generate a map of a family on a canvas of `shape` (H, W)."""
+    height, width = _sample(mixture.height, rng), _sample(mixture.width, rng)
+    return generate.on_canvas(_FAMILIES[family](mixture, height, width, rng), shape)
+
+
+def _random(mixture: MapMixture, height: int, width: int, rng: np.random.Generator) -> Grid:
+    density = rng.uniform(*mixture.density) if isinstance(mixture.density, tuple) else mixture.density
+    return generate.random(height, width, density, rng)
+
+
+def _maze(mixture: MapMixture, height: int, width: int, rng: np.random.Generator) -> Grid:
+    return generate.maze(height, width, rng, _sample(mixture.corridor, rng))
+
+
+def _room(mixture: MapMixture, height: int, width: int, rng: np.random.Generator) -> Grid:
+    return generate.room(height, width, rng, _sample(mixture.room_size, rng))
+
+
+def _warehouse(mixture: MapMixture, height: int, width: int, rng: np.random.Generator) -> Grid:
+    """Generate a warehouse of as many shelves as fit."""
+    length, aisle = _sample(mixture.shelf_length, rng), _sample(mixture.corridor, rng)
+    columns = (width - 2 - aisle) // (length + aisle)
+    rows = (height - 2 - aisle) // (SHELF_DEPTH + aisle)
+    return generate.warehouse(columns, rows, length, SHELF_DEPTH, aisle, margin=aisle)
+
+
+_FAMILIES: dict[str, Callable[[MapMixture, int, int, np.random.Generator], Grid]] = {
+    "random": _random,
+    "maze": _maze,
+    "room": _room,
+    "warehouse": _warehouse,
+}
