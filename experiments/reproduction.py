@@ -27,7 +27,7 @@ from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.run import PROGRESS
 from mapf_pz.rl.train import train
 
-DOCS = Path(__file__).parent
+DOCS = Path(__file__).parents[1] / "docs"
 FULL = PRESETS["central-ppo"]
 
 AS_CODED = TrainConfig(
@@ -180,9 +180,18 @@ def curve(run: Path) -> Curve:
     return [(float(row["agent_steps"]), float(row["validation_CSR"]), float(row["validation_ISR"])) for row in rows]
 
 
+INTRODUCTION = """\
+# The report's experiment
+
+`make reproduction` measures and writes this table; [The report and its
+failure](explanation/report.md#what-makes-it-learn) explains it. CSR and ISR are means over three training seeds, with
+the minimum and the maximum. Each row changes the row above it, down to `central-ppo`; each of the rows below that
+changes `central-ppo` only."""
+
+
 def write_table(results: dict[str, list[Curve]]) -> None:
     """Write means and ranges over the seeds of the last validation as Markdown."""
-    lines = ["| setting | CSR | ISR |", "| --- | --- | --- |"]
+    lines = [*INTRODUCTION.splitlines(), "", "| setting | CSR | ISR |", "| --- | --- | --- |"]
     for name, curves in results.items():
         last = np.array([runs[-1] for runs in curves])
         cells = [f"{last[:, k].mean():.3f} ({last[:, k].min():.2f} to {last[:, k].max():.2f})" for k in (1, 2)]

@@ -76,7 +76,7 @@ def by_task(results: Results, metrics: Sequence[str]) -> list[list[str]]:
     policies = list(dict.fromkeys(row["policy"] for row in results["rows"]))
     cells: dict[str, dict[str, str]] = {}
     for row in results["rows"]:
-        task = f"{row['name']}, {row['num_agents']} agents"
+        task = f"{row['task']}, {row['num_agents']} agents"
         cells.setdefault(task, {})[row["policy"]] = _cell(row, metrics)
     body = [[task, *(found.get(policy, "") for policy in policies)] for task, found in cells.items()]
     return [["", *(f"`{policy}`" for policy in policies)], *body]
