@@ -19,7 +19,7 @@ from mapf_pz.arrays import Bools, Floats
 from mapf_pz.config import CollisionSystem
 from mapf_pz.instances import load_map
 
-IMAGES = Path(__file__).parent / "images"
+IMAGES = Path(__file__).parents[1] / "docs" / "images"
 WAIT, UP, DOWN, LEFT, RIGHT = CardinalAction
 STEPS = {WAIT: (0, 0), UP: (-1, 0), DOWN: (1, 0), LEFT: (0, -1), RIGHT: (0, 1)}
 MOVES, STAYS, WAITS = "#2a9d3f", "#d1392b", "#8a8a8a"
@@ -43,7 +43,7 @@ class Case:
         """Return who moves, as the environment has it."""
         height, width = len(self.drawing), len(self.drawing[0])
         free = np.ones((height, width), np.bool_)
-        agents = Scenario(self.starts(), np.zeros((len(self.wants), 2), np.int32) + (0, width - 1))
+        agents = Scenario(np.array(self.starts()), np.zeros((len(self.wants), 2), np.int32) + (0, width - 1))
         settings: dict[str, Any] = {"map": free, "scenario": agents, "num_agents": len(self.wants), "view_size": (1, 1)}
         env = mapf_pz.parallel_env(**settings, action_model="cardinal", collision_system=system, on_target="restart")
         env.reset(seed=0)
@@ -119,12 +119,12 @@ def costs(graph: GuidanceGraph, free: Bools) -> Floats:
     """Return the cost to go (H, W) of an agent with cardinal actions, `inf` on obstacles."""
     found = np.full(free.shape, np.inf)
     for cell in np.argwhere(free):
-        agent = Scenario([cell], [GOAL])
+        agent = Scenario(cell[None], np.array([GOAL]))
         env = mapf_pz.parallel_env(
             map=free, scenario=agent, num_agents=1, view_size=(1, 1), action_model="cardinal", edge_weights=graph
         )
         env.reset(seed=0)
-        found[tuple(cell)] = env.simulator.distance_to_go(0)[0]
+        found[tuple(cell)] = env.simulator.cost_to_go(0)[0]
     return found
 
 

@@ -19,7 +19,7 @@ from mapf_pz.environment import MapfEnv
 from mapf_pz.instances.sources import RandomObstacles
 from mapf_pz.render.gif import save_png
 
-IMAGES = Path(__file__).parent / "images"
+IMAGES = Path(__file__).parents[1] / "docs" / "images"
 WAREHOUSE = "warehouse-10-20-10-2-1"
 PLANES = (
     "view",
@@ -58,7 +58,7 @@ def draw_observation() -> None:
     )
     observations, agent = _reset_to_a_telling_one(env)
     figure = Figure(figsize=(12, 4.6), layout="constrained")
-    left, right = figure.subfigures(1, 2, width_ratios=(1, 1.7))
+    left, right = np.ravel(np.array(figure.subfigures(1, 2, width_ratios=(1, 1.7))))
     _draw_map(left.subplots(), env, agent)
     axes = right.subplots(2, 4).flat
     for axis, plane, title in zip(axes, observations[f"agent_{agent}"], PLANES, strict=True):

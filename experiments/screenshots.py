@@ -13,7 +13,7 @@ from playwright.sync_api import Page, sync_playwright
 
 from mapf_pz.cli import main
 
-IMAGES = Path(__file__).parent / "images"
+IMAGES = Path(__file__).parents[1] / "docs" / "images"
 EPISODE = "--policy mappo+pibt --map warehouse-10-20-10-2-1 --num-agents 100 --max-steps 512"
 FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update")
 

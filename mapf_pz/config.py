@@ -205,15 +205,6 @@ def _scenario(value: Any) -> str | Path | Scenario | tuple[str | Path, ...] | No
     return several if isinstance(value, list) else value
 
 
-def _scenario(value: Any) -> str | Path | Scenario | tuple[str | Path, ...] | None:
-    """Return a scenario or scenarios, several as a tuple."""
-    several = tuple(value) if isinstance(value, (tuple, list)) else (value,)
-    paths = all(isinstance(item, (str, Path)) for item in several)
-    if not several or not (paths or isinstance(value, (Scenario, type(None)))):
-        raise TypeError(f"scenario={_shown(value)}: expected the path of a file, several paths, or a Scenario")
-    return several if isinstance(value, list) else value
-
-
 def _positive(name: str, value: object) -> None:
     if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < 1:
         raise ValueError(f"{name}={_shown(value)}: expected a whole number, 1 or more")
