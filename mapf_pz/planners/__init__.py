@@ -1,4 +1,4 @@
-"""Planning: planners, and whether what they make is legal."""
+"""Planners, plans, and the validation of plans."""
 
 from mapf_pz.planners.base import Planner
 from mapf_pz.planners.epibt.planner import EPIBT

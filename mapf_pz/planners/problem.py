@@ -1,4 +1,4 @@
-"""A one-shot problem as the planners' kernels read it, and the path of all agents that solves it."""
+"""The input and the output of the planners' kernels: a one-shot problem, and the paths of all agents."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from mapf_pz.simulator import Simulator
 
 
 class Problem(NamedTuple):
-    """A one-shot problem of N agents on a map of C cells, as kernels read it; `D` headings, 1 for cardinal agents."""
+    """A one-shot problem of N agents on a map of C cells; `D = 4` headings, or 1 for cardinal agents."""
 
-    leads_to: Array  # (4, C + 1) int32: the cell that a move in each direction ends in; the own cell if blocked
-    weight: Array  # (5, C + 1) float32: of leaving in each direction (inf: blocked), and of waiting or turning
-    to_go: Array  # (S, C + 1, D) float32: cost to go, one table for each different goal
-    table: Array  # (N,) int32: which of the tables is that of the agent's goal
+    leads_to: Array  # (4, C + 1) int32: the cell that a move in each direction leads to; the same cell if blocked
+    weight: Array  # (5, C + 1) float32: cost of moving in each direction (inf: blocked), and of waiting or turning
+    to_go: Array  # (S, C + 1, D) float32: cost to go, one table for each distinct goal
+    table: Array  # (N,) int32: index of the table for each agent's goal
     starts: Array  # (N,) int32: cells
     headings: Array  # (N,) int32: at the start; 0 for cardinal agents
     goals: Array  # (N,) int32: cells
 
 
 class Path(NamedTuple):
-    """Where N agents are in T steps."""
+    """The paths of N agents over T steps."""
 
     cells: Ints  # (T + 1, N) int32
     headings: Ints | None  # (T + 1, N) int8; None: cardinal agents
 
     def actions(self, leads_to: Ints) -> Ints:
-        """Return the actions (T, N) int64 that lead along this path, on a map of `leads_to` (4, C + 1)."""
+        """Return the actions (T, N) int64 that follow these paths, on the map of `leads_to` (4, C + 1)."""
         here, there = self.cells[:-1], self.cells[1:]
         moved = here != there
         if self.headings is not None:
@@ -39,17 +39,17 @@ class Path(NamedTuple):
             turned = np.select([turn == 1, turn == 3], [Action.ROTATE_RIGHT, Action.ROTATE_LEFT], Action.WAIT)
             return np.where(moved, Action.FORWARD, turned).astype(np.int64)
         actions = np.full(here.shape, CardinalAction.WAIT, np.int64)
-        for towards, action in enumerate(CARDINAL_ACTIONS):
-            actions[moved & (leads_to[towards][here] == there)] = action
+        for direction, action in enumerate(CARDINAL_ACTIONS):
+            actions[moved & (leads_to[direction][here] == there)] = action
         return actions
 
 
 CARDINAL_ACTIONS = (CardinalAction.RIGHT, CardinalAction.DOWN, CardinalAction.LEFT, CardinalAction.UP)
-"""The cardinal action that moves towards each `Heading`."""
+"""The cardinal action that moves in the direction of each `Heading`."""
 
 
 def problem_of(simulator: Simulator) -> Problem:
-    """Return what is left to solve for the active agents of the simulator's first environment."""
+    """Return the remaining problem of the active agents of the simulator's first environment."""
     planning_view = simulator.planning_view()
     agents = planning_view.agents[planning_view.agents["active"]]
     cardinal = simulator.config.action_model == "cardinal"

@@ -1,4 +1,7 @@
-"""Random numbers drawn inside kernels, from a state that belongs to whoever draws: Marsaglia, *Xorshift RNGs*, 2003."""
+"""Random numbers inside kernels: Marsaglia, *Xorshift RNGs*, 2003.
+
+The caller owns the generator's state, an array of one number.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from mapf_pz.core.state import Array
 
 
 def seeded(seed: int) -> Array:
-    """Return a state (1,) uint64; the seed is not 0."""
+    """Return a generator's state (1,) uint64. The seed must not be 0."""
     return np.array([seed], np.uint64)
 
 
@@ -26,5 +29,5 @@ def draw(random: Array) -> int:
 
 @jit
 def draw_below(random: Array, bound: int) -> int:
-    """Return a number from 0 to `bound` - 1, which is below 2^31."""
+    """Return a random number from 0 to `bound` - 1; `bound` is at most 2^31."""
     return int(np.int64((draw(random) >> np.uint64(33)) % np.uint64(bound)))

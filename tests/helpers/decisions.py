@@ -69,7 +69,7 @@ def episode(planner_in, model, weights, on_target, seed, num_agents=10, max_step
         actions = planner.act(observations)
         decisions.append([actions.get(name, -1) for name in env.possible_agents])
         observations = env.step(actions)[0]
-    return np.array(decisions), int(env.simulator.state.agents[0]["arrivals"].sum())
+    return np.array(decisions), int(env.simulator.agents[0]["arrivals"].sum())
 
 
 def obstacles(model, seed, size=6, num_agents=10, density=0.15):
@@ -95,7 +95,7 @@ def refined(model, weights, seed):
     """Return in a search how many paths are missing, what all cost, and the paths if all are there; and that cost."""
     instance = obstacles(model, seed)
     search = NeighborhoodSearch(problem(instance, weights), np.random.default_rng(seed))
-    search.begin_anew(np.arange(instance.num_agents), deadline=np.inf)
+    search.plan_all(np.arange(instance.num_agents), deadline=np.inf)
     seen = []
     for _ in range(8):
         search.improve(work=70)

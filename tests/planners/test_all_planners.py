@@ -1,4 +1,4 @@
-"""What all planners promise: whatever they do is legal, and each step happens as it was wanted."""
+"""What all planners guarantee: their plans are valid, and no move is blocked."""
 
 import inspect
 
@@ -17,7 +17,7 @@ WEIGHTS = ["uniform", "random", "crisscross"]
 
 
 def quick(name):
-    """Return the options under which a planner takes no longer than it must."""
+    """Return the options with which a planner is fastest."""
     known = inspect.signature(PLANNERS[name]).parameters
     return {"anytime": False, "time_limit": 0.5} if "anytime" in known else {}
 
@@ -26,7 +26,7 @@ def quick(name):
 @pytest.mark.parametrize("model", MODELS)
 @settings(max_examples=15)
 @given(seed=st.integers(0, 2**31), weights=st.sampled_from(WEIGHTS), num_agents=st.integers(1, 10))
-def test_solutions_are_legal(name, model, seed, weights, num_agents):
+def test_solutions_are_valid(name, model, seed, weights, num_agents):
     rng = np.random.default_rng(seed)
     drawn = RandomObstacles(6, 6, 0.2, num_agents).sample(rng)
     headings = rng.integers(4, size=num_agents) if model == "rotate" else None
@@ -42,7 +42,7 @@ def test_solutions_are_legal(name, model, seed, weights, num_agents):
 @pytest.mark.parametrize("on_target", ["nothing", "restart"])
 @settings(max_examples=8)
 @given(seed=st.integers(0, 2**31), weights=st.sampled_from(WEIGHTS))
-def test_every_step_is_legal_and_happens(name, model, on_target, seed, weights):
+def test_every_step_is_valid_and_not_blocked(name, model, on_target, seed, weights):
     env = mapf_pz.parallel_env(
         source=RandomObstacles(6, 6, 0.2, 6),
         action_model=model,
@@ -60,6 +60,6 @@ def test_every_step_is_legal_and_happens(name, model, on_target, seed, weights):
         cells.append(env.positions)
         headings.append(env.headings)
     rotates = model == "rotate"
-    # As if each had several goals, so that none must be reached at the end.
+    # As if each agent had several goals, so that none must be reached at the end.
     instance = Instance(Grid(env.grid), Scenario(starts, starts[:, None]), first_headings if rotates else None)
     assert validate(instance, Plan(np.array(cells), np.array(headings) if rotates else None)) is None

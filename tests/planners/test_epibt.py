@@ -29,7 +29,7 @@ def test_it_decides_as_in_plain_python(depth, seed, num_agents):
     depth=st.integers(1, 4),
     time_limit=st.sampled_from([0.0, 0.002]),
 )
-def test_what_it_wants_it_gets(model, weights, seed, on_target, depth, time_limit):
+def test_no_move_is_blocked(model, weights, seed, on_target, depth, time_limit):
     env = mapf_pz.parallel_env(
         source=RandomObstacles(8, 8, 0.2, 14),
         action_model=model,
@@ -52,7 +52,7 @@ def test_two_pass_each_other(headings):
     assert validate(instance, plan) is None
 
 
-def test_time_makes_it_better():
+def test_more_time_gives_a_higher_throughput():
     arrivals = []
     for time_limit in (0.0, 0.1):
         env = mapf_pz.parallel_env(map="random-16-16-20", num_agents=60, on_target="restart", max_steps=60)
@@ -64,7 +64,7 @@ def test_time_makes_it_better():
     assert arrivals[1] > 1.05 * arrivals[0]
 
 
-def test_another_episode_begins_without_reset_states():
+def test_a_new_episode_without_reset_states():
     env = mapf_pz.parallel_env(source=RandomObstacles(8, 8, 0.2, 14), max_steps=10)
     planner = EPIBT(env)
     for seed in (0, 1):
@@ -74,20 +74,20 @@ def test_another_episode_begins_without_reset_states():
             assert not any(info["blocked"] for info in infos.values())
 
 
-def test_the_same_episode_is_played_the_same_without_reset_states():
+def test_the_same_episode_again_without_reset_states():
     actions = []
     env = mapf_pz.parallel_env(source=RandomObstacles(6, 6, 0.2, 8), on_target="restart", max_steps=1)
     planner = EPIBT(env, depth=3)
     for _ in range(2):
         observations, _ = env.reset(seed=0)
         actions.append(planner.act(observations))
-        env.step(actions[-1])  # some drive, and look where they did; some turn, and are where they were
+        env.step(actions[-1])  # some agents move and keep their headings; others turn and keep their cells
     assert len(set(actions[0].values())) > 1
     assert actions[0] == actions[1]
 
 
-def test_a_depth_that_it_cannot_have():
-    with pytest.raises(ValueError, match="depth=0: expected a number of actions, 1 to 6"):
+def test_an_invalid_depth():
+    with pytest.raises(ValueError, match="depth=0: expected a number of actions from 1 to 6"):
         EPIBT(depth=0)
 
 

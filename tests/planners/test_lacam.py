@@ -13,7 +13,8 @@ from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances import RandomObstacles, load_map, load_scenario
 from mapf_pz.instances.place import largest_component, place
-from mapf_pz.planners import lacam, validate
+from mapf_pz.planners import validate
+from mapf_pz.planners.lacam import planner as lacam
 from mapf_pz.planners.lacam import search as core
 from mapf_pz.planners.lacam.planner import LaCAM
 from mapf_pz.planners.lacam.step import allocate_scratch
@@ -29,7 +30,7 @@ def facing_east(instance, model):
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("text", ["aB.......bA #.#########", "abc..CBA ####.###"])
-def test_changing_places_where_there_is_little_room(text, model):
+def test_swaps_with_little_room(text, model):
     instance = facing_east(drawn(text), model)
     plan = LaCAM(anytime=False).solve(instance)
     assert plan is not None
@@ -37,7 +38,7 @@ def test_changing_places_where_there_is_little_room(text, model):
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_everybody_moves_round_in_a_circle(model):
+def test_agents_move_around_a_cycle(model):
     grid = Grid(np.ones((2, 2), bool))
     square = [(0, 0), (0, 1), (1, 1), (1, 0)]
     instance = facing_east(Instance(grid, Scenario(square, square[1:] + square[:1])), model)
@@ -46,18 +47,18 @@ def test_everybody_moves_round_in_a_circle(model):
     assert plan.makespan == (1 if model == "cardinal" else 3)
 
 
-def test_one_agent_takes_the_shortest_way():
+def test_one_agent_takes_the_shortest_path():
     assert LaCAM(anytime=False).solve(drawn("a..# ..#A ....")).sum_of_costs == 6
 
 
-def test_nobody_waits_for_nothing():
+def test_no_agent_waits_without_need():
     plan = LaCAM(anytime=False).solve(drawn("a..# ..#A ....", headings=[2]))
     moved = (plan.positions[1:] != plan.positions[:-1]).any(axis=2)
     assert moved.sum() == 6
     assert (moved | (plan.headings[1:] != plan.headings[:-1])).all()
 
 
-def test_who_is_at_its_goal_stays():
+def test_agents_at_their_goals_stay():
     plan = LaCAM(anytime=False).solve(drawn("a.. .b."))
     assert plan.num_steps == 0
 
@@ -65,17 +66,17 @@ def test_who_is_at_its_goal_stays():
 @pytest.mark.parametrize("model", MODELS)
 def test_a_corridor_that_is_too_narrow_has_no_plan(model):
     assert LaCAM(anytime=False).solve(facing_east(drawn("aB.bA"), model), time_limit=1000) is None
-    # More configurations than there is room for at first.
+    # More configurations than are allocated at first.
     assert LaCAM(anytime=False).solve(facing_east(drawn("abcd........DCAB"), model), time_limit=1000) is None
 
 
 @pytest.mark.parametrize("text", ["aB.bA", "aB.C.cbA", "aB#bA ..###", "abcd.DCAB", "aB.bA ##### ..C.. ..c.. ....."])
-def test_it_sees_all_configurations_before_it_gives_up_in_the_least_room(text):
+def test_it_visits_all_configurations_with_minimal_capacity(text):
     instance = drawn(text)
     given, agents = problem(instance), instance.num_agents
     nodes, constraints = core.allocate_nodes(1, agents), core.allocate_constraints(1)
     scratch, counters = allocate_scratch(agents, instance.grid.free.size, seed=1), np.zeros(4, np.int64)
-    core.begin(given, np.arange(agents, dtype=np.int32)[::-1], nodes, constraints, scratch, counters)
+    core.start(given, np.arange(agents, dtype=np.int32)[::-1], nodes, constraints, scratch, counters)
     while core.search(given, 10**5, nodes, constraints, scratch, counters) == core.FULL:
         if counters[core.NUM_NODES] == len(nodes.parent):
             nodes = nodes._make(np.concatenate([array, np.zeros_like(array)]) for array in nodes)
@@ -89,7 +90,7 @@ def test_it_sees_all_configurations_before_it_gives_up_in_the_least_room(text):
 
 
 @pytest.mark.parametrize("room", range(6, 30))
-def test_room_that_grows_changes_nothing(room, monkeypatch):
+def test_growing_capacity_changes_nothing(room, monkeypatch):
     instance = RandomObstacles(4, 4, 0.0, 14).sample(np.random.default_rng(0))
     plan = LaCAM(anytime=False).solve(instance)
     allocate = core.allocate_nodes, core.allocate_constraints
@@ -105,15 +106,15 @@ def test_a_goal_out_of_reach_has_no_plan():
     assert LaCAM(anytime=False).solve(drawn("a#A"), time_limit=1000) is None
 
 
-# The agents a and b never get past each other, however long the others move about.
+# The agents a and b can never pass each other, but the others have many configurations.
 HOPELESS = "aB.bA ##### c..dC .e.f. ED.F."
 
 
-def test_it_is_given_up_in_time():
+def test_it_stops_at_the_time_limit():
     assert LaCAM(anytime=False).solve(drawn(HOPELESS), time_limit=0.2) is None
 
 
-def test_it_is_given_up_when_there_is_no_more_room(monkeypatch):
+def test_it_stops_at_the_memory_limit(monkeypatch):
     monkeypatch.setattr(lacam, "MAX_BYTES", 1 << 20)
     assert LaCAM(anytime=False).solve(drawn(HOPELESS), time_limit=1000) is None
 
@@ -126,21 +127,21 @@ def test_a_shared_goal_has_no_plan():
 @pytest.mark.parametrize("model", MODELS)
 @settings(max_examples=40)
 @given(free=st.lists(st.booleans(), min_size=9, max_size=9), agents=st.integers(1, 3), seed=st.integers(0, 2**31))
-def test_it_solves_exactly_what_can_be_solved(model, free, agents, seed):
+def test_it_solves_exactly_the_solvable_instances(model, free, agents, seed):
     grid = Grid(np.array(free).reshape(3, 3) | np.eye(3, k=1, dtype=bool))
     assume(len(largest_component(grid.free)) >= max(agents, 2))
     instance = facing_east(Instance(grid, place(grid, agents, np.random.default_rng(seed))), model)
     plan = LaCAM(anytime=False, seed=seed).solve(instance, time_limit=1000)
-    assert (plan is not None) == can_be_solved(instance)
+    assert (plan is not None) == is_solvable(instance)
     assert plan is None or validate(instance, plan) is None
 
 
-def can_be_solved(instance):
+def is_solvable(instance):
     return tuple(map(tuple, instance.scenario.goals.tolist())) in reachable(instance)
 
 
 def reachable(instance):
-    """Return all configurations that can come of the first; turns make no difference, as all can wait for them."""
+    """Return all reachable configurations; turns make no difference, because all agents can wait for them."""
     free = {tuple(cell) for cell in np.argwhere(instance.grid.free).tolist()}
     start = tuple(map(tuple, instance.scenario.starts.tolist()))
     steps = [(0, 0), *map(tuple, HEADING_STEPS.tolist())]
@@ -161,13 +162,13 @@ def reachable(instance):
 @pytest.mark.parametrize("weights", ["uniform", "random", "crisscross"])
 @settings(max_examples=15)
 @given(seed=st.integers(0, 2**31))
-def test_plans_are_legal(model, weights, seed):
+def test_plans_are_valid(model, weights, seed):
     instance = facing_east(RandomObstacles(8, 8, 0.2, 14).sample(np.random.default_rng(seed)), model)
     plan = LaCAM(anytime=False, seed=seed).solve(instance, time_limit=1.0, edge_weights=weights)
     assert plan is None or validate(instance, plan) is None
 
 
-def test_weights_lead_the_way():
+def test_it_follows_the_weights():
     instance = drawn("a.A ...")
     move = np.ones((4, 2, 3), np.float32)
     move[0, 0, 0] = 9.0
@@ -187,7 +188,7 @@ def test_same_seed_same_plan(model):
 @pytest.mark.parametrize("on_target", ["nothing", "restart", "finish"])
 @settings(max_examples=5)
 @given(seed=st.integers(0, 2**31))
-def test_what_it_wants_it_gets(model, on_target, seed):
+def test_no_move_is_blocked(model, on_target, seed):
     env = mapf_pz.parallel_env(
         source=RandomObstacles(8, 8, 0.2, 10), action_model=model, on_target=on_target, max_steps=40
     )
@@ -209,7 +210,7 @@ def test_agents_that_share_goals_keep_arriving(model):
         steps_with_shared_goals += len(np.unique(env.goals, axis=0)) < 10
         observations = env.step(planner.act(observations))[0]
     assert steps_with_shared_goals > 0
-    assert env.simulator.state.agents[0]["arrivals"].sum() > 40
+    assert env.simulator.agents[0]["arrivals"].sum() > 40
 
 
 @pytest.mark.parametrize("model", MODELS)

@@ -11,13 +11,13 @@ from tests.helpers.reference_planners import SlowPIBT, World, assert_same_decisi
 from tests.helpers.text_instances import drawn
 
 
-def test_one_agent_takes_the_shortest_way():
+def test_one_agent_takes_the_shortest_path():
     plan = PIBT().solve(drawn("a..# ..#A ...."))
     assert plan is not None
     assert plan.sum_of_costs == 6
 
 
-def test_who_is_away_for_longer_comes_first_however_far():
+def test_time_away_precedes_distance():
     away, to_go = np.array([0, 1, 2, 1, 0, 1]), np.array([0, 9999, 500, 7, 3, 9999], np.float32)
     for order in ([0, 1, 2, 3, 4, 5], [5, 4, 3, 2, 1, 0], [2, 5, 0, 1, 4, 3]):
         sorted_now = np.array(order, np.int32)
@@ -26,7 +26,7 @@ def test_who_is_away_for_longer_comes_first_however_far():
 
 
 @pytest.mark.parametrize("headings", [None, [0, 2]])
-def test_who_rests_on_its_goal_gives_way(headings):
+def test_an_agent_at_its_goal_makes_way(headings):
     instance = drawn("aB.bA ..... ", headings)
     plan = PIBT().solve(instance)
     assert plan is not None
@@ -41,7 +41,7 @@ def test_a_corridor_that_is_too_narrow_has_no_plan():
 @pytest.mark.parametrize("weights", ["uniform", "random", "crisscross"])
 @settings(max_examples=15)
 @given(seed=st.integers(0, 2**31), on_target=st.sampled_from(["nothing", "restart", "finish"]))
-def test_what_it_wants_it_gets(model, weights, seed, on_target):
+def test_no_move_is_blocked(model, weights, seed, on_target):
     env = mapf_pz.parallel_env(
         source=RandomObstacles(8, 8, 0.2, 14),
         action_model=model,
@@ -78,5 +78,5 @@ def test_same_seed_same_episode():
 
 
 def test_without_an_environment_it_cannot_act():
-    with pytest.raises(RuntimeError, match="expected an environment to act in"):
+    with pytest.raises(RuntimeError, match="expected an environment to act in, as in PIBT"):
         PIBT().act({})

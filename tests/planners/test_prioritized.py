@@ -8,11 +8,12 @@ from mapf_pz.actions import Heading
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instance import Instance, Scenario
 from mapf_pz.instances import RandomObstacles, read_map, read_scenario
-from mapf_pz.planners import Plan, prioritized, validate
+from mapf_pz.planners import Plan, validate
 from mapf_pz.planners.base import simulator_of
 from mapf_pz.planners.problem import problem_of
+from mapf_pz.planners.sipp import prioritized
 from mapf_pz.planners.sipp.prioritized import PrioritizedSIPP
-from mapf_pz.planners.sipp.refine import NeighborhoodSearch, task_of
+from mapf_pz.planners.sipp.refine import NeighborhoodSearch, sipp_problem
 from mapf_pz.planners.sipp.reservations import (
     NONE,
     allocate_reservations,
@@ -22,7 +23,7 @@ from mapf_pz.planners.sipp.reservations import (
     withdraw,
     write_path,
 )
-from mapf_pz.planners.sipp.search import allocate_search, find_path
+from mapf_pz.planners.sipp.search import allocate_scratch, find_path
 from tests.helpers.text_instances import drawn, problem
 
 NEVER = 10**6
@@ -35,10 +36,10 @@ def first_solution(instance, **keywords):
 def wander(instance, steps, rng):
     """Return where agents are that act at random: (steps + 1, N) cells."""
     simulator = simulator_of(instance, steps + 1, "uniform", 0)
-    cells = [simulator.state.agents[0]["cell"].copy()]
+    cells = [simulator.agents[0]["cell"].copy()]
     for _ in range(steps):
         simulator.step(rng.integers(simulator.num_actions, size=(1, instance.num_agents)))
-        cells.append(simulator.state.agents[0]["cell"].copy())
+        cells.append(simulator.agents[0]["cell"].copy())
     return np.stack(cells)
 
 
@@ -50,7 +51,7 @@ def moves(problem, cell, heading):
 
 
 def earliest_arrival(problem, agent, others):
-    """Search breadth first in space and time; `others` (T + 1, M) rest at the end. None: there is no way."""
+    """Search breadth-first in space and time; `others` (T + 1, M) stay at the end. Returns None if there is no path."""
     goal, last = problem.goals[agent], len(others) - 1
     crossed = [step for step in range(last + 1) if goal in others[step]]
     states = {(int(problem.starts[agent]), int(problem.headings[agent]))}
@@ -81,24 +82,24 @@ def test_the_earliest_arrival_among_others(model, weights, seed, size, steps, cr
     others = wander(Instance(grid, Scenario(starts[:5], starts[:5]), their_headings), steps, rng)
     goal = np.ravel_multi_index(drawn_instance.scenario.goals[5], (size, size))
     passed = np.setdiff1d(others[steps // 2 :], others[-1])
-    if crossed and len(passed):  # somebody crosses the goal late
+    if crossed and len(passed):  # another agent crosses the goal late
         goal = rng.choice(passed)
     goals = np.stack(np.divmod([*others[-1], goal], size), axis=1)
     instance = Instance(grid, Scenario(starts, goals), headings)
     problem = problem_of(simulator_of(instance, NEVER, weights, 0))
     expected = earliest_arrival(problem, 5, others)
 
-    task = task_of(problem)
+    sipp = sipp_problem(problem)
     num_headings = problem.to_go.shape[2]
     reservations = allocate_reservations(6, size * size, 300)
-    search = allocate_search(len(reservations.visits), num_headings, 300)
+    scratch = allocate_scratch(len(reservations.visits), num_headings, 300)
     read_path(reservations, others)
     for rotation in range(4):
-        first = find_path(task, 5, NEVER, rotation, reservations, search)
+        first = find_path(sipp, 5, NEVER, rotation, reservations, scratch)
         assert (first == NONE) == (expected is None)
         if expected is None:
             continue
-        assert find_path(task, 5, expected - 1, rotation, reservations, search) == NONE
+        assert find_path(sipp, 5, expected - 1, rotation, reservations, scratch) == NONE
         reserve(reservations, 5, first)
         assert reservations.arrival[5] == expected
         shape = (max(expected, steps) + 1, 6)
@@ -110,22 +111,22 @@ def test_the_earliest_arrival_among_others(model, weights, seed, size, steps, cr
 
 
 @pytest.mark.parametrize(("headings", "steps"), [(None, 4), ([0], 4), ([1], 5), ([2], 6)])
-def test_no_way_beyond_the_limit_or_the_horizon(headings, steps):
+def test_no_path_beyond_the_limit_or_the_horizon(headings, steps):
     given = problem(drawn("a...A", headings))
 
     def found(limit, horizon):
-        reservations, search = allocate_reservations(1, 5, 10), allocate_search(16, given.to_go.shape[2], horizon)
-        return find_path(task_of(given), 0, limit, 0, reservations, search) != NONE
+        reservations, scratch = allocate_reservations(1, 5, 10), allocate_scratch(16, given.to_go.shape[2], horizon)
+        return find_path(sipp_problem(given), 0, limit, 0, reservations, scratch) != NONE
 
     assert [found(limit, 20) for limit in (steps - 1, steps)] == [False, True]
     assert [found(NEVER, horizon) for horizon in (steps, steps + 1)] == [False, True]
 
 
-def test_visits_are_used_again():
+def test_visits_are_reused():
     given = problem(drawn("a...A"))
-    reservations, search = allocate_reservations(1, 5, 6), allocate_search(12, 1, 10)
+    reservations, scratch = allocate_reservations(1, 5, 6), allocate_scratch(12, 1, 10)
     for _ in range(10):
-        first = find_path(task_of(given), 0, NEVER, 0, reservations, search)
+        first = find_path(sipp_problem(given), 0, NEVER, 0, reservations, scratch)
         assert first != NONE
         reserve(reservations, 0, first)
         discard(reservations, withdraw(reservations, 0))
@@ -135,13 +136,13 @@ def test_visits_are_used_again():
 @pytest.mark.parametrize("room", range(6))
 def test_too_few_visits_for_a_path(room):
     given = problem(drawn("a...A"))
-    reservations, search = allocate_reservations(1, 5, room), allocate_search(12, 1, 10)
-    assert (find_path(task_of(given), 0, NEVER, 0, reservations, search) != NONE) == (room == 5)
+    reservations, scratch = allocate_reservations(1, 5, room), allocate_scratch(12, 1, 10)
+    assert (find_path(sipp_problem(given), 0, NEVER, 0, reservations, scratch) != NONE) == (room == 5)
     assert reservations.num_spare[0] == (0 if room == 5 else room)
 
 
 @pytest.mark.parametrize("headings", [None, [2]])
-def test_who_is_at_its_goal_stays(headings):
+def test_an_agent_at_its_goal_stays(headings):
     plan = first_solution(drawn("a.", headings))
     assert plan is not None
     assert plan.num_steps == 0
@@ -149,15 +150,15 @@ def test_who_is_at_its_goal_stays(headings):
 
 
 @pytest.mark.parametrize("headings", [None, [3, 2]])
-def test_it_waits_for_long(headings):
+def test_it_waits_for_a_long_time(headings):
     instance = drawn(f"BA{'.' * 98}b #a{'#' * 99}", headings)
     plan = first_solution(instance)
     assert plan is not None
-    assert plan.arrivals.tolist() == [100, 100]  # a drives as b leaves its goal
+    assert plan.arrivals.tolist() == [100, 100]  # a moves as b leaves its goal
 
 
 @pytest.mark.parametrize(("headings", "cost"), [(None, 4), ([0], 4), ([2], 6), ([1], 5)])
-def test_one_agent_takes_the_shortest_way(headings, cost):
+def test_one_agent_takes_the_shortest_path(headings, cost):
     plan = first_solution(drawn("a...A", headings))
     assert plan is not None
     assert plan.sum_of_costs == cost
@@ -171,13 +172,13 @@ def test_a_passing_bay_lets_two_pass(headings):
     assert validate(instance, plan) is None
 
 
-def test_it_waits_for_who_crosses():
+def test_it_waits_for_a_crossing_agent():
     plan = first_solution(drawn("##b## ##.## a...A ##.## ##.## ##B##"))
     assert plan is not None
     assert plan.arrivals.tolist() == [5, 5]  # both would be at the crossing after 2 steps; b has farther to go
 
 
-def test_it_arrives_after_who_crosses_its_goal():
+def test_it_arrives_after_an_agent_that_crosses_its_goal():
     instance = drawn("b.A.B ##a##")
     plan = first_solution(instance)
     assert plan is not None
@@ -185,7 +186,7 @@ def test_it_arrives_after_who_crosses_its_goal():
     assert validate(instance, plan) is None
 
 
-def test_who_stands_on_its_goal_makes_way():
+def test_an_agent_at_its_goal_makes_way():
     instance = drawn("b.a.B ##.##")
     plan = first_solution(instance)
     assert plan is not None
@@ -196,15 +197,15 @@ def test_a_corridor_that_is_too_narrow_has_no_plan():
     assert first_solution(drawn("aB.bA"), time_limit=0.1) is None
 
 
-def test_it_begins_anew_in_another_order(monkeypatch):
-    orders, begin_anew, improve = set(), NeighborhoodSearch.begin_anew, NeighborhoodSearch.improve
+def test_it_restarts_in_another_order(monkeypatch):
+    orders, plan_all, improve = set(), NeighborhoodSearch.plan_all, NeighborhoodSearch.improve
 
-    def begin(search, order, deadline):
+    def recorded(search, order, deadline):
         orders.add(tuple(order.tolist()))
-        begin_anew(search, order, deadline)
+        plan_all(search, order, deadline)
 
     monkeypatch.setattr(prioritized, "PATIENCE", 1)
-    monkeypatch.setattr(NeighborhoodSearch, "begin_anew", begin)
+    monkeypatch.setattr(NeighborhoodSearch, "plan_all", recorded)
     monkeypatch.setattr(NeighborhoodSearch, "improve", lambda *these, work=100: improve(*these, work=work))
     planner = PrioritizedSIPP(anytime=False)
     planner.compile("cardinal")
@@ -234,19 +235,19 @@ def test_every_plan_is_legal(model, weights, seed):
     assert plan is None or validate(instance, plan) is None
 
 
-def test_weights_decide_between_ways_of_one_length():
+def test_weights_decide_between_paths_of_equal_length():
     instance = drawn("a. .A")
     move = np.full((4, 2, 2), np.inf)
     move[0, :, 0] = move[2, :, 1] = move[1, 0] = move[3, 1] = 1
-    for dear, expected in ((Heading.EAST, [1, 0]), (Heading.SOUTH, [0, 1])):
+    for expensive, expected in ((Heading.EAST, [1, 0]), (Heading.SOUTH, [0, 1])):
         weights = move.copy()
-        weights[dear, 0, 0] = 3
+        weights[expensive, 0, 0] = 3
         plan = first_solution(instance, edge_weights=GuidanceGraph(weights, np.ones((2, 2))))
         assert plan is not None
         assert plan.positions[1, 0].tolist() == expected
 
 
-def test_it_keeps_off_one_way_streets():
+def test_it_respects_one_way_edges():
     move = np.full((4, 2, 2), np.inf)
     move[0, :, 0] = move[2, :, 1] = move[1, 0] = move[3, 1] = 1
     move[0, 0, 0] = np.inf
@@ -269,7 +270,7 @@ def test_benchmark_instances(benchmark, model):
 
 
 @pytest.mark.parametrize("model", ["cardinal", "rotate"])
-def test_as_a_policy_it_brings_all_to_their_goals(model):
+def test_as_a_policy_it_brings_all_agents_to_their_goals(model):
     env = mapf_pz.parallel_env(source=RandomObstacles(8, 8, 0.1, 6), action_model=model, max_steps=200)
     observations, _ = env.reset(seed=1)
     planner = PrioritizedSIPP(env, anytime=False)

@@ -21,7 +21,7 @@ def plan_of(instance, path):
 
 
 def slow_path():
-    """Two agents that go one after the other, though each has a row of its own; it takes 3 steps each."""
+    """Two agents that move sequentially, although each has a separate row; each needs 3 steps."""
     rows = [[0, 4], [1, 4], [2, 4], [3, 4], [3, 4], [3, 5], [3, 6], [3, 6], [3, 7]]
     return drawn("a..A b..B"), Path(np.array(rows, np.int32), None)
 
@@ -31,7 +31,7 @@ def test_a_bad_solution_becomes_the_best():
     assert plan_of(instance, path).sum_of_costs == 11
     better = refine(
         NeighborhoodSearch(problem(instance), np.random.default_rng(0)), path, LATER
-    )  # ends as no path can be shorter
+    )  # ends because no path can be shorter
     assert plan_of(instance, better).sum_of_costs == 6
     assert validate(instance, plan_of(instance, better)) is None
 
@@ -45,9 +45,9 @@ def test_a_bad_solution_becomes_the_best():
         [[0, 4], [1, 4], [2, 4], [2, 5], [2, 6], [3, 7]],
     ],
 )
-def test_whoever_is_late_is_early_then(rows):
+def test_delayed_agents_become_early(rows):
     search = NeighborhoodSearch(problem(drawn("a..A b..B")), np.random.default_rng(0))
-    search.begin_with(Path(np.array(rows, np.int32), None))
+    search.set_paths(Path(np.array(rows, np.int32), None))
     assert not search.is_shortest
     search.improve(work=1000)
     assert search.sum_of_costs == 6
@@ -61,16 +61,16 @@ def test_a_deadline_in_the_past_changes_nothing():
     )
 
 
-def test_what_is_best_stays():
+def test_an_optimal_solution_does_not_change():
     instance = drawn("a..A b..B")
     path = Path(np.array([[0, 4], [1, 5], [2, 6], [3, 7]], np.int32), None)
     assert refine(NeighborhoodSearch(problem(instance), np.random.default_rng(0)), path, LATER) is path
 
 
-def test_nobody_to_plan_for():
+def test_no_agents_to_plan_for():
     one = problem(drawn("a.A"))
-    nobody = one._replace(starts=one.starts[:0], headings=one.headings[:0], goals=one.goals[:0], table=one.table[:0])
-    path = PrioritizedSIPP().plan(nobody, 1000)
+    none = one._replace(starts=one.starts[:0], headings=one.headings[:0], goals=one.goals[:0], table=one.table[:0])
+    path = PrioritizedSIPP().plan(none, 1000)
     assert path is not None
     assert path.cells.shape == (1, 0)
 
@@ -88,7 +88,7 @@ def test_paths_stay_legal_and_get_no_longer(model, weights, seed):
     if path is None:
         return
     search = NeighborhoodSearch(problem(instance, weights), rng)
-    search.begin_with(path)
+    search.set_paths(path)
     cost = plan_of(instance, path).sum_of_costs
     for _ in range(20):
         search.improve(work=50)

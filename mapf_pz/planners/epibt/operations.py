@@ -1,4 +1,4 @@
-"""The operations that EPIBT chooses from: sequences of actions without those that are never better."""
+"""The operations that EPIBT chooses from: sequences of actions, without the redundant ones."""
 
 from __future__ import annotations
 
@@ -13,64 +13,64 @@ from mapf_pz.planners.epibt.kernels import AHEAD, NONE, Operations
 
 
 class Act(NamedTuple):
-    """An action, as what it does."""
+    """The effect of an action."""
 
     number: int
-    """In the environment."""
+    """Number of the action in the environment."""
     turn: int = 0
-    """Quarter turns to the right."""
-    towards: int = NONE
-    """The heading of a move, or `AHEAD`."""
+    """Number of quarter turns to the right."""
+    direction: int = NONE
+    """Direction of a move, `AHEAD`, or `NONE`."""
 
 
-FORWARD = Act(Action.FORWARD, towards=AHEAD)
+FORWARD = Act(Action.FORWARD, direction=AHEAD)
 RIGHT, LEFT = Act(Action.ROTATE_RIGHT, turn=1), Act(Action.ROTATE_LEFT, turn=3)
 ROTATING = (FORWARD, RIGHT, LEFT, Act(Action.WAIT))
 CARDINAL = (
-    Act(CardinalAction.RIGHT, towards=Heading.EAST),
-    Act(CardinalAction.DOWN, towards=Heading.SOUTH),
-    Act(CardinalAction.LEFT, towards=Heading.WEST),
-    Act(CardinalAction.UP, towards=Heading.NORTH),
+    Act(CardinalAction.RIGHT, direction=Heading.EAST),
+    Act(CardinalAction.DOWN, direction=Heading.SOUTH),
+    Act(CardinalAction.LEFT, direction=Heading.WEST),
+    Act(CardinalAction.UP, direction=Heading.NORTH),
     Act(CardinalAction.WAIT),
 )
-Word = tuple[Act, ...]
+Sequence = tuple[Act, ...]
 
 
 @lru_cache
 def operations(depth: int, cardinal: bool) -> Operations:
-    """Return all operations of `depth` actions, the most eager first.
+    """Return all operations of `depth` actions, those that move earliest first.
 
-    Of sequences that lead over the same cells to the same heading there is one. Agents that turn do so before a move,
-    not both ways and not three times; an operation without a move may turn once or twice.
+    Sequences with the same cells and the same final heading count as one. Rotating agents turn only before a move,
+    never in both directions and never three times; an operation without a move may turn once or twice.
     """
     acts = CARDINAL if cardinal else ROTATING
-    words: dict[object, Word] = {}
-    for word in product(acts, repeat=depth):
-        if _is_useful(word):
-            words.setdefault(_trace(word), word)
-    number = {trace: p for p, trace in enumerate(words)}
-    nodes: dict[Word, int] = {(): 0}
-    for word in words.values():
+    sequences: dict[object, Sequence] = {}
+    for sequence in product(acts, repeat=depth):
+        if _is_useful(sequence):
+            sequences.setdefault(_trace(sequence), sequence)
+    number = {trace: p for p, trace in enumerate(sequences)}
+    nodes: dict[Sequence, int] = {(): 0}
+    for sequence in sequences.values():
         for length in range(1, depth + 1):
-            nodes.setdefault(word[:length], len(nodes))
+            nodes.setdefault(sequence[:length], len(nodes))
     wait = acts[-1]
     last = [prefix[-1] if prefix else wait for prefix in nodes]
     return Operations(
         parent=np.array([nodes[prefix[:-1]] for prefix in nodes], np.int32),
         turn=np.array([act.turn for act in last], np.int32),
-        towards=np.array([act.towards for act in last], np.int32),
+        direction=np.array([act.direction for act in last], np.int32),
         action=np.array([act.number for act in last], np.int64),
-        nodes=np.array([[nodes[word[: t + 1]] for t in range(depth)] for word in words.values()], np.int32),
-        rest=np.array([number[_trace((*word[1:], wait))] for word in words.values()], np.int32),
-        waits=number[_trace((wait,) * depth)],
+        nodes=np.array([[nodes[sequence[: t + 1]] for t in range(depth)] for sequence in sequences.values()], np.int32),
+        rest=np.array([number[_trace((*sequence[1:], wait))] for sequence in sequences.values()], np.int32),
+        wait=number[_trace((wait,) * depth)],
     )
 
 
-def _is_useful(word: Word) -> bool:
-    """Tell whether turns are followed by a move, unless there is none, and are not more than are needed."""
-    moves = [t for t, act in enumerate(word) if act.towards != NONE]
-    ends = [-1, *moves, len(word)]
-    runs = [word[before + 1 : after] for before, after in pairwise(ends)]
+def _is_useful(sequence: Sequence) -> bool:
+    """Return whether the sequence has no redundant turns, and no turn after its last move."""
+    moves = [t for t, act in enumerate(sequence) if act.direction != NONE]
+    ends = [-1, *moves, len(sequence)]
+    runs = [sequence[before + 1 : after] for before, after in pairwise(ends)]
     if moves and any(act.turn for act in runs[-1]):
         return False
     return all(
@@ -78,14 +78,14 @@ def _is_useful(word: Word) -> bool:
     )
 
 
-def _trace(word: Word) -> tuple[tuple[int, ...], ...]:
-    """Return the places that a word leads over from [0, 0] and east, and the heading at its end."""
+def _trace(sequence: Sequence) -> tuple[tuple[int, ...], ...]:
+    """Return the positions of a sequence that starts at [0, 0] and faces east, and its final heading."""
     row, col, heading = 0, 0, 0
-    places: list[tuple[int, ...]] = []
-    for act in word:
+    positions: list[tuple[int, ...]] = []
+    for act in sequence:
         heading = (heading + act.turn) % 4
-        if act.towards != NONE:
-            step = HEADING_STEPS[heading if act.towards == AHEAD else act.towards]
+        if act.direction != NONE:
+            step = HEADING_STEPS[heading if act.direction == AHEAD else act.direction]
             row, col = row + int(step[0]), col + int(step[1])
-        places.append((row, col))
-    return (*places, (heading,))
+        positions.append((row, col))
+    return (*positions, (heading,))

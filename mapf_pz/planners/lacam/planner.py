@@ -1,4 +1,4 @@
-"""LaCAM as a planner, and as a policy: complete, and quick also where agents stand close together."""
+"""LaCAM as a planner and as a policy: complete, and fast even on crowded maps."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from mapf_pz.arrays import Floats, Ints
 from mapf_pz.config import WeightsName
-from mapf_pz.core.cost_tables import DistanceTables
+from mapf_pz.core.cost_tables import CostTables
 from mapf_pz.core.world import allocate
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instance import Instance
@@ -24,26 +24,26 @@ from mapf_pz.plans.plan import Plan
 from mapf_pz.simulator import Simulator
 
 MAX_BYTES = 1 << 30
-"""The search is given up where it would need more room than this."""
+"""Maximum memory of a search, which fails if it needs more."""
 
-_AGENT_STEPS = 50_000  # of one call of the kernel: some 50 ms
+_AGENT_STEPS = 50_000  # per call of the kernel: about 50 ms
 
-Room = TypeVar("Room", lacam.Nodes, lacam.Constraints)
+Buffers = TypeVar("Buffers", lacam.Nodes, lacam.Constraints)
 
 
 class LaCAM(PlanFollower):
-    """Plans all the way by a search over configurations, for both action models: see `mapf_pz.planners.lacam.search`.
+    """Plans whole paths by a search over configurations, for both action models: see `mapf_pz.planners.lacam.search`.
 
-    Given time and room it finds a plan for whatever can be solved; what time is left makes it shorter
-    (`mapf_pz.planners.sipp.refine`). The search holds at most `MAX_BYTES` at a time, and half of that more while it moves to
-    larger arrays.
+    Given enough time and memory, it solves every solvable instance. Time that is left is used to shorten the paths
+    (`mapf_pz.planners.sipp.refine`). The search uses at most `MAX_BYTES`, and temporarily half as much again while its
+    arrays grow.
     """
 
     def plan(self, problem: Problem, time_limit: float) -> Path | None:
-        """Return where all agents are until they are at their goals, or None where that was not found.
+        """Return paths that bring all agents to their goals, or None if none were found.
 
-        Of agents that share a goal, only the nearest is to reach it. None means that
-        it was not found in time or in the room there is, or that the search has seen all configurations.
+        If agents share a goal, only the nearest of them has to reach it. None means that the search ran out of time or
+        memory, or that it has visited all configurations.
         """
         if not np.isfinite(_cost_to_go(problem)).all():
             return None
@@ -55,7 +55,7 @@ class LaCAM(PlanFollower):
         cells = search.run(deadline)
         if cells is None:
             return None
-        path = _carried_out(problem, cells)
+        path = _to_path(problem, cells)
         return path if refinement is None else refine(refinement, path, deadline)
 
     def _call_kernels(self, simulator: Simulator) -> None:
@@ -64,7 +64,7 @@ class LaCAM(PlanFollower):
         ConfigurationSearch(_without_turns(problem), self._rng).double_nodes()
         if self._anytime:
             search = NeighborhoodSearch(problem, self._rng)
-            search.begin_anew(np.arange(len(problem.goals)), math.inf)
+            search.plan_all(np.arange(len(problem.goals)), math.inf)
             search.path()
 
     def solve(
@@ -75,7 +75,7 @@ class LaCAM(PlanFollower):
         edge_weights: WeightsName | GuidanceGraph = "uniform",
         distance_bytes: int | None = None,
     ) -> Plan | None:
-        """Return a plan that brings all agents to their goals, or None where none was found: see `Planner`."""
+        """Return a plan that brings all agents to their goals, or None if none was found. See `Planner.solve`."""
         goals = instance.scenario.goals.reshape(-1, 2)
         shared = len(np.unique(goals, axis=0)) < len(goals)
         return None if shared else super().solve(instance, time_limit, max_steps, edge_weights, distance_bytes)
@@ -86,7 +86,7 @@ def _cost_to_go(problem: Problem) -> Floats:
 
 
 def _claimed_goals(problem: Problem) -> Ints:
-    """Return each agent's goal (N,) int32; -1 where another agent is nearer to the same one."""
+    """Return each agent's goal (N,) int32; -1 if another agent is nearer to the same goal."""
     nearest_first = np.argsort(_cost_to_go(problem), kind="stable")
     _, first = np.unique(problem.goals[nearest_first], return_index=True)
     claiming = nearest_first[first]
@@ -96,81 +96,83 @@ def _claimed_goals(problem: Problem) -> Ints:
 
 
 class ConfigurationSearch:
-    """A search over configurations, for cardinal agents or for those whose turns are free."""
+    """A search over configurations, for cardinal agents or for agents whose turns are free."""
 
     def __init__(self, problem: Problem, rng: np.random.Generator) -> None:
-        """Begin with the first configuration."""
+        """Start the search at the first configuration."""
         num_agents, num_cells = len(problem.goals), problem.leads_to.shape[1] - 1
         cost = np.where(problem.goals == lacam.NONE, -1, _cost_to_go(problem))
         farthest_first = np.argsort(-cost, kind="stable").astype(np.int32)
         self._problem = problem
         self._scratch = allocate_scratch(num_agents, num_cells, int(rng.integers(1, 2**63)))
         self._nodes, self._constraints = lacam.allocate_nodes(1 << 10, num_agents), lacam.allocate_constraints(1 << 13)
-        self._tally = np.zeros(4, np.int64)
-        self._status = lacam.begin(problem, farthest_first, self._nodes, self._constraints, self._scratch, self._tally)
+        self._counters = np.zeros(4, np.int64)
+        self._status = lacam.start(
+            problem, farthest_first, self._nodes, self._constraints, self._scratch, self._counters
+        )
 
     def run(self, deadline: float) -> Ints | None:
-        """Return the cells (T + 1, N) of all configurations on the way to the goals, or None."""
-        slice_of_work = 1 + _AGENT_STEPS // len(self._problem.goals)
+        """Return the cells (T + 1, N) of the configurations from the start to the goals, or None."""
+        iterations = 1 + _AGENT_STEPS // len(self._problem.goals)
         while self._status in (lacam.RUNNING, lacam.FULL) and time.perf_counter() < deadline:
-            if self._status == lacam.FULL and not self._make_room():
+            if self._status == lacam.FULL and not self._grow():
                 return None
             self._status = lacam.search(
-                self._problem, slice_of_work, self._nodes, self._constraints, self._scratch, self._tally
+                self._problem, iterations, self._nodes, self._constraints, self._scratch, self._counters
             )
         if self._status != lacam.SOLVED:
             return None
-        chain = [int(self._tally[lacam.SOLUTION])]
+        chain = [int(self._counters[lacam.SOLUTION])]
         while self._nodes.parent[chain[-1]] != lacam.NONE:
             chain.append(int(self._nodes.parent[chain[-1]]))
         return self._nodes.cells[chain[::-1]]
 
-    def _make_room(self) -> bool:
-        """Double what is full; tell whether that is allowed."""
+    def _grow(self) -> bool:
+        """Double the capacity of what is full; return whether that is allowed."""
         if 2 * sum(array.nbytes for array in (*self._nodes, *self._constraints)) > MAX_BYTES:
             return False
-        if self._tally[lacam.NUM_NODES] == len(self._nodes.parent):
+        if self._counters[lacam.NUM_NODES] == len(self._nodes.parent):
             self.double_nodes()
         else:
             self._constraints = _doubled(self._constraints)
         return True
 
     def double_nodes(self) -> None:
-        """Make room for twice as many configurations."""
+        """Double the capacity for configurations."""
         self._nodes = _doubled(self._nodes)
-        lacam.refill_slots(self._nodes, self._tally)
+        lacam.refill_slots(self._nodes, self._counters)
 
 
 def _without_turns(problem: Problem) -> Problem:
-    """Return the problem that is left if turns are free."""
+    """Return the relaxed problem in which turns are free."""
     if problem.to_go.shape[2] == 1:
         return problem
     num_cells = problem.leads_to.shape[1]
     world = allocate(1, (1, num_cells - 1))
     world.leads_to[0], world.weight[0] = problem.leads_to, problem.weight
-    prices = problem.weight[:4][problem.leads_to != np.arange(num_cells)]
-    world.equal_weight[0] = prices[0] if len(np.unique(prices)) == 1 else 0
-    tables = DistanceTables(world, 1, len(problem.goals), max_bytes=8 * num_cells * len(problem.goals))
+    costs = problem.weight[:4][problem.leads_to != np.arange(num_cells)]
+    world.equal_weight[0] = costs[0] if len(np.unique(costs)) == 1 else 0
+    tables = CostTables(world, 1, len(problem.goals), max_bytes=8 * num_cells * len(problem.goals))
     tables.require(np.zeros(1, np.int32), problem.goals[None])
     table = tables.arrays.slot[0][problem.goals]
     return problem._replace(to_go=tables.arrays.to_go, table=table, headings=np.zeros_like(problem.headings))
 
 
-def _doubled(room: Room) -> Room:
-    return room._make(np.concatenate([array, np.zeros_like(array)]) for array in room)
+def _doubled(buffers: Buffers) -> Buffers:
+    return buffers._make(np.concatenate([array, np.zeros_like(array)]) for array in buffers)
 
 
-def _carried_out(problem: Problem, cells: Ints) -> Path:
-    """Return the path that leads through the configurations `cells` (T + 1, N), which are changed."""
+def _to_path(problem: Problem, cells: Ints) -> Path:
+    """Return paths through the configurations `cells` (T + 1, N), which are modified."""
     steps, num_agents = len(cells) - 1, cells.shape[1]
     rotates = problem.to_go.shape[2] == 4
-    over_cells = np.zeros((2, problem.leads_to.shape[1]), np.int32)
+    scratch = np.zeros((2, problem.leads_to.shape[1]), np.int32)
     at, intent = np.zeros(num_agents, np.int32), np.zeros(num_agents, np.int8)
-    while schedule.cut_loops(cells, over_cells[0], over_cells[1]):
+    while schedule.cut_loops(cells, scratch[0], scratch[1]):
         pass
     visits = schedule.allocate_visits(cells)
-    schedule.list_visits(cells, problem.leads_to, visits, at, over_cells[0])
+    schedule.list_visits(cells, problem.leads_to, visits, at, scratch[0])
     rows = (3 if rotates else 1) * steps + 1
-    there, looks = np.tile(problem.starts, (rows, 1)), np.tile(problem.headings.astype(np.int8), (rows, 1))
-    rows = schedule.carry_out(visits, rotates, there, looks, at, intent) + 1
-    return Path(there[:rows], looks[:rows] if rotates else None)
+    path_cells, path_headings = np.tile(problem.starts, (rows, 1)), np.tile(problem.headings.astype(np.int8), (rows, 1))
+    rows = schedule.schedule(visits, rotates, path_cells, path_headings, at, intent) + 1
+    return Path(path_cells[:rows], path_headings[:rows] if rotates else None)

@@ -1,14 +1,14 @@
-"""LaCAM: a search over the configurations of all agents, depth first, that seldom has to look at more than one path.
+"""LaCAM: a depth-first search over the configurations of all agents, which rarely has to backtrack.
 
-Okumura, *LaCAM: Search-Based Algorithm for Quick Multi-Agent Pathfinding*, AAAI 2023. A configuration says where each
-agent is. Its successors are made one at a time, by PIBT, each under other constraints "agent i goes to cell c". These
-are drawn from a tree that prescribes every combination in the end, so the search finds a plan whenever there is one,
-given time and room.
+Okumura, *LaCAM: Search-Based Algorithm for Quick Multi-Agent Pathfinding*, AAAI 2023. A configuration is the cells of
+all agents. PIBT generates its successors one at a time, each under different constraints "agent i goes to cell c". The
+constraints come from a tree that eventually contains every combination, so the search is complete, given enough time
+and memory.
 
-The agents have no headings here. That serves those that turn as well: what the others do in one step they do in three
-at most, if all wait until everyone looks where it goes; so both can solve the same instances. `lacam_schedule` lets
-them wait less. (Ranking cells by the cost with turns shortens paths by less than a tenth on random maps, but lengthens
-them by up to three quarters in warehouses, where agents that avoid turns meet in the same corridors.)
+The agents have no headings here. This also works for rotating agents: one step without headings takes at most three
+steps with headings if all agents wait until all have turned, so the same instances are solvable. `lacam.schedule`
+shortens these waits. (Ranking cells by the cost with turns shortens paths by less than a tenth on random maps, but
+lengthens them by up to three quarters in warehouses, where agents that avoid turns meet in the same corridors.)
 """
 
 from __future__ import annotations
@@ -23,74 +23,74 @@ from mapf_pz.planners.lacam.step import STAY, UNDECIDED, LacamScratch, draw, nex
 
 NONE = -1
 RUNNING, SOLVED, EXHAUSTED, FULL = range(4)
-"""What `search` ends with: FULL calls for larger `Nodes` and `Constraints`."""
+"""Results of `search`. FULL means that `Nodes` or `Constraints` must grow."""
 
 NUM_NODES, NUM_CONSTRAINTS, TOP, SOLUTION = range(4)
-"""What is in the counters (4,) int64: how many there are, the node on top of the stack, and the one that solves it."""
+"""Indices of the counters (4,) int64: the numbers of nodes and constraints, the top of the stack, and the solution."""
 
-_STARTS_OVER = 1000
-"""Once in so many times that a known configuration is found again, the search goes on from the start instead.
+_RESTART_INTERVAL = 1000
+"""When a known configuration is found again, the search continues from the start with a probability of 1 in this many.
 
-That gets it out of where it leads nowhere (Okumura, *Improving LaCAM for Scalable Eventually Optimal Multi-Agent
-Pathfinding*, IJCAI 2023).
+This lets it escape from dead ends (Okumura, *Improving LaCAM for Scalable Eventually Optimal Multi-Agent Pathfinding*,
+IJCAI 2023).
 """
 
 
 class Nodes(NamedTuple):
-    """Room for K configurations of N agents. Those that are still open form a stack, linked both ways."""
+    """Up to K configurations of N agents. The open ones form a stack, as a doubly linked list."""
 
     cells: Array  # (K, N) int32
     order: Array  # (K, N) int32: the agents, the highest priority first
-    parent: Array  # (K,) int32: -1: the start
+    parent: Array  # (K,) int32: the node before it; -1: none, it is the start
     key: Array  # (K,) uint64: the hash of the cells
-    slots: Array  # (2 * K,) int32: nodes by their keys, with open addressing; -1: empty
-    above: Array  # (K,) int32: the neighbours in the stack; -1: none
+    slots: Array  # (2 * K,) int32: hash table of nodes with open addressing; -1: empty
+    above: Array  # (K,) int32: the neighbors in the stack; -1: none
     below: Array  # (K,) int32
-    first: Array  # (K,) int32: the queue of constraints that are still to be tried; -1: none, then it is not open
+    first: Array  # (K,) int32: the queue of untried constraints; -1: empty, so the node is not open
     last: Array  # (K,) int32
 
 
 class Constraints(NamedTuple):
-    """Room for K constraints."""
+    """Up to K constraints."""
 
-    cell: Array  # (K,) int32: where the agent goes that comes at place `depth - 1` of its node's order
-    depth: Array  # (K,) int32: how many agents are constrained, those of `origin` among them; 0: none
-    origin: Array  # (K,) int32
+    cell: Array  # (K,) int32: the prescribed cell of the agent at index `depth - 1` of its node's order
+    depth: Array  # (K,) int32: number of constrained agents, including those of `origin`; 0: none
+    origin: Array  # (K,) int32: the constraint that this one extends
     after: Array  # (K,) int32: the next one in the queue; -1: none
 
 
-def allocate_nodes(room: int, num_agents: int) -> Nodes:
-    """Make room for K configurations of N agents."""
+def allocate_nodes(capacity: int, num_agents: int) -> Nodes:
+    """Allocate K configurations of N agents."""
     return Nodes(
-        cells=np.zeros((room, num_agents), np.int32),
-        order=np.zeros((room, num_agents), np.int32),
-        parent=np.zeros(room, np.int32),
-        key=np.zeros(room, np.uint64),
-        slots=np.full(2 * room, NONE, np.int32),
-        above=np.zeros(room, np.int32),
-        below=np.zeros(room, np.int32),
-        first=np.zeros(room, np.int32),
-        last=np.zeros(room, np.int32),
+        cells=np.zeros((capacity, num_agents), np.int32),
+        order=np.zeros((capacity, num_agents), np.int32),
+        parent=np.zeros(capacity, np.int32),
+        key=np.zeros(capacity, np.uint64),
+        slots=np.full(2 * capacity, NONE, np.int32),
+        above=np.zeros(capacity, np.int32),
+        below=np.zeros(capacity, np.int32),
+        first=np.zeros(capacity, np.int32),
+        last=np.zeros(capacity, np.int32),
     )
 
 
-def allocate_constraints(room: int) -> Constraints:
-    """Make room for K constraints."""
-    return Constraints(*(np.zeros(room, np.int32) for _ in range(4)))
+def allocate_constraints(capacity: int) -> Constraints:
+    """Allocate K constraints."""
+    return Constraints(*(np.zeros(capacity, np.int32) for _ in range(4)))
 
 
 @jit
-def begin(
+def start(
     problem: Array, order: Array, nodes: Nodes, constraints: Constraints, scratch: LacamScratch, counters: Array
 ) -> int:
-    """Open the start; return `SOLVED` if all agents are at their goals, else `RUNNING`.
+    """Open the first configuration. Return `SOLVED` if all agents are at their goals, else `RUNNING`.
 
     Args:
-        problem: a `Problem` of the planners, without headings; an agent with the goal -1 may be anywhere in the end.
+        problem: a `Problem` without headings; an agent with the goal -1 may end anywhere.
         order: (N,) int32, the agents, the highest priority first.
-        nodes: new.
-        constraints: new.
-        scratch: new, of `lacam_step`.
+        nodes: newly allocated.
+        constraints: newly allocated.
+        scratch: newly allocated.
         counters: (4,) int64.
     """
     counters[NUM_NODES] = counters[NUM_CONSTRAINTS] = 0
@@ -105,7 +105,7 @@ def begin(
 def search(
     problem: Array, iterations: int, nodes: Nodes, constraints: Constraints, scratch: LacamScratch, counters: Array
 ) -> int:
-    """Go on with what `begin` began, for so many iterations; return how it stands."""
+    """Continue the search for a number of iterations; return its status."""
     for _ in range(iterations):
         if counters[NUM_NODES] == nodes.parent.size or counters[NUM_CONSTRAINTS] + 6 > constraints.cell.size:
             return FULL
@@ -133,7 +133,7 @@ def search(
                 return SOLVED
             _inherit(problem.goals, counters[NUM_NODES] - 1, nodes)
             continue
-        if draw(scratch.random) % np.uint64(_STARTS_OVER) == 0:
+        if draw(scratch.random) % np.uint64(_RESTART_INTERVAL) == 0:
             known = 0
         if nodes.first[known] != NONE:
             _unlink(nodes, counters, known)
@@ -152,7 +152,7 @@ def _open(
     scratch: LacamScratch,
     counters: Array,
 ) -> int:
-    """Make a node of the cells in `scratch.want`; return `SOLVED` if all agents are at their goals there."""
+    """Create a node from the cells in `scratch.want`; return `SOLVED` if all agents are at their goals."""
     node, constraint = counters[NUM_NODES], counters[NUM_CONSTRAINTS]
     counters[NUM_NODES] += 1
     counters[NUM_CONSTRAINTS] += 1
@@ -173,20 +173,20 @@ def _open(
 
 @jit
 def _inherit(goals: Array, node: int, nodes: Nodes) -> None:
-    """Order a node's agents: those away from their goals as in its parent, where new ones come last, then the others.
+    """Set the order of a node's agents: first those away from their goals, in the parent's order, then the others.
 
-    So the longer an agent is away, the higher is its priority. The others keep the order of the first node.
+    Thus an agent's priority grows with the time that it is away. The others keep the order of the first node.
     """
     parent, cells, order = nodes.parent[node], nodes.cells[node], nodes.order[node]
-    place = 0
+    position = 0
     for i in nodes.order[parent]:
         if _away(cells[i], goals[i]):
-            order[place] = i
-            place += 1
+            order[position] = i
+            position += 1
     for i in nodes.order[0]:
         if not _away(cells[i], goals[i]):
-            order[place] = i
-            place += 1
+            order[position] = i
+            position += 1
 
 
 @jit
@@ -204,7 +204,7 @@ def _grow(
     scratch: LacamScratch,
     counters: Array,
 ) -> None:
-    """Put the constraints of one more agent into the node's queue, in random order."""
+    """Append the constraints of one more agent to the node's queue, in random order."""
     depth = constraints.depth[origin] + 1
     agent = nodes.order[node, depth - 1]
     cell, choices = nodes.cells[node, agent], scratch.choices[agent]
@@ -251,7 +251,7 @@ def _unlink(nodes: Nodes, counters: Array, node: int) -> None:
 
 @jit
 def refill_slots(nodes: Nodes, counters: Array) -> None:
-    """Enter all nodes into `nodes.slots` anew, after its size has changed."""
+    """Rebuild the hash table `nodes.slots` after its size has changed."""
     nodes.slots[:] = NONE
     for node in range(counters[NUM_NODES]):
         nodes.slots[_find(nodes, nodes.cells[node], nodes.key[node])] = node
@@ -259,7 +259,7 @@ def refill_slots(nodes: Nodes, counters: Array) -> None:
 
 @jit
 def _hash(cells: Array) -> int:
-    """Return 64 bits, unsigned, that depend on all cells (FNV-1a, a cell at a time)."""
+    """Return an unsigned 64-bit hash of all cells (FNV-1a, one cell at a time)."""
     key = np.uint64(14695981039346656037)
     for cell in cells:
         key = (key ^ np.uint64(cell)) * np.uint64(1099511628211)
@@ -268,7 +268,7 @@ def _hash(cells: Array) -> int:
 
 @jit
 def _find(nodes: Nodes, cells: Array, key: int) -> int:
-    """Return the slot of the node with these cells, or the empty one that it would get."""
+    """Return the slot of the node with these cells, or the empty slot for it."""
     size = np.uint64(nodes.slots.size)
     slot = key % size
     while True:

@@ -1,4 +1,4 @@
-"""PIBT as a policy, and as a planner: the fast baseline that scales to thousands of agents."""
+"""PIBT as a policy and as a planner: a fast baseline that scales to thousands of agents."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from mapf_pz.simulator import Simulator
 class PIBT(StepPlanner):
     """Plans one step at a time, for both action models: see `mapf_pz.planners.pibt.kernels`.
 
-    Where agents shall stay at their goals, an agent's priority rises while it is away, so that each reaches its goal at
-    some time, if the map is such that every two neighbouring cells lie on a cycle; all being there at once is not
-    promised. In other episodes, agents near their goals come first: more goals are reached in that way.
+    If agents must stay at their goals, an agent's priority grows while it is away from its goal. Each agent then
+    reaches its goal eventually if every two adjacent cells of the map lie on a cycle; there is no guarantee that all
+    agents are at their goals at the same time. In other episodes, agents nearer to their goals have priority, which
+    increases the number of goals reached.
     """
 
     def reset_states(self) -> None:
-        """Forget the episode: called before each."""
+        """Reset all per-episode state. Call it before each episode."""
         super().reset_states()
         self._state: PibtState | None = None
 
     def decide(self, simulator: Simulator) -> Ints:
-        """Return the actions (N,) int64 of all agents in the present state of the simulator's first environment."""
+        """Return the actions (N,) int64 of all agents in the current state of the simulator's first environment."""
         planning_view = simulator.planning_view()
         if self._state is None:
             self._state = allocate_pibt(planning_view, int(self._rng.integers(1, 2**63)))

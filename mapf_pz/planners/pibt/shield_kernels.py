@@ -1,7 +1,7 @@
-"""Preferences of any policy, carried out without collisions by PIBT.
+"""Collision-free actions from the preferences of any policy, by PIBT.
 
 Veerapaneni et al., *Improving Learnt Local MAPF Policies with Heuristic Search*, ICAPS 2024 (CS-PIBT): each agent tries
-its actions in the order of its preferences, and whoever is in the way must move on, or it tries the next.
+its actions in the order of its preferences; if another agent is in the way and cannot move away, it tries the next one.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from mapf_pz.core.jit import jit
 from mapf_pz.core.state import Array, PlanningView
 from mapf_pz.planners.pibt.kernels import (
     CARDINAL_ACTIONS,
-    NOBODY,
-    NOT_AT_ALL,
+    NO_AGENT,
+    NO_RANK,
     STAY,
     UNDECIDED,
     PibtState,
@@ -25,22 +25,24 @@ _FORWARD = int(Action.FORWARD)
 
 
 @jit
-def carry_out(planning_view: PlanningView, preferences: Array, passing: bool, state: PibtState, actions: Array) -> None:
-    """Write an action (N,) int64 for each agent, such that nobody's move is prevented.
+def choose_actions(
+    planning_view: PlanningView, preferences: Array, passing: bool, state: PibtState, actions: Array
+) -> None:
+    """Write an action (N,) int64 for each agent, such that no move is blocked.
 
     `preferences` (N, A) float64 are higher for better actions, A = 5 for cardinal agents; the rest is as in
     `mapf_pz.planners.pibt.kernels.plan`.
     """
     agents = planning_view.agents
     prioritize(planning_view, passing, state)
-    state.taken[:] = NOBODY
+    state.taken[:] = NO_AGENT
     for i in range(agents.size):
         state.want[i], state.choice[i] = UNDECIDED if agents[i].active else agents[i].cell, STAY
         if preferences.shape[1] == len(CARDINAL_ACTIONS):
             _rank_cardinal(preferences[i], state.rank[i])
         else:
-            # Turning is staying, and whoever must give way can but drive ahead.
-            state.rank[i] = NOT_AT_ALL
+            # An agent that turns stays on its cell, and an agent that must move away can only move forward.
+            state.rank[i] = NO_RANK
             state.rank[i, STAY] = 8 + STAY
             state.rank[i, agents[i].heading] = agents[i].heading + (0 if preferences[i].argmax() == _FORWARD else 16)
     decide(planning_view, state)
@@ -56,7 +58,7 @@ def carry_out(planning_view: PlanningView, preferences: Array, passing: bool, st
 
 @jit
 def _rank_cardinal(preferences: Array, rank: Array) -> None:
-    """Rank the four headings and staying by the preferences of their actions."""
+    """Rank the four directions and staying by the preferences for their actions."""
     for k in range(5):
         better = 0
         for other in CARDINAL_ACTIONS:

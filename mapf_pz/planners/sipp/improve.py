@@ -1,8 +1,9 @@
-"""Planning agents anew among the others, a neighbourhood at a time: large neighbourhood search.
+"""Large neighborhood search: replan a neighborhood of agents at a time, while the others keep their paths.
 
-Li et al., *Anytime Multi-Agent Path Finding via Large Neighborhood Search*, IJCAI 2021. Agents without a path count as
-arriving very late. While there are any, every other neighbourhood is one of them and those in its way, whose new paths
-may be longer ones or leave another agent without one; the rest goes on to shorten paths, which makes way for all.
+Li et al., *Anytime Multi-Agent Path Finding via Large Neighborhood Search*, IJCAI 2021. An agent without a path counts
+as a very late arrival. While there are any, half of the neighborhoods consist of one of them and the agents in its way;
+their new paths may be longer, or leave another agent without a path. The other neighborhoods shorten paths, which frees
+cells for all agents.
 """
 
 from __future__ import annotations
@@ -28,23 +29,23 @@ from mapf_pz.planners.sipp.neighborhood import (
 from mapf_pz.planners.sipp.reservations import NONE, Reservations, discard, reserve, withdraw
 from mapf_pz.planners.sipp.search import SippProblem, SippScratch, find_path
 
-MISSING = 2**24  # what a missing path costs: more than any sum of arrivals that is worth waiting for
-SMALLEST, LARGEST = 2, 8  # agents in a neighbourhood; twice as many around one without a path
-REACTION = 0.01  # how quickly the choice of neighbourhoods follows their success
-LEAST_SUCCESS = 0.001  # no kind of neighbourhood is given up
-EFFORT = 8  # for how many expanded states the choice of a neighbourhood counts
+MISSING = 2**24  # the cost of a missing path, larger than any relevant sum of arrivals
+SMALLEST, LARGEST = 2, 8  # agents in a neighborhood; twice as many around an agent without a path
+REACTION = 0.01  # learning rate of the success of each kind of neighborhood
+LEAST_SUCCESS = 0.001  # so that every kind of neighborhood is chosen sometimes
+EFFORT = 8  # the cost of choosing a neighborhood, in expanded states
 
 
 class LnsState(NamedTuple):
-    """Where a large neighbourhood search of N agents stands."""
+    """The state of a large neighborhood search for N agents."""
 
     former: Array  # (N,) int32: the first visits of the paths that are being replaced
-    success: Array  # (KINDS,) float64: what each kind of neighbourhood has gained lately by 1000 expanded states
-    missing: Array  # (1,) int64: how many agents have no path
+    success: Array  # (KINDS,) float64: recent gain of each kind of neighborhood per 1000 expanded states
+    missing: Array  # (1,) int64: number of agents without a path
 
 
 def allocate_lns(num_agents: int) -> LnsState:
-    """Begin the search for N agents that have no paths."""
+    """Allocate the state for N agents without paths."""
     return LnsState(
         former=np.zeros(num_agents, np.int32),
         success=np.ones(KINDS),
@@ -54,95 +55,95 @@ def allocate_lns(num_agents: int) -> LnsState:
 
 @jit
 def plan_and_improve(
-    task: SippProblem, order: Array, work: int, reservations: Reservations, search: SippScratch,
-    neighborhood: Neighborhood, progress: LnsState
+    problem: SippProblem, order: Array, work: int, reservations: Reservations, scratch: SippScratch,
+    neighborhood: Neighborhood, state: LnsState
 ) -> None:  # fmt: skip
-    """Plan the agents in `order`, none of which has a path, then improve the paths of all.
+    """Plan the agents in `order`, none of which has a path, then improve the paths of all agents.
 
-    It ends when about `work` states were expanded for that, when the last missing path is found, or when all paths are
-    shortest.
+    It ends when the improvement has expanded about `work` states, when the last missing path is found, or when all
+    paths are shortest paths.
     """
     for agent in order:
         clear(neighborhood)
         add(neighborhood, agent)
-        _replan(0, task, reservations, search, neighborhood, progress)
+        _replan(0, problem, reservations, scratch, neighborhood, state)
     random = neighborhood.random
-    missing = progress.missing[0]
-    enough = search.count[1] + work
-    while search.count[1] < enough and (missing == 0 or progress.missing[0] > 0):
-        if missing == 0 and _is_shortest(task, reservations):
+    missing = state.missing[0]
+    limit = scratch.count[1] + work
+    while scratch.count[1] < limit and (missing == 0 or state.missing[0] > 0):
+        if missing == 0 and _is_shortest(problem, reservations):
             return
-        before = search.count[1]
-        search.count[1] += EFFORT
+        before = scratch.count[1]
+        scratch.count[1] += EFFORT
         wanted = SMALLEST + draw_below(random, LARGEST - SMALLEST + 1)
         if missing > 0 and draw_below(random, 2) == 0:
-            choose_around_missing(2 * wanted, task, reservations, neighborhood)
+            choose_around_missing(2 * wanted, problem, reservations, neighborhood)
             shuffle(neighborhood)
-            _replan(MISSING - 1, task, reservations, search, neighborhood, progress)
+            _replan(MISSING - 1, problem, reservations, scratch, neighborhood, state)
             continue
-        kind = _pick(progress.success, random)
-        choose_neighborhood(kind, wanted, task, reservations, neighborhood)
+        kind = _pick(state.success, random)
+        choose_neighborhood(kind, wanted, problem, reservations, neighborhood)
         shuffle(neighborhood)
-        gain = _replan(0, task, reservations, search, neighborhood, progress)
+        gain = _replan(0, problem, reservations, scratch, neighborhood, state)
         if missing == 0:
-            # Gain by work, not by attempt: a kind that takes twice as long must gain twice as much.
-            rate = 1000 * gain / (search.count[1] - before)
-            progress.success[kind] += REACTION * (rate - progress.success[kind])
-            progress.success[kind] = max(progress.success[kind], LEAST_SUCCESS)
+            # Gain per unit of work, not per attempt: a kind that takes twice as long must gain twice as much.
+            rate = 1000 * gain / (scratch.count[1] - before)
+            state.success[kind] += REACTION * (rate - state.success[kind])
+            state.success[kind] = max(state.success[kind], LEAST_SUCCESS)
 
 
 @jit
-def _is_shortest(task: SippProblem, reservations: Reservations) -> bool:
+def _is_shortest(problem: SippProblem, reservations: Reservations) -> bool:
     agent = 0
-    while agent < task.goals.size and delay(task, reservations, agent) == 0:
+    while agent < problem.goals.size and delay(problem, reservations, agent) == 0:
         agent += 1
-    return agent == task.goals.size
+    return agent == problem.goals.size
 
 
 @jit
 def _pick(success: Array, random: Array) -> int:
-    """Return a number from 0 to KINDS - 1, each as likely as its `success` is large."""
-    mark = success.sum() * draw_below(random, 2**30) / 2**30
+    """Sample a number from 0 to KINDS - 1, with probabilities proportional to `success`."""
+    threshold = success.sum() * draw_below(random, 2**30) / 2**30
     for kind in range(KINDS - 1):
-        if mark < success[kind]:
+        if threshold < success[kind]:
             return kind
-        mark -= success[kind]
+        threshold -= success[kind]
     return KINDS - 1
 
 
 @jit
 def _replan(
-    allowance: int, task: SippProblem, reservations: Reservations, search: SippScratch,
-    neighborhood: Neighborhood, progress: LnsState
+    allowance: int, problem: SippProblem, reservations: Reservations, scratch: SippScratch,
+    neighborhood: Neighborhood, state: LnsState
 ) -> int:  # fmt: skip
-    """Plan the neighbourhood anew in its order; return how much less it costs.
+    """Replan the agents of the neighborhood in its order; return by how much their cost decreases.
 
-    The former paths come back if it would cost over `allowance` more.
+    The former paths are restored if the cost would increase by more than `allowance`.
     """
     agents = neighborhood.agents[: neighborhood.size[0]]
-    former_cost, to_come = 0, 0
+    former_cost, remaining = 0, 0
     for k, agent in enumerate(agents):
         former_cost += MISSING if reservations.first[agent] == NONE else reservations.arrival[agent]
-        to_come += shortest(task, agent)
-        progress.former[k] = withdraw(reservations, agent)
+        remaining += shortest(problem, agent)
+        state.former[k] = withdraw(reservations, agent)
     cost, planned = 0, 0
-    while planned < agents.size and cost + to_come <= former_cost + allowance:
+    while planned < agents.size and cost + remaining <= former_cost + allowance:
         agent = agents[planned]
-        to_come -= shortest(task, agent)
-        limit = former_cost + allowance - cost - to_come
-        first = find_path(task, agent, limit, draw_below(neighborhood.random, 4), reservations, search)
+        remaining -= shortest(problem, agent)
+        limit = former_cost + allowance - cost - remaining
+        first = find_path(problem, agent, limit, draw_below(neighborhood.random, 4), reservations, scratch)
         if first == NONE:
             cost += MISSING
         else:
             reserve(reservations, agent, first)
             cost += reservations.arrival[agent]
         planned += 1
-    accepted = cost + to_come <= former_cost + allowance
+    accepted = cost + remaining <= former_cost + allowance
     for k, agent in enumerate(agents):
-        progress.missing[0] -= progress.former[k] == NONE
-        discard(reservations, progress.former[k] if accepted else withdraw(reservations, agent))
+        state.missing[0] -= state.former[k] == NONE
+        discard(reservations, state.former[k] if accepted else withdraw(reservations, agent))
     for k, agent in enumerate(agents):
-        if not accepted and progress.former[k] != NONE:
-            reserve(reservations, agent, progress.former[k])
-        progress.missing[0] += reservations.first[agent] == NONE
+        if not accepted and state.former[k] != NONE:
+            reserve(reservations, agent, state.former[k])
+        state.missing[0] += reservations.first[agent] == NONE
     return former_cost - cost if accepted else 0

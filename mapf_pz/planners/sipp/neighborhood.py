@@ -1,8 +1,8 @@
-"""Which agents to plan anew together: the neighbourhoods of a large neighbourhood search.
+"""The neighborhoods of a large neighborhood search: sets of agents to replan together.
 
-Those of Li et al., *Anytime Multi-Agent Path Finding via Large Neighborhood Search*, IJCAI 2021: whoever is in the way
-of an agent that arrives late; whoever passes a part of the map; and anybody. Agents without a path are a fourth case:
-whoever is in the way on a shortest path.
+They are those of Li et al., *Anytime Multi-Agent Path Finding via Large Neighborhood Search*, IJCAI 2021: agents in the
+way of a delayed agent (agent-based), agents that pass a part of the map (map-based), and random agents. A fourth kind
+is for an agent without a path: the agents in the way on a shortest path.
 """
 
 from __future__ import annotations
@@ -14,27 +14,27 @@ import numpy as np
 from mapf_pz.core.jit import jit
 from mapf_pz.core.state import Array
 from mapf_pz.planners.random import draw_below, seeded
-from mapf_pz.planners.sipp.reservations import FOREVER, NONE, Reservations, last_visit, towards
+from mapf_pz.planners.sipp.reservations import FOREVER, NONE, Reservations, direction_after, last_visit
 from mapf_pz.planners.sipp.search import SippProblem
 
-DELAYED, PLACE, ANYBODY = range(3)
+AGENT_BASED, MAP_BASED, RANDOM = range(3)
 KINDS = 3
 
 
 class Neighborhood(NamedTuple):
-    """Some of N agents on C cells; and the state of the random numbers that choose them."""
+    """A subset of N agents on C cells, and the state of the random numbers that choose it."""
 
-    agents: Array  # (N,) int32: the first `size` are in the neighbourhood
+    agents: Array  # (N,) int32: the first `size` are in the neighborhood
     size: Array  # (1,) int64
-    chosen: Array  # (N,) bool: whether each agent is
-    queue: Array  # (C + 1,) int32: scratch of a breadth-first search
-    seen: Array  # (C + 1,) int64: the number of the last search that met each cell
-    count: Array  # (1,) int64: how many searches there were
-    random: Array  # (1,) uint64, not 0
+    chosen: Array  # (N,) bool: whether each agent is in the neighborhood
+    queue: Array  # (C + 1,) int32: scratch for breadth-first searches
+    seen: Array  # (C + 1,) int64: the number of the last search that visited each cell
+    count: Array  # (1,) int64: number of searches
+    random: Array  # (1,) uint64
 
 
 def allocate_neighborhood(num_agents: int, num_cells: int, seed: int) -> Neighborhood:
-    """Make room for N agents on C cells; `seed` (not 0) begins the random numbers."""
+    """Allocate an empty neighborhood for N agents on C cells; `seed` must not be 0."""
     return Neighborhood(
         agents=np.zeros(num_agents, np.int32),
         size=np.zeros(1, np.int64),
@@ -48,36 +48,37 @@ def allocate_neighborhood(num_agents: int, num_cells: int, seed: int) -> Neighbo
 
 @jit
 def choose_neighborhood(
-    kind: int, wanted: int, task: SippProblem, reservations: Reservations, neighborhood: Neighborhood
+    kind: int, wanted: int, problem: SippProblem, reservations: Reservations, neighborhood: Neighborhood
 ) -> None:
-    """Choose at most `wanted` agents by one of the `KINDS`; sometimes nobody."""
+    """Choose at most `wanted` agents by one of the `KINDS`; sometimes none."""
     clear(neighborhood)
-    if kind == DELAYED:
-        _in_the_way_of_one_delayed(wanted, task, reservations, neighborhood)
-    elif kind == PLACE:
-        _passing_a_place(wanted, task, reservations, neighborhood)
+    if kind == AGENT_BASED:
+        _choose_around_delayed(wanted, problem, reservations, neighborhood)
+    elif kind == MAP_BASED:
+        _choose_around_cell(wanted, problem, reservations, neighborhood)
     else:
-        while neighborhood.size[0] < min(wanted, task.goals.size):
-            add(neighborhood, draw_below(neighborhood.random, task.goals.size))
+        while neighborhood.size[0] < min(wanted, problem.goals.size):
+            add(neighborhood, draw_below(neighborhood.random, problem.goals.size))
 
 
 @jit
 def choose_around_missing(
-    wanted: int, task: SippProblem, reservations: Reservations, neighborhood: Neighborhood
+    wanted: int, problem: SippProblem, reservations: Reservations, neighborhood: Neighborhood
 ) -> None:
-    """Choose one of the agents that have no path, and at most `wanted` - 1 others in its way."""
+    """Choose one of the agents without a path, and at most `wanted` - 1 other agents in its way."""
     clear(neighborhood)
-    agent = draw_below(neighborhood.random, task.goals.size)
+    agent = draw_below(neighborhood.random, problem.goals.size)
     while reservations.first[agent] != NONE:
-        agent = (agent + 1) % task.goals.size
+        agent = (agent + 1) % problem.goals.size
     add(neighborhood, agent)
+    start, heading = problem.starts[agent], problem.headings[agent]
     for _ in range(10):
-        _walk(agent, task.starts[agent], task.headings[agent], 0, FOREVER, wanted, task, reservations, neighborhood)
+        _add_along_walk(agent, start, heading, 0, FOREVER, wanted, problem, reservations, neighborhood)
 
 
 @jit
 def clear(neighborhood: Neighborhood) -> None:
-    """Let nobody be in the neighbourhood."""
+    """Empty the neighborhood."""
     for k in range(neighborhood.size[0]):
         neighborhood.chosen[neighborhood.agents[k]] = False
     neighborhood.size[0] = 0
@@ -85,7 +86,7 @@ def clear(neighborhood: Neighborhood) -> None:
 
 @jit
 def add(neighborhood: Neighborhood, agent: int) -> None:
-    """Let `agent` be in the neighbourhood."""
+    """Add an agent to the neighborhood, if it is not in it yet."""
     if not neighborhood.chosen[agent]:
         neighborhood.chosen[agent] = True
         neighborhood.agents[neighborhood.size[0]] = agent
@@ -94,7 +95,7 @@ def add(neighborhood: Neighborhood, agent: int) -> None:
 
 @jit
 def shuffle(neighborhood: Neighborhood) -> None:
-    """Put the agents of the neighbourhood into random order."""
+    """Shuffle the agents of the neighborhood."""
     agents = neighborhood.agents
     for k in range(neighborhood.size[0] - 1, 0, -1):
         other = draw_below(neighborhood.random, k + 1)
@@ -102,62 +103,62 @@ def shuffle(neighborhood: Neighborhood) -> None:
 
 
 @jit
-def delay(task: SippProblem, reservations: Reservations, agent: int) -> int:
-    """Return how many steps later than on an empty map an agent arrives; 0 if it has no path."""
+def delay(problem: SippProblem, reservations: Reservations, agent: int) -> int:
+    """Return how many steps later than on an empty map an agent arrives, or 0 if it has no path."""
     if reservations.first[agent] == NONE:
         return 0
-    return reservations.arrival[agent] - shortest(task, agent)
+    return reservations.arrival[agent] - shortest(problem, agent)
 
 
 @jit
-def shortest(task: SippProblem, agent: int) -> int:
-    """Return how many steps an agent needs on an empty map."""
-    return int(task.steps[task.table[agent], task.starts[agent], task.headings[agent] % task.steps.shape[2]])
+def shortest(problem: SippProblem, agent: int) -> int:
+    """Return the number of steps that an agent needs on an empty map."""
+    heading = problem.headings[agent] % problem.steps.shape[2]
+    return int(problem.steps[problem.table[agent], problem.starts[agent], heading])
 
 
 @jit
-def _in_the_way_of_one_delayed(
-    wanted: int, task: SippProblem, reservations: Reservations, neighborhood: Neighborhood
+def _choose_around_delayed(
+    wanted: int, problem: SippProblem, reservations: Reservations, neighborhood: Neighborhood
 ) -> None:
-    """Choose an agent, the likelier the later it is, and others in the way on random walks that would be earlier."""
+    """Choose an agent in proportion to its delay, and agents in the way of random walks on which it arrives earlier."""
     visits = reservations.visits
     total = 0
-    for i in range(task.goals.size):
-        total += delay(task, reservations, i)
+    for i in range(problem.goals.size):
+        total += delay(problem, reservations, i)
     if total == 0:
         return
-    mark = draw_below(neighborhood.random, total)
+    threshold = draw_below(neighborhood.random, total)
     agent = 0
-    while mark >= delay(task, reservations, agent):
-        mark -= delay(task, reservations, agent)
+    while threshold >= delay(problem, reservations, agent):
+        threshold -= delay(problem, reservations, agent)
         agent += 1
     add(neighborhood, agent)
     length = 0
     visit = reservations.first[agent]
     while visit != NONE:
         length += 1
-        visit = visits[visit].then
+        visit = visits[visit].next
     for _ in range(10):
-        visit, heading = reservations.first[agent], task.headings[agent]
+        visit, heading = reservations.first[agent], problem.headings[agent]
         for _ in range(draw_below(neighborhood.random, length)):
-            heading = towards(visits, task.leads_to, visit, heading)
-            visit = visits[visit].then
+            heading = direction_after(visits, problem.leads_to, visit, heading)
+            visit = visits[visit].next
         cell, step, arrival = visits[visit].cell, visits[visit].begin, reservations.arrival[agent]
-        _walk(agent, cell, heading, step, arrival, wanted, task, reservations, neighborhood)
+        _add_along_walk(agent, cell, heading, step, arrival, wanted, problem, reservations, neighborhood)
 
 
 @jit
-def _walk(
-    agent: int, cell: int, heading: int, step: int, arrival: int, wanted: int, task: SippProblem, reservations: Reservations,
-    neighborhood: Neighborhood
+def _add_along_walk(
+    agent: int, cell: int, heading: int, step: int, arrival: int, wanted: int, problem: SippProblem,
+    reservations: Reservations, neighborhood: Neighborhood
 ) -> None:  # fmt: skip
-    """Choose whoever is in the way on a random walk of `agent` that can still arrive before `arrival`.
+    """Add the agents in the way of a random walk of `agent` that arrives before `arrival`.
 
-    Where there is no such arrival to keep to (`FOREVER`), the walk takes a shortest way, and whoever crosses the goal
-    afterwards is in the way, too.
+    If `arrival` is `FOREVER`, the walk follows a shortest path, and agents that cross the goal later are added, too.
     """
-    visits, headings = reservations.visits, task.steps.shape[2]
-    steps = task.steps[task.table[agent]]
+    visits, headings = reservations.visits, problem.steps.shape[2]
+    steps = problem.steps[problem.table[agent]]
     heading %= headings
     while neighborhood.size[0] < wanted and steps[cell, heading] > 0:
         left = steps[cell, heading] if arrival == FOREVER else arrival - step - 1
@@ -165,9 +166,9 @@ def _walk(
         for choice in range(5):
             following, turned = cell, heading
             if headings == 1:
-                following = cell if choice == 4 else task.leads_to[choice, cell]
+                following = cell if choice == 4 else problem.leads_to[choice, cell]
             elif choice == 0:
-                following = task.leads_to[heading, cell]
+                following = problem.leads_to[heading, cell]
             elif choice == 1 or choice == 3:
                 turned = (heading + choice) % 4
             if steps[following, turned] < left:
@@ -177,7 +178,7 @@ def _walk(
         if found == 0:
             return
         step += 1
-        _add_whoever_collides(cell, target, step, reservations, neighborhood)
+        _add_colliding(cell, target, step, reservations, neighborhood)
         cell, heading = target, facing
     visit = last_visit(visits, reservations.near, cell, step)
     while arrival == FOREVER and visit != NONE and neighborhood.size[0] < wanted:
@@ -187,10 +188,8 @@ def _walk(
 
 
 @jit
-def _add_whoever_collides(
-    cell: int, target: int, step: int, reservations: Reservations, neighborhood: Neighborhood
-) -> None:
-    """Choose who is on `target` after `step`, and who comes from there to `cell` in that step."""
+def _add_colliding(cell: int, target: int, step: int, reservations: Reservations, neighborhood: Neighborhood) -> None:
+    """Add the agent that is on `target` after `step`, and the agent that moves from there to `cell` in that step."""
     visits = reservations.visits
     there = last_visit(visits, reservations.near, target, step)
     if visits[there].end >= step:
@@ -203,16 +202,18 @@ def _add_whoever_collides(
 
 
 @jit
-def _passing_a_place(wanted: int, task: SippProblem, reservations: Reservations, neighborhood: Neighborhood) -> None:
-    """Choose agents that pass the cells around a random cell on somebody's path, at about a random step."""
+def _choose_around_cell(
+    wanted: int, problem: SippProblem, reservations: Reservations, neighborhood: Neighborhood
+) -> None:
+    """Choose agents that pass the cells around a random cell of a random agent's path, around a random step."""
     visits, queue, seen = reservations.visits, neighborhood.queue, neighborhood.seen
-    somebody = draw_below(neighborhood.random, task.goals.size)
-    if reservations.first[somebody] == NONE:
+    agent = draw_below(neighborhood.random, problem.goals.size)
+    if reservations.first[agent] == NONE:
         return
-    step = draw_below(neighborhood.random, reservations.arrival[somebody] + 1)
-    visit = reservations.first[somebody]
+    step = draw_below(neighborhood.random, reservations.arrival[agent] + 1)
+    visit = reservations.first[agent]
     while visits[visit].end < step:
-        visit = visits[visit].then
+        visit = visits[visit].next
     neighborhood.count[0] += 1
     queue[0] = visits[visit].cell
     seen[queue[0]] = neighborhood.count[0]
@@ -227,7 +228,7 @@ def _passing_a_place(wanted: int, task: SippProblem, reservations: Reservations,
         if visit != NONE and neighborhood.size[0] < wanted:
             add(neighborhood, visits[visit].agent)
         for d in range(4):
-            target = task.leads_to[d, cell]
+            target = problem.leads_to[d, cell]
             if seen[target] != neighborhood.count[0]:
                 seen[target] = neighborhood.count[0]
                 queue[tail] = target

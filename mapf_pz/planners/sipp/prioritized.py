@@ -1,4 +1,4 @@
-"""Prioritized planning: one agent after the other, each by the earliest way among the paths of those before it."""
+"""Prioritized planning: plan the agents sequentially, each with the earliest arrival given the paths before it."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from mapf_pz.planners.problem import Path, Problem
 from mapf_pz.planners.sipp.refine import NeighborhoodSearch
 
 PATIENCE = 100
-"""How many slices of work may pass without more agents finding paths before all begin anew."""
+"""Number of calls to `improve` without progress on missing paths before all agents are replanned."""
 
 
 class PrioritizedSIPP(PlanFollower):
-    """Plans agents with a long way first, by safe intervals (`mapf_pz.planners.sipp.search`); for both action models.
+    """Plans the agents with the longest paths first, by SIPP (`mapf_pz.planners.sipp.search`); for both action models.
 
-    Agents that are left without a path are planned anew together with those in their way
-    (`mapf_pz.planners.sipp.improve`). Where that does not help for a while, all begin anew in a random order. Incomplete:
-    no plan does not mean that there is none.
+    Agents that are left without a path are replanned together with those in their way
+    (`mapf_pz.planners.sipp.improve`). If this does not help for some time, all agents are replanned in a random order.
+    The planner is incomplete: it may find no plan although there is one.
     """
 
     def plan(self, problem: Problem, time_limit: float) -> Path | None:
-        """Return where all agents are until they are at their goals, or None where that was not found in time."""
+        """Return paths that bring all agents to their goals, or None if none were found in time."""
         shortest = problem.to_go[problem.table, problem.starts, problem.headings % problem.to_go.shape[2]]
         if np.isinf(shortest).any() or len(np.unique(problem.goals)) < len(problem.goals):
             return None
@@ -31,7 +31,7 @@ class PrioritizedSIPP(PlanFollower):
         deadline = time.perf_counter() + time_limit
         order = np.argsort(-shortest, kind="stable")
         while search.missing and time.perf_counter() < deadline:
-            search.begin_anew(order, deadline)
+            search.plan_all(order, deadline)
             fewest, since = search.missing, 0
             while search.missing and since < PATIENCE and time.perf_counter() < deadline:
                 search.improve()

@@ -1,4 +1,4 @@
-"""Shortening the paths of a solution for as long as time allows."""
+"""Shorten the paths of a solution within a time limit."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from mapf_pz.planners.sipp.reservations import allocate_reservations, read_path,
 from mapf_pz.planners.sipp.search import SippProblem, allocate_scratch
 
 WORK = 20_000
-"""States that are expanded between two looks at the clock: some milliseconds."""
-AT_ONCE = 16
-"""Agents that are planned one after the other between two looks at the clock."""
-NOBODY = np.zeros(0, np.int64)
+"""Number of states to expand between two checks of the clock: a few milliseconds."""
+BATCH_SIZE = 16
+"""Number of agents to plan between two checks of the clock."""
+NO_AGENTS = np.zeros(0, np.int64)
 
 
 def refine(search: NeighborhoodSearch, path: Path, deadline: float) -> Path:
-    """Return a solution with a sum of costs as low as can be found in time, at worst `path` itself.
+    """Return the solution with the lowest sum of costs found in time, or `path` itself if none is better.
 
-    Large neighbourhood search: see `mapf_pz.planners.sipp.improve`.
+    It uses large neighborhood search: see `mapf_pz.planners.sipp.improve`.
 
     Args:
-        search: for the problem whose solution it is.
-        path: a legal solution, that ends with all agents at their goals.
-        deadline: when to stop, by `time.perf_counter`, which is looked at every few milliseconds.
+        search: a search for the problem that `path` solves.
+        path: a valid solution, which ends with all agents at their goals.
+        deadline: when to stop, by `time.perf_counter`, which is checked every few milliseconds.
     """
     if time.perf_counter() >= deadline:
         return path
-    search.begin_with(path)
+    search.set_paths(path)
     before = search.sum_of_costs
     while not search.is_shortest and time.perf_counter() < deadline:
         search.improve()
@@ -43,68 +43,69 @@ def refine(search: NeighborhoodSearch, path: Path, deadline: float) -> Path:
 
 
 class NeighborhoodSearch:
-    """Paths of all agents, some of which may be missing. They never collide; once all are there, they get no longer."""
+    """Collision-free paths, some of which may be missing. Once none is missing, the sum of costs never increases."""
 
     def __init__(self, problem: Problem, rng: np.random.Generator) -> None:
-        """Begin without paths."""
+        """Start without paths."""
         agents, cells = len(problem.goals), problem.to_go.shape[1] - 1
-        self._task = task_of(problem)
-        shortest = self._task.steps[problem.table, problem.starts, problem.headings % problem.to_go.shape[2]]
+        self._problem = sipp_problem(problem)
+        shortest = self._problem.steps[problem.table, problem.starts, problem.headings % problem.to_go.shape[2]]
         self._shortest = int(shortest.sum())
         self._neighborhood = allocate_neighborhood(agents, cells, int(rng.integers(1, 2**63)))
-        self._make_room(self._shortest)
+        self._allocate(self._shortest)
 
-    def _make_room(self, num_visits: int) -> None:
-        """Forget all paths; about `num_visits` cells are expected on all of them together."""
-        agents, cells, headings = len(self._task.goals), self._task.steps.shape[1] - 1, self._task.steps.shape[2]
-        room = 2 * num_visits + 64 * agents
-        self._reservations = allocate_reservations(agents, cells, room)
-        self._scratch = allocate_scratch(cells + 1 + room, headings, 64 + 4 * headings * cells)
+    def _allocate(self, num_visits: int) -> None:
+        """Discard all paths, and allocate arrays for paths of about `num_visits` cells in total."""
+        agents, cells = len(self._problem.goals), self._problem.steps.shape[1] - 1
+        headings = self._problem.steps.shape[2]
+        capacity = 2 * num_visits + 64 * agents
+        self._reservations = allocate_reservations(agents, cells, capacity)
+        self._scratch = allocate_scratch(cells + 1 + capacity, headings, 64 + 4 * headings * cells)
         self._lns = allocate_lns(agents)
 
     @property
     def missing(self) -> int:
-        """How many agents have no path yet."""
+        """Number of agents without a path."""
         return int(self._lns.missing[0])
 
     @property
     def sum_of_costs(self) -> int:
-        """The sum of the steps after which the agents rest at their goals, if no path is missing."""
+        """Sum of the steps after which the agents stay at their goals, if no path is missing."""
         return int(self._reservations.arrival.sum())
 
     @property
     def is_shortest(self) -> bool:
-        """Whether no path can be shorter, if none is missing."""
+        """Whether every path is a shortest path, if none is missing."""
         return self.sum_of_costs == self._shortest
 
-    def begin_with(self, path: Path) -> None:
-        """Take over the paths of all agents."""
-        self._make_room(int((path.cells[1:] != path.cells[:-1]).sum()) + path.cells.shape[1])
+    def set_paths(self, path: Path) -> None:
+        """Set the paths of all agents."""
+        self._allocate(int((path.cells[1:] != path.cells[:-1]).sum()) + path.cells.shape[1])
         read_path(self._reservations, path.cells)
         self._lns.missing[0] = 0
 
-    def begin_anew(self, order: Ints, deadline: float) -> None:
-        """Plan all agents in this order, until `deadline`; some may be left without a path."""
-        self._make_room(self._shortest)
-        for few in np.array_split(order, len(order) // AT_ONCE + 1):
+    def plan_all(self, order: Ints, deadline: float) -> None:
+        """Plan all agents from scratch in this order, until `deadline`; some may be left without a path."""
+        self._allocate(self._shortest)
+        for batch in np.array_split(order, len(order) // BATCH_SIZE + 1):
             if time.perf_counter() < deadline:
-                self.improve(few, work=0)
+                self.improve(batch, work=0)
 
-    def improve(self, order: Ints = NOBODY, work: int = WORK) -> None:
+    def improve(self, order: Ints = NO_AGENTS, work: int = WORK) -> None:
         """Plan agents that have no paths yet, in this order, then improve the paths: see `plan_and_improve`."""
-        plan_and_improve(self._task, order, work, self._reservations, self._scratch, self._neighborhood, self._lns)
+        plan_and_improve(self._problem, order, work, self._reservations, self._scratch, self._neighborhood, self._lns)
 
     def path(self) -> Path:
-        """Return the paths of all agents, if none is missing."""
-        shape = (int(self._reservations.arrival.max(initial=0)) + 1, len(self._task.goals))
+        """Return the paths of all agents. None may be missing."""
+        shape = (int(self._reservations.arrival.max(initial=0)) + 1, len(self._problem.goals))
         cells = np.empty(shape, np.int32)
-        headings = np.empty(shape if self._task.steps.shape[2] == 4 else (0, 0), np.int8)
-        write_path(self._reservations, self._task.leads_to, self._task.headings, cells, headings)
+        headings = np.empty(shape if self._problem.steps.shape[2] == 4 else (0, 0), np.int8)
+        write_path(self._reservations, self._problem.leads_to, self._problem.headings, cells, headings)
         return Path(cells, headings if headings.size else None)
 
 
-def task_of(problem: Problem) -> SippProblem:
-    """Return the problem as the search reads it, which needs the fewest steps to go also where there are weights."""
+def sipp_problem(problem: Problem) -> SippProblem:
+    """Return the problem with the number of steps to go, which the search needs in addition to the weighted costs."""
     leads_to, weight = problem.leads_to, problem.weight
     cells = np.arange(leads_to.shape[1])
     open_moves = leads_to != cells
@@ -124,7 +125,7 @@ def task_of(problem: Problem) -> SippProblem:
 
 
 def _steps(problem: Problem) -> Floats:
-    """Return the fewest steps to go, in tables like `problem.to_go`; those that are not in use stay empty."""
+    """Return the number of steps to go, in tables like `problem.to_go`; unused tables hold infinity."""
     steps = np.full_like(problem.to_go, np.inf)
     unweighted = allocate(1, (1, 1))._replace(leads_to=problem.leads_to[None])
     scratch = np.empty((2, steps[0].size), np.int32)
