@@ -1,1 +1,1 @@
-"""Plans: their files, what is wrong with them, and recordings of them."""
+"""Plans: validation, files, and recordings."""

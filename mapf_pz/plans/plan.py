@@ -1,4 +1,4 @@
-"""A plan: where every agent is after every step, and whether that is allowed."""
+"""Plans, which hold the positions of all agents after every step, and their validation."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ Kind = Literal["start", "map", "move", "turn", "vertex", "edge", "goal"]
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """T steps of N agents. Raises `ValueError` unless the shapes are as said below."""
+    """A plan of T steps for N agents. Raises `ValueError` if the shapes differ from those below."""
 
     positions: Ints
-    """(T + 1, N, 2) int32, [row, col]: row 0 is where the agents start."""
+    """(T + 1, N, 2) int32, [row, col] after each step; `positions[0]` holds the starts."""
     headings: Ints | None = None
-    """(T + 1, N) int8, `Heading`s; None: cardinal agents, which have none."""
+    """(T + 1, N) int8, `Heading`s; None for cardinal agents, which have none."""
 
     def __post_init__(self) -> None:
         """Copy, freeze and check the arrays."""
@@ -38,24 +38,24 @@ class Plan:
 
     @property
     def num_steps(self) -> int:
-        """T."""
+        """Number of steps T."""
         return len(self.positions) - 1
 
     @property
     def num_agents(self) -> int:
-        """N."""
+        """Number of agents N."""
         return self.positions.shape[1]
 
     @property
     def arrivals(self) -> Ints:
-        """(N,) int64: the step after which each agent rests on its last cell for good; 0 if it never leaves it."""
+        """(N,) int64: the step after which each agent stays on its last cell; 0 if it never leaves that cell."""
         away = (self.positions != self.positions[-1]).any(axis=2)
         steps = np.arange(1, len(self.positions) + 1)[:, None]
         return np.where(away, steps, 0).max(axis=0)
 
     @property
     def sum_of_costs(self) -> int:
-        """The sum of the arrivals: what agents do on their last cells afterwards is free (Stern et al., SoCS 2019)."""
+        """Sum of the arrivals: time on the last cell afterwards costs nothing (Stern et al., SoCS 2019)."""
         return int(self.arrivals.sum())
 
     @property
@@ -66,31 +66,31 @@ class Plan:
 
 @dataclass(frozen=True)
 class Violation:
-    """The first thing in a plan that is not allowed."""
+    """The first violation of the rules in a plan."""
 
     kind: Kind
-    """What is wrong."""
+    """The violated rule."""
     step: int
-    """The step that does it, 1 to T; 0: the start. For `goal` the last."""
+    """The step of the violation, 1 to T; 0 is the start. For `goal` it is the last step."""
     agents: tuple[int, ...]
-    """Who does it."""
+    """The agents involved."""
     cells: tuple[tuple[int, int], ...]
-    """Where: what the agents' step leads to."""
+    """The cells that the agents' step leads to."""
 
     def __str__(self) -> str:
-        """Return one line for people."""
+        """Return a one-line description."""
         who = " and ".join(f"agent {agent}" for agent in self.agents)
         where = " and ".join(f"[row {row}, col {col}]" for row, col in self.cells)
         return f"step {self.step}: {who} at {where}: {_MEANINGS[self.kind]}"
 
 
 _MEANINGS: dict[Kind, str] = {
-    "start": "not where the instance starts",
+    "start": "not the instance's start",
     "map": "an obstacle, or outside the map",
-    "move": "not one cell further, or not straight ahead",
-    "turn": "more than a quarter turn, or a turn on the move",
+    "move": "not a move to an adjacent cell, or not straight ahead",
+    "turn": "more than a quarter turn, or a turn during a move",
     "vertex": "two agents on one cell",
-    "edge": "two agents change places",
+    "edge": "two agents swap cells",
     "goal": "not the agent's goal",
 }
 
@@ -98,10 +98,10 @@ _MEANINGS: dict[Kind, str] = {
 def validate(instance: Instance, plan: Plan) -> Violation | None:
     """Return the first violation of the rules in a plan, or None if it is legal.
 
-    Checked are starts, obstacles, moves, turns, and that no two agents share a cell or change places (follow and cycle
-    are allowed); at the end, that every agent is on its goal, unless the instance has several goals for each.
+    It checks the starts, obstacles, moves and turns, that no two agents share a cell or swap cells (following and
+    cycles are allowed), and that every agent ends at its goal, unless the agents have several goals each.
 
-    Raises `ValueError` where the plan is not for as many agents as the instance.
+    Raises `ValueError` if the plan and the instance differ in their numbers of agents.
     """
     if plan.num_agents != instance.num_agents:
         raise ValueError(f"plan: {plan.num_agents} agents, but the instance has {instance.num_agents}")
@@ -110,15 +110,15 @@ def validate(instance: Instance, plan: Plan) -> Violation | None:
 
 
 def reached(path: Ints, goals: Iterable[Ints]) -> list[int]:
-    """Return the steps that end on one agent's goals, taken one after the other.
+    """Return the steps in which an agent reaches its goals, which it visits in order.
 
-    A goal is the agent's from the step on that follows the one that ended on the goal before, so each takes a step at
-    least, and standing on the first goal at the start is not enough: the rule of the League of Robot Runners, and of
-    `on_target="restart"`.
+    A goal becomes the agent's goal in the step after the previous goal was reached. So each goal takes at least one
+    step, and an agent that starts on its first goal has not reached it yet. This is the rule of the League of Robot
+    Runners and of `on_target="restart"`.
 
     Args:
-        path: (T + 1, 2), [row, col]: where the agent is after each step; row 0 is the start.
-        goals: Any number of cells (2,), [row, col].
+        path: (T + 1, 2), [row, col] of the agent after each step; `path[0]` is the start.
+        goals: any number of cells (2,), [row, col].
     """
     steps: list[int] = []
     left = (goal.tolist() for goal in goals)
@@ -159,20 +159,20 @@ def _turns(_: Instance, plan: Plan) -> Violation | None:
 
 
 def _vertices(instance: Instance, plan: Plan) -> Violation | None:
-    for step, places in enumerate(_places(instance.grid, plan)):
+    for step, cells in enumerate(_cell_numbers(instance.grid, plan)):
         seen: dict[int, int] = {}
-        for agent, place in enumerate(places.tolist()):
-            if place in seen:
-                return Violation("vertex", step, (seen[place], agent), (_cell(plan.positions[step, agent]),))
-            seen[place] = agent
+        for agent, cell in enumerate(cells.tolist()):
+            if cell in seen:
+                return Violation("vertex", step, (seen[cell], agent), (_cell(plan.positions[step, agent]),))
+            seen[cell] = agent
     return None
 
 
 def _edges(instance: Instance, plan: Plan) -> Violation | None:
-    places = _places(instance.grid, plan)
-    for step in range(1, len(places)):
-        before, after = places[step - 1], places[step]
-        at = {int(place): agent for agent, place in enumerate(before)}
+    numbers = _cell_numbers(instance.grid, plan)
+    for step in range(1, len(numbers)):
+        before, after = numbers[step - 1], numbers[step]
+        at = {int(cell): agent for agent, cell in enumerate(before)}
         for agent in np.flatnonzero(before != after).tolist():
             other = at.get(int(after[agent]))
             if other is not None and after[other] == before[agent]:
@@ -197,11 +197,11 @@ _CHECKS: tuple[Callable[[Instance, Plan], Violation | None], ...] = (
     _edges,
     _goals,
 )
-"""In the order in which violations of one step are told."""
+"""The checks, in the order in which violations of the same step are reported."""
 
 
 def _first(kind: Kind, plan: Plan, wrong: Bools, first_step: int = 0) -> Violation | None:
-    """Return the first violation of those marked in `wrong` (steps, N), the first row of which is `first_step`."""
+    """Return the first violation marked in `wrong` (steps, N), the first row of which is step `first_step`."""
     marked: list[list[int]] = np.argwhere(wrong).tolist()
     if not marked:
         return None
@@ -211,14 +211,14 @@ def _first(kind: Kind, plan: Plan, wrong: Bools, first_step: int = 0) -> Violati
 
 
 def _free(grid: Grid, cells: Ints) -> Bools:
-    """Tell which of `cells` (..., 2) are free cells of the map."""
+    """Return which of `cells` (..., 2) are free cells of the map."""
     inside: Bools = np.all((cells >= 0) & (cells < np.array(grid.shape)), axis=-1)
     row, col = np.moveaxis(np.where(inside[..., None], cells, 0), -1, 0)
     return inside & grid.free[row, col]
 
 
-def _places(grid: Grid, plan: Plan) -> Ints:
-    """Return one number for each cell (T + 1, N), different also for cells outside the map."""
+def _cell_numbers(grid: Grid, plan: Plan) -> Ints:
+    """Return a number (T + 1, N) for each position, which is also unique outside the map."""
     offset = plan.positions.astype(np.int64) - plan.positions.min()
     return offset[..., 0] * (int(offset.max()) + grid.shape[1]) + offset[..., 1]
 

@@ -1,4 +1,4 @@
-"""Plans to look at."""
+"""Recordings of plans, for rendering."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mapf_pz.render.recording import Recording
 
 
 def record_plan(instance: Instance, plan: Plan, with_goals: bool = True) -> Recording:
-    """Return a plan as a recording, for `mapf_pz.render.save_recording`; whether it is legal does not matter."""
+    """Return a recording of a plan, for `mapf_pz.render.save_recording`. The plan need not be legal."""
     goals = instance.scenario.goals
     if not with_goals:
         shown = None
@@ -21,7 +21,7 @@ def record_plan(instance: Instance, plan: Plan, with_goals: bool = True) -> Reco
         shown = np.broadcast_to(goals, plan.positions.shape)
     else:
         paths = plan.positions.swapaxes(0, 1)
-        shown = np.stack([_goals_in_turn(path, own) for path, own in zip(paths, goals, strict=True)], axis=1)
+        shown = np.stack([_current_goals(path, own) for path, own in zip(paths, goals, strict=True)], axis=1)
     return Recording(
         free=instance.grid.free,
         positions=plan.positions,
@@ -31,8 +31,8 @@ def record_plan(instance: Instance, plan: Plan, with_goals: bool = True) -> Reco
     )
 
 
-def _goals_in_turn(path: Ints, goals: Ints) -> Ints:
-    """Return which of its goals, taken one after the other for ever, an agent has after each step: (T + 1, 2)."""
+def _current_goals(path: Ints, goals: Ints) -> Ints:
+    """Return an agent's current goal (T + 1, 2) after each step; it visits its goals in order, repeatedly."""
     steps = reached(path, cycle(goals))
-    turn = np.searchsorted(steps, np.arange(len(path)), side="right")
-    return goals[turn % len(goals)]
+    count = np.searchsorted(steps, np.arange(len(path)), side="right")
+    return goals[count % len(goals)]

@@ -67,7 +67,7 @@ def test_a_plan_that_is_not_legal(capsys, files):
     text = (files / "plan.txt").read_text().replace("1:(0,0),(2,1),", "1:(1,0),(0,1),")
     (files / "plan.txt").write_text(text)
     status, out, err = run(capsys, files / "plan.txt", "--map", files / "small.map", "--scenario", files / "small.scen")
-    violation = "step 1: agent 1 at [row 1, col 0]: not one cell further, or not straight ahead"
+    violation = "step 1: agent 1 at [row 1, col 0]: not a move to an adjacent cell, or not straight ahead"
     assert (status, out) == (1, [])
     assert err == [f"mapf-pz validate: {files}/plan.txt: not legal: {violation}"]
 

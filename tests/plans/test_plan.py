@@ -15,27 +15,30 @@ def instance(starts, goals, free=((1, 1, 1), (1, 0, 1)), headings=None):
     return Instance(Grid(np.array(free, bool), "small"), Scenario(np.array(starts), np.array(goals)), headings)
 
 
-def told(starts, goals, cells, headings=None, **keywords):
+def violation_of(starts, goals, cells, headings=None, **keywords):
     violation = validate(instance(starts, goals, **keywords), Plan(np.array(cells), headings))
     return None if violation is None else str(violation)
 
 
 def test_a_legal_plan():
-    assert told([(0, 0)], [(0, 2)], [[(0, 0)], [(0, 1)], [(0, 2)]]) is None
+    assert violation_of([(0, 0)], [(0, 2)], [[(0, 0)], [(0, 1)], [(0, 2)]]) is None
 
 
 @pytest.mark.parametrize(
     ("cells", "expected"),
     [
-        ([[(0, 1)], [(0, 2)]], "step 0: agent 0 at [row 0, col 1]: not where the instance starts"),
+        ([[(0, 1)], [(0, 2)]], "step 0: agent 0 at [row 0, col 1]: not the instance's start"),
         ([[(0, 0)], [(1, 0)], [(1, 1)]], "step 2: agent 0 at [row 1, col 1]: an obstacle, or outside the map"),
         ([[(0, 0)], [(-1, 0)], [(0, 2)]], "step 1: agent 0 at [row -1, col 0]: an obstacle, or outside the map"),
-        ([[(0, 0)], [(0, 2)]], "step 1: agent 0 at [row 0, col 2]: not one cell further, or not straight ahead"),
+        (
+            [[(0, 0)], [(0, 2)]],
+            "step 1: agent 0 at [row 0, col 2]: not a move to an adjacent cell, or not straight ahead",
+        ),
         ([[(0, 0)], [(0, 1)]], "step 1: agent 0 at [row 0, col 1]: not the agent's goal"),
     ],
 )
-def test_what_one_agent_does_wrong(cells, expected):
-    assert told([(0, 0)], [(0, 2)], cells) == expected
+def test_violations_of_one_agent(cells, expected):
+    assert violation_of([(0, 0)], [(0, 2)], cells) == expected
 
 
 @pytest.mark.parametrize(
@@ -44,13 +47,13 @@ def test_what_one_agent_does_wrong(cells, expected):
         ([(0, 0), (0, 1)], [EAST, EAST], None),
         ([(0, 0), (0, 0), (0, 1)], [SOUTH, EAST, EAST], None),
         ([(0, 0), (0, 0), (0, 1)], [NORTH, EAST, EAST], None),
-        ([(0, 0), (0, 1)], [SOUTH, SOUTH], "step 1: agent 0 at [row 0, col 1]: not one cell further, or not"),
+        ([(0, 0), (0, 1)], [SOUTH, SOUTH], "step 1: agent 0 at [row 0, col 1]: not a move to an adjacent"),
         ([(0, 0), (0, 0), (0, 1)], [WEST, EAST, EAST], "step 1: agent 0 at [row 0, col 0]: more than a quarter turn"),
         ([(0, 0), (0, 1)], [EAST, SOUTH], "step 1: agent 0 at [row 0, col 1]: more than a quarter turn, or a"),
     ],
 )  # fmt: skip
 def test_turns(cells, headings, expected):
-    violation = told([(0, 0)], [(0, 1)], np.array(cells)[:, None], np.array(headings)[:, None])
+    violation = violation_of([(0, 0)], [(0, 1)], np.array(cells)[:, None], np.array(headings)[:, None])
     assert (violation is None) if expected is None else violation.startswith(expected)
 
 
@@ -63,24 +66,24 @@ def test_headings_at_the_start():
 def test_two_on_one_cell():
     cells = [[(0, 0), (0, 2)], [(0, 1), (0, 1)]]
     expected = "step 1: agent 0 and agent 1 at [row 0, col 1]: two agents on one cell"
-    assert told([(0, 0), (0, 2)], [(0, 1), (0, 2)], cells) == expected
+    assert violation_of([(0, 0), (0, 2)], [(0, 1), (0, 2)], cells) == expected
 
 
-def test_two_change_places():
+def test_a_swap():
     cells = [[(0, 0), (0, 1)], [(0, 1), (0, 0)]]
-    expected = "step 1: agent 0 and agent 1 at [row 0, col 1] and [row 0, col 0]: two agents change places"
-    assert told([(0, 0), (0, 1)], [(0, 1), (0, 0)], cells) == expected
+    expected = "step 1: agent 0 and agent 1 at [row 0, col 1] and [row 0, col 0]: two agents swap cells"
+    assert violation_of([(0, 0), (0, 1)], [(0, 1), (0, 0)], cells) == expected
 
 
 def test_following_and_cycles_are_allowed():
     square = [(0, 0), (0, 1), (1, 1), (1, 0)]
     turned = square[1:] + square[:1]
-    assert told(square, turned, [square, turned], free=((1, 1), (1, 1))) is None
+    assert violation_of(square, turned, [square, turned], free=((1, 1), (1, 1))) is None
 
 
-def test_the_first_step_is_told():
+def test_the_first_violation_is_returned():
     cells = [[(0, 0), (1, 2)], [(0, 1), (1, 2)], [(0, 1), (1, 1)], [(0, 2), (0, 2)]]
-    assert told([(0, 0), (1, 2)], [(0, 2), (1, 2)], cells).startswith("step 2: agent 1")
+    assert violation_of([(0, 0), (1, 2)], [(0, 2), (1, 2)], cells).startswith("step 2: agent 1")
 
 
 def test_costs():
@@ -90,8 +93,8 @@ def test_costs():
     assert (plan.sum_of_costs, plan.makespan) == (3, 3)
 
 
-def test_wrong_shapes_are_refused():
-    with pytest.raises(ValueError, match=r"plan cells: expected the shape \(T \+ 1, N, 2\), got \(2, 2\)"):
+def test_wrong_shapes_are_rejected():
+    with pytest.raises(ValueError, match=r"plan positions: expected the shape \(T \+ 1, N, 2\), got \(2, 2\)"):
         Plan(np.zeros((2, 2)))
     with pytest.raises(ValueError, match=r"plan headings: expected the shape \(3, 1\), got \(3,\)"):
         Plan(np.zeros((3, 1, 2)), np.zeros(3))
@@ -100,7 +103,7 @@ def test_wrong_shapes_are_refused():
 
 
 @given(st.integers(0, 2**31), st.sampled_from(["rotate", "cardinal"]))
-def test_whatever_the_environment_does_is_legal_until_the_goal(seed, action_model):
+def test_any_episode_is_legal_except_for_the_goals(seed, action_model):
     env = mapf_pz.parallel_env(source=RandomObstacles(6, 6, 0.2, 6), max_steps=12, action_model=action_model)
     env.reset(seed=seed)
     cells, headings = [env.positions], [env.headings]

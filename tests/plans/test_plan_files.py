@@ -56,8 +56,8 @@ def message_of(text, selection=None):
     return message
 
 
-def walks(draw, turning):
-    """Draw a plan on the grid: any steps that agents can make, whether or not they run into each other."""
+def any_plan(draw, turning):
+    """Sample a plan on the grid, in which agents may collide."""
     num_agents, num_steps = draw(st.integers(1, 4)), draw(st.integers(0, 9))
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
     cells = np.empty((num_steps + 1, num_agents, 2), np.int64)
@@ -75,8 +75,8 @@ def walks(draw, turning):
 
 @st.composite
 def plans(draw, turning=None, lifelong=False):
-    """Draw a plan and an instance that it starts from."""
-    plan = walks(draw, draw(st.booleans()) if turning is None else turning)
+    """Sample a plan, and an instance with its starts."""
+    plan = any_plan(draw, draw(st.booleans()) if turning is None else turning)
     goals = np.array(draw(st.lists(st.sampled_from(np.argwhere(GRID.free).tolist()), min_size=2, max_size=3)))
     goals = np.tile(goals, (plan.num_agents, 1, 1)) if lifelong else plan.positions[-1]
     return plan, Instance(GRID, Scenario(plan.positions[0], goals), None if plan.headings is None else plan.headings[0])
@@ -124,7 +124,7 @@ def test_lifelong_lorr_round_trip(drawn):
 
 @given(plans(turning=False))
 def test_tracker_round_trip(drawn):
-    """Waiting at the end is not written."""
+    """Waits at the end are not written."""
     plan, instance = drawn
     text = format_plan(plan, "a.csv", instance, About("some-map-even-7"))
     file = parse_plan(text, "a.csv", Selection(instance.scenario, plan.num_agents, "small-even-7"))
@@ -138,7 +138,7 @@ def test_files(tmp_path):
     for name in ("a.json", "a.TXT", "a.csv"):
         write_plan(plan, tmp_path / name, instance)
         assert_same(read_plan(tmp_path / name, Selection(instance.scenario)).plan, plan)
-    with pytest.raises(ValueError, match=r"a\.svg: expected a file that ends in \.json, \.csv, \.txt$"):
+    with pytest.raises(ValueError, match=r"a\.svg: expected a file name that ends in \.json, \.csv, \.txt$"):
         write_plan(plan, tmp_path / "a.svg", instance)
     with pytest.raises(FileNotFoundError, match=r"b\.json: no such file"):
         read_plan(tmp_path / "b.json")
@@ -170,20 +170,20 @@ def test_what_is_written():
     )  # fmt: skip
 
 
-def test_what_cannot_be_written_is_refused():
+def test_what_cannot_be_written_is_rejected():
     lifelong = Instance(GRID, Scenario([[0, 0]], [[[0, 0], [0, 1]]]))
     still = Plan(np.zeros((1, 1, 2)))
     for ending in ("csv", "txt"):
-        with pytest.raises(ValueError, match="one goal for each agent: this instance has several"):
+        with pytest.raises(ValueError, match="one goal for each agent, but this instance has several"):
             format_plan(still, f"a.{ending}", lifelong)
     turning = Plan(np.zeros((1, 1, 2)), np.zeros((1, 1)))
-    with pytest.raises(ValueError, match=r"a\.csv: a tracker CSV file holds no headings"):
+    with pytest.raises(ValueError, match=r"a\.csv: a tracker CSV file cannot hold headings"):
         format_plan(turning, "a.csv", lifelong)
     jump = Plan(np.array([[(0, 0)], [(0, 2)]]))
-    with pytest.raises(ValueError, match="plan: step 1 of agent 0 is no step that can be written"):
+    with pytest.raises(ValueError, match="plan: step 1 of agent 0 is not a valid step, so it cannot be written"):
         format_plan(jump, "a.json", lifelong)
     comma = Instance(Grid(GRID.free, "a,b"), Scenario([[0, 0]], [[0, 1]]))
-    with pytest.raises(ValueError, match="map name 'a,b': a tracker CSV file cannot hold it"):
+    with pytest.raises(ValueError, match="map name 'a,b': a tracker CSV file cannot hold this name"):
         format_plan(still, "a.csv", comma)
     with pytest.raises(ValueError, match="plan: 2 agents, but the instance has 1"):
         format_plan(Plan(np.zeros((1, 2, 2))), "a.json", lifelong)
@@ -200,7 +200,7 @@ def test_text():
 
 
 def test_headings_in_a_text():
-    """The example that mapf-visualizer comes with."""
+    """The example file of mapf-visualizer."""
     text = "0:(0,0,Y_MINUS),\n1:(0,0,X_PLUS),\n2:(1,0,X_PLUS),\n3:(1,0,Y_PLUS),\n4:(1,1,Y_PLUS),\n5:(1,1,X_PLUS),\n"
     file = parse_plan(text, "p")
     assert file.plan.positions[:, 0].tolist() == [[0, 0], [0, 0], [0, 1], [0, 1], [1, 1], [1, 1]]
@@ -213,12 +213,12 @@ def test_headings_in_a_text():
     [
         ("2:(2", "3:(2", "p:9: expected '2:' and cells, got '3:(2,0),(3,1),'"),
         ("2:(2", "2:[2", "p:9:3: expected a cell (x,y), got '[2,0),(3,1),'"),
-        ("1:(1,0),", "1:", "p:8: expected 2 cells, with headings everywhere or nowhere"),
+        ("1:(1,0),", "1:", "p:8: expected 2 cells, with headings for all cells or for none"),
         ("1:(1,0),(3,1),", "1:", "p:8: expected cells (x,y), got none"),
-        ("1:(1,0)", "1:(1,0,X_PLUS)", "p:8: expected 2 cells, with headings everywhere or nowhere"),
-        ("0:(0,0)", "0:(0,0,X_PLUS)", "p:7: expected 2 cells, with headings everywhere or nowhere"),
+        ("1:(1,0)", "1:(1,0,X_PLUS)", "p:8: expected 2 cells, with headings for all cells or for none"),
+        ("0:(0,0)", "0:(0,0,X_PLUS)", "p:7: expected 2 cells, with headings for all cells or for none"),
         ("goals=(2,0),", "goals=", "p:5: expected 2 cells as goals, got 1"),
-        ("starts=(0,0)", "starts=(1,0)", "p:4: expected the solution to begin at the starts"),
+        ("starts=(0,0)", "starts=(1,0)", "p:4: expected the solution to start at the starts"),
         (TEXT[TEXT.index("0:") :], "", "p: expected a solution, got none"),
     ],
 )
@@ -248,7 +248,7 @@ def test_tracker(text):
         ("1,1,r", "2,1,r", "p: expected one plan for 2 agents, got 2: the file has plans for 2, 2"),
         ("rr\n", "", "p:2: expected a line for each of 2 agents, got 1"),
         ("\nd", "\nd.", "p:3: expected one of udlrw as step 2 of agent 1, got '.'"),
-        ('d"', "d", "p:2: expected a field in quotes, or one that holds none"),
+        ('d"', "d", "p:2: expected a quoted field, or a field without quotes in it"),
     ],
 )
 def test_malformed_trackers(old, new, message):
@@ -270,7 +270,7 @@ def test_a_plan_is_selected_by_the_scenario():
     assert message_of(text, Selection(SCENARIO, None, "m-even-3")) == expected
 
 
-def test_a_long_wait_of_many_agents_takes_no_memory():
+def test_a_long_wait_of_many_agents_needs_no_memory():
     text = f'agents,path\n20000,"{"w" * 20_000}{chr(10) * 19_999}"\n'
     many = Scenario(np.zeros((20_000, 2)), np.zeros((20_000, 2)))
     expected = "p:2: expected at most 50000000 steps times agents, got 20000 steps of 20000 agents"
@@ -328,18 +328,18 @@ def test_a_summary_without_tasks():
         ({"start": [[0, 2**40, "E"]] * 2}, "expected the start of agent 0 to be [row, col, E or S or W or N], got [0"),
         ({"actualPaths": ["F,F,W"]}, "expected 2 items in 'actualPaths', got 1"),
         ({"actualPaths": ["F,F,W", 7]}, "expected the path of agent 1 to be text, got 7"),
-        ({"actualPaths": ["F,F,W", "F,C"]}, "expected 3 steps of agent 1, as of agent 0, got 2"),
+        ({"actualPaths": ["F,F,W", "F,C"]}, "expected 3 steps for agent 1, as for agent 0, got 2"),
         ({"actualPaths": ["F,U,W", "F,C,W"]}, "expected one of FRCW as step 2 of agent 0, got 'U'"),
         ({"actualPaths": ["F,F,W", "F,C,"]}, "expected one of FRCW as step 3 of agent 1, got ''"),
         ({"actualPaths": ["F,F,W", "FCW,"]}, "expected one of FRCW as step 1 of agent 1, got 'FCW'"),
         ({"events": [[]]}, "expected 2 items in 'events', got 1"),
         (
-            {"events": [[], [[0, 1, "begun"]]]},
+            {"events": [[], [[0, 1, "started"]]]},
             "expected events of agent 1 to be [task, step, assigned or finished], go",
         ),
         (
             {"events": [[], [[0, 5, "assigned"], [1, 2, "assigned"]]]},
-            "expected the tasks of agent 1 in the order of ti",
+            "expected the tasks of agent 1 in chronological or",
         ),
         ({"tasks": [[0, 1]]}, "expected a task [task, row, col] or [task, step, [row, col, ...]], got [0, 1]"),
         (
@@ -364,7 +364,7 @@ def test_malformed_lorr(changes, message):
         ("[(0,0,0,0,0):(F 2,W 1", "p: expected a segment '[(0,row,col,heading,counter):(F 10,...)]' in the path"),
         ("[(0,0,0,0,0):(F 2)][(3,0,0,0,0):(W 1)]", "p: expected a segment '[(2,row,col,heading,counter):(F 10,...)]'"),
         ("[(0,0,0,0,0):(F 2,X 1)]", "p: expected a letter and ticks such as 'F 10' in the path of agent 0, character"),
-        ("[(0,0,0,0,0):(F 2,R 1)]", "p: expected agent 0 to end the action F before R, at tick 2"),
+        ("[(0,0,0,0,0):(F 2,R 1)]", "p: expected agent 0 to finish the action F before R, at tick 2"),
         ("[(0,0,0,0,0):(W 999999999)]", "p: expected at most 50000000 steps times agents, got 999999999 steps of 2"),
     ],
 )  # fmt: skip
@@ -374,9 +374,9 @@ def test_malformed_ticks(path, message):
 
 def test_ticks_of_agents_that_do_not_turn():
     path = "[(0,0,0,0,0):(F 2)]"
-    expected = "p: expected the model MAPF_T where paths are in ticks, got MAPF"
-    told = lorr(actionModel="MAPF", start=[[0, 0, "N/A"]] * 2, agentMaxCounter=3, actualPaths=[path, path])
-    assert message_of(told) == expected
+    expected = "p: expected the model MAPF_T for paths in ticks, got MAPF"
+    text = lorr(actionModel="MAPF", start=[[0, 0, "N/A"]] * 2, agentMaxCounter=3, actualPaths=[path, path])
+    assert message_of(text) == expected
 
 
 @pytest.mark.parametrize(
@@ -387,7 +387,7 @@ def test_ticks_of_agents_that_do_not_turn():
         ("".join(f"a{n}=\n" for n in range(1001)), "p:1001: expected a header of at most 1000 entries"),
     ],
 )
-def test_absurd_sizes(text, message):
+def test_size_limits(text, message):
     assert message_of(text, Selection(SCENARIO)) == message
 
 
@@ -410,7 +410,7 @@ def test_an_assigned_task_that_the_file_lacks():
         file.schedule.finished(file.plan)
 
 
-# Goals one after the other.
+# Several goals in order.
 
 
 def test_a_goal_counts_from_the_step_after_the_last_was_reached():
@@ -424,7 +424,7 @@ def test_a_goal_counts_from_the_step_after_the_last_was_reached():
 
 
 def near_misses(text):
-    """Texts near a good one: with a piece cut out and something else in its place."""
+    """Return texts that differ from a valid one in one replaced part."""
     cut = st.tuples(st.integers(0, len(text)), st.integers(0, 12), st.text(max_size=6) | st.sampled_from('\n"09,:[]('))
     return cut.map(lambda c: text[: c[0]] + c[2] + text[c[0] + c[1] :])
 
@@ -437,7 +437,7 @@ def test_any_text_is_a_plan_or_a_format_error(text):
     try:
         file = parse_plan(text, "p", Selection(SCENARIO, 2))
     except FormatError as error:
-        assert "\n" not in str(error)  # noqa: PT017 (most texts, not all, are refused)
+        assert "\n" not in str(error)  # noqa: PT017 (most texts, but not all, are rejected)
         return
     if file.schedule is not None:
         try:

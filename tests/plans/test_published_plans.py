@@ -1,4 +1,4 @@
-"""Published plans, replayed: legal, and with the costs and finished tasks that their files tell."""
+"""Published plans are legal in a replay, with the costs and finished tasks that their files claim."""
 
 import json
 from itertools import cycle
@@ -50,13 +50,13 @@ def problem_of(benchmark, name):
     return load_problem(benchmark / "lorr" / f"{name}.json")
 
 
-def unaimed(grid, plan):
-    """Return a lifelong instance with the plan's starts."""
+def without_goals(grid, plan):
+    """Return a lifelong instance with the plan's starts, as its own goals."""
     return Instance(grid, Scenario(plan.positions[0], plan.positions[0][:, None]), plan.headings[0])
 
 
 def replayed(instance, plan):
-    """Return how often agents arrive in the simulator, which must follow the plan at every step."""
+    """Return the number of arrivals in the simulator, which must follow the plan at every step."""
     simulator = Simulator(
         EnvConfig(
             source=InstanceList([instance]), on_target="restart", view_size=(1, 1), max_steps=max(plan.num_steps, 1)
@@ -64,7 +64,7 @@ def replayed(instance, plan):
     )
     simulator.reset(seeds={0: 0})
     cells = plan.positions @ np.array([instance.grid.shape[1], 1])
-    agents = simulator.state.agents[0]
+    agents = simulator.agents[0]
     for step, actions in enumerate(Path(cells, plan.headings).actions(simulator.world.leads_to[0]), 1):
         simulator.step(actions[None])
         assert not agents["blocked"].any()
@@ -101,7 +101,7 @@ def test_plans_of_2023_are_written_with_the_same_events(benchmark, name):
 def test_plans_of_2024(benchmark, name):
     problem_name, num_agents, num_steps, finished = IN_2024[name]
     file, problem = read(benchmark, name), problem_of(benchmark, problem_name)
-    instance = unaimed(problem.grid, file.plan)
+    instance = without_goals(problem.grid, file.plan)
     assert (file.plan.num_agents, file.plan.num_steps) == (num_agents, num_steps)
     assert np.array_equal(file.plan.positions[0], problem.starts)
     assert validate(instance, file.plan) is None
@@ -115,7 +115,7 @@ def test_plans_of_2024(benchmark, name):
 def test_plans_without_a_schedule(benchmark, name):
     problem_name, num_agents, num_steps, finished = WITHOUT_SCHEDULE[name]
     file, problem = read(benchmark, name), problem_of(benchmark, problem_name)
-    instance = unaimed(problem.grid, file.plan)
+    instance = without_goals(problem.grid, file.plan)
     assert (file.plan.num_agents, file.plan.num_steps) == (num_agents, num_steps)
     assert np.array_equal(file.plan.positions[0], problem.starts)
     assert validate(instance, file.plan) is None
@@ -125,10 +125,10 @@ def test_plans_without_a_schedule(benchmark, name):
 
 
 @pytest.mark.parametrize("name", OF_PLANVIZ)
-def test_plans_that_planviz_comes_with(benchmark, name):
+def test_the_plans_of_planviz(benchmark, name):
     num_agents, num_steps, finished = OF_PLANVIZ[name]
     file = read(benchmark, name)
-    instance = unaimed(read_map(benchmark / "lorr" / "planviz" / "warehouse_small.map"), file.plan)
+    instance = without_goals(read_map(benchmark / "lorr" / "planviz" / "warehouse_small.map"), file.plan)
     assert (file.plan.num_agents, file.plan.num_steps) == (num_agents, num_steps)
     assert validate(instance, file.plan) is None
     assert file.schedule.finished(file.plan) == file.claims["tasks finished"] == finished
@@ -171,7 +171,7 @@ def best(benchmark):
     return text, parse_plan(text, "plan").plan, problem_of(benchmark, IN_2023[name][0]).instance()
 
 
-def told(best, change_cells=None, change_text=None):
+def violation_of(best, change_cells=None, change_text=None):
     text, plan, instance = best
     if change_cells is not None:
         cells = plan.positions.copy()
@@ -186,7 +186,7 @@ def test_swapped_agents(best):
     def swap(cells):
         cells[200, [3, 70]] = cells[200, [70, 3]]
 
-    violation = told(best, swap)
+    violation = violation_of(best, swap)
     assert (violation.kind, violation.step, violation.agents) == ("move", 200, (3,))
 
 
@@ -197,11 +197,11 @@ def test_a_jump(best):
     def jump(cells):
         cells[300, 41] = cell
 
-    violation = told(best, jump)
+    violation = violation_of(best, jump)
     assert (violation.kind, violation.step, violation.agents) == ("move", 300, (41,))
 
 
-def test_a_drive_into_an_obstacle(best):
+def test_a_move_into_an_obstacle(best):
     _, plan, instance = best
     steps = np.array([(0, 1), (1, 0), (0, -1), (-1, 0)])
     ahead = plan.positions[:-1] + steps[plan.headings[:-1]]
@@ -209,12 +209,12 @@ def test_a_drive_into_an_obstacle(best):
     clipped = np.clip(ahead, 0, 31)
     step, agent = np.argwhere(inside & ~instance.grid.free[clipped[..., 0], clipped[..., 1]])[5].tolist()
 
-    def drive(data):
+    def move(data):
         letters = data["actualPaths"][agent].split(",")
         letters[step] = "F"
         data["actualPaths"][agent] = ",".join(letters)
 
-    violation = told(best, change_text=drive)
+    violation = violation_of(best, change_text=move)
     assert (violation.kind, violation.step, violation.agents) == ("map", step + 1, (agent,))
     assert violation.cells == (tuple(ahead[step, agent].tolist()),)
 
@@ -223,24 +223,24 @@ def test_a_wrong_start(best):
     def move(data):
         data["start"][7][2] = "N"
 
-    violation = told(best, change_text=move)
+    violation = violation_of(best, change_text=move)
     assert (violation.kind, violation.step, violation.agents) == ("start", 0, (7,))
 
 
-def test_a_letter_less(best):
+def test_a_missing_letter(best):
     def shorten(data):
         data["actualPaths"][9] = data["actualPaths"][9][:-2]
 
-    with pytest.raises(FormatError, match=r"^plan: expected 500 steps of agent 9, as of agent 0, got 499$"):
-        told(best, change_text=shorten)
+    with pytest.raises(FormatError, match=r"^plan: expected 500 steps for agent 9, as for agent 0, got 499$"):
+        violation_of(best, change_text=shorten)
 
 
-def test_a_letter_less_and_a_wait_more(best):
-    """From there on the agent does everything a step early, until it runs into another or something."""
+def test_a_missing_letter_and_an_extra_wait(best):
+    """The agent does everything one step early, until it collides."""
 
     def hurry(data):
         data["actualPaths"][9] = data["actualPaths"][9][2:] + ",W"
 
-    violation = told(best, change_text=hurry)
+    violation = violation_of(best, change_text=hurry)
     assert violation is not None
     assert 9 in violation.agents

@@ -18,7 +18,7 @@ def test_a_plan_becomes_a_recording():
     assert recording.title == "empty-8-8, 2 agents"
 
 
-def test_goals_come_one_after_the_other():
+def test_several_goals_in_order():
     instance = Instance(GRID, Scenario([[0, 0]], [[[0, 1], [0, 3]]]))
     cells = [[[0, 0]], [[0, 1]], [[0, 2]], [[0, 3]], [[0, 2]], [[0, 1]], [[0, 1]]]
     goals = record_plan(instance, Plan(np.array(cells))).goals
@@ -26,7 +26,7 @@ def test_goals_come_one_after_the_other():
 
 
 @pytest.mark.parametrize("with_goals", [True, False])
-def test_plans_that_are_not_legal_can_be_looked_at(with_goals):
+def test_illegal_plans_can_be_recorded(with_goals):
     instance = Instance(GRID, Scenario([[0, 0]], [[0, 3]]))
     plan = Plan(np.array([[[0, 0]], [[0, 3]]]))
     assert validate(instance, plan) is not None

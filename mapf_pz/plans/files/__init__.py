@@ -34,51 +34,52 @@ PARSERS: dict[str, Callable[[str, str | Path, Selection], PlanFile]] = {
     r"\w+=|0:": parse_text,
     r".*\b(solution_plan|path)\b": parse_tracker,
 }
-"""The parsers, by how a file of theirs begins: the first that fits is taken."""
+"""The parsers, by a pattern of the start of their files; the first match is used."""
 
 FORMATTERS: dict[str, Callable[[Plan, Instance, About], str]] = {
     ".json": format_lorr,
     ".csv": format_tracker,
     ".txt": format_text,
 }
-"""What makes the text of a plan file, by the file's ending."""
+"""The functions that format a plan file, by file extension."""
 
 
 def read_plan(path: str | Path, selection: Selection | None = None) -> PlanFile:
-    """Read a plan file of any of the three formats, which is told from what is in it.
+    """Read a plan file in any of the three formats, which is detected from the contents.
 
     Args:
-        path: The file.
-        selection: What the plan is for: needed for a tracker's CSV file only, which holds several plans and no starts.
+        path: the file.
+        selection: which plan to read. It is needed only for CSV files of the tracker, which hold several plans and no
+            starts.
 
     Raises:
-        FileNotFoundError: There is no such file.
-        FormatError: The file is none of these or malformed, or not just one of its plans is selected.
+        FileNotFoundError: the file does not exist.
+        FormatError: the file has none of these formats or is malformed, or not exactly one of its plans is selected.
     """
     return parse_plan(read_text(path), path, selection)
 
 
 def parse_plan(text: str, origin: str | Path, selection: Selection | None = None) -> PlanFile:
-    """Parse the text of a plan file that came from `origin`; raises `FormatError` as `read_plan` does."""
+    """Parse the text of a plan file; raises `FormatError` as `read_plan` does, with the name `origin`."""
     start = text.lstrip()[:1000]
-    for beginning, parse in PARSERS.items():
-        if re.match(beginning, start):
+    for pattern, parse in PARSERS.items():
+        if re.match(pattern, start):
             return parse(text, origin, selection or Selection())
     expected = "expected a plan: League of Robot Runners JSON, tracker CSV, or text with a 'solution='"
     raise FormatError(origin, f"{expected}, got {shortened(text)}", 1)
 
 
 def check_format(path: str | Path, action_model: ActionModel) -> None:
-    """Raise `ValueError` unless a file of that name can hold plans of such agents."""
-    ending = Path(path).suffix.lower()
-    if ending not in FORMATTERS:
-        raise ValueError(f"{path}: expected a file that ends in {', '.join(FORMATTERS)}")
-    if ending == ".csv" and action_model != "cardinal":
-        raise ValueError(f"{path}: a tracker CSV file holds no headings, expected action_model='cardinal'")
+    """Raise `ValueError` unless a file of that name can hold plans with that action model."""
+    extension = Path(path).suffix.lower()
+    if extension not in FORMATTERS:
+        raise ValueError(f"{path}: expected a file name that ends in {', '.join(FORMATTERS)}")
+    if extension == ".csv" and action_model != "cardinal":
+        raise ValueError(f"{path}: a tracker CSV file cannot hold headings, expected action_model='cardinal'")
 
 
 def format_plan(plan: Plan, path: str | Path, instance: Instance, about: About | None = None) -> str:
-    """Return the text of a plan file in the format of a file of that name; raises `ValueError` as `write_plan` does."""
+    """Return the text of a plan file in the format of the extension; raises `ValueError` as `write_plan` does."""
     check_format(path, "cardinal" if plan.headings is None else "rotate")
     return FORMATTERS[Path(path).suffix.lower()](plan, instance, about or About())
 
@@ -87,12 +88,12 @@ def write_plan(plan: Plan, path: str | Path, instance: Instance, about: About | 
     """Write a plan file: League of Robot Runners `.json`, tracker `.csv` (cardinal agents only), or `.txt`.
 
     Args:
-        plan: The plan.
-        path: The file.
-        instance: What the plan solves; a lifelong one can be written as `.json` only.
-        about: What else is written, where the format has a place for it.
+        plan: the plan.
+        path: the file.
+        instance: the instance that the plan solves; lifelong instances can be written only as `.json`.
+        about: metadata, which is written if the format has fields for it.
 
     Raises:
-        ValueError: The ending is another, or that format cannot hold the plan.
+        ValueError: the file has another extension, or its format cannot hold the plan.
     """
     Path(path).write_text(format_plan(plan, path, instance, about), "utf-8", newline="\n")

@@ -1,7 +1,8 @@
-"""Plans of the League of Robot Runners, as its simulator writes and PlanViz reads them; written is the form of 2023.
+"""Plan files of the League of Robot Runners, as its simulator writes and PlanViz reads them.
 
-Read are the model `MAPF_T` (agents that turn) of 2023, 2024 and 2026, and the plain `MAPF`. The plan of 2026 is one of
-ticks: an agent is on its old cell until the last tick of a move, so its size and the way between cells do not count.
+Files with the model `MAPF_T` (rotating agents) of 2023, 2024 and 2026 can be read, and files with the model `MAPF`. The
+format of 2023 is written. In files of 2026, the steps of a plan are ticks: an agent is on its old cell until the last
+tick of a move, so its size and its position between two cells are ignored.
 """
 
 from __future__ import annotations
@@ -26,26 +27,26 @@ from mapf_pz.io.json import (
     parse_object,
     whole_number,
 )
-from mapf_pz.plans.files.letters import TURNS, Steps, follow_steps, follow_turns, spell_steps, spell_turns
+from mapf_pz.plans.files.letters import TURNS, Steps, follow_steps, follow_turns, format_steps, format_turns
 from mapf_pz.plans.files.planfile import About, PlanFile, Selection, check_size
 from mapf_pz.plans.files.schedule import parse_schedule
 from mapf_pz.plans.files.ticks import expand_ticks
 from mapf_pz.plans.plan import Plan, reached
 
-CARDINAL, TURNING = "MAPF", "MAPF_T"
+CARDINAL, ROTATING = "MAPF", "MAPF_T"
 STEPS: Steps = {"U": (-1, 0), "D": (1, 0), "L": (0, -1), "R": (0, 1), "W": (0, 0)}
 """The (row, col) step of each letter of the model `MAPF`; `U` is a smaller row."""
-LETTERS = {CARDINAL: "".join(STEPS), TURNING: "".join(TURNS)}
+LETTERS = {CARDINAL: "".join(STEPS), ROTATING: "".join(TURNS)}
 """The letters of each model."""
-NAMES = {CARDINAL: ("N/A",), TURNING: ("E", "S", "W", "N")}
-"""The names of the headings, in their order, in each model."""
+NAMES = {CARDINAL: ("N/A",), ROTATING: ("E", "S", "W", "N")}
+"""The names of the headings, in order, in each model."""
 CLAIMS = {"sumOfCost": "sum of costs", "makespan": "makespan", "numTaskFinished": "tasks finished"}
 
 _Events = list[list[int | str]]
 
 
 def parse_lorr(text: str, origin: str | Path, _: Selection) -> PlanFile:
-    """Parse the text of a plan file that came from `origin`; raises `FormatError` for anything malformed."""
+    """Parse the text of a plan file; raises `FormatError` with the name `origin` if it is malformed."""
     data = parse_object(text, origin)
     model = data.get("actionModel")
     if not isinstance(model, str) or model not in LETTERS:
@@ -53,7 +54,7 @@ def parse_lorr(text: str, origin: str | Path, _: Selection) -> PlanFile:
     count = whole_number(data, "teamSize", origin, least=1)
     starts = np.array(_starts(list_member(data, "start", origin, count)[:count], NAMES[model], origin))
     letters = _letters(data, count, model, origin)
-    if model == TURNING:
+    if model == ROTATING:
         plan = follow_turns(starts[:, :2], starts[:, 2], letters)
     else:
         plan = follow_steps(starts[:, :2], letters, STEPS)
@@ -66,20 +67,20 @@ def parse_lorr(text: str, origin: str | Path, _: Selection) -> PlanFile:
 
 
 def format_lorr(plan: Plan, instance: Instance, _: About) -> str:
-    """Return the text of a plan file: of one task for each agent, or of its goals one after the other (lifelong).
+    """Return the text of a plan file: with one task for each agent, or with a task for each of its goals (lifelong).
 
-    Raises `ValueError` for a plan that is not of the instance's agents, or in which one moves or turns otherwise than
-    agents can.
+    Raises `ValueError` if the plan has another number of agents than the instance, or if it has an impossible move or
+    turn.
     """
     if plan.num_agents != instance.num_agents:
         raise ValueError(f"plan: {plan.num_agents} agents, but the instance has {instance.num_agents}")
-    model = CARDINAL if plan.headings is None else TURNING
-    words = spell_steps(plan, STEPS) if plan.headings is None else spell_turns(plan)
+    model = CARDINAL if plan.headings is None else ROTATING
+    letters = format_steps(plan, STEPS) if plan.headings is None else format_turns(plan)
     facing = np.zeros(plan.num_agents, np.int64) if plan.headings is None else plan.headings[0]
     goals = instance.scenario.goals
     lifelong = goals.ndim == 3
     events, tasks = _lifelong_tasks(plan, goals) if lifelong else _single_tasks(plan, goals)
-    paths = [",".join(word) for word in words]
+    paths = [",".join(agent_letters) for agent_letters in letters]
     record: JsonObject = {
         "actionModel": model,
         "AllValid": "Yes",
@@ -101,10 +102,10 @@ def format_lorr(plan: Plan, instance: Instance, _: About) -> str:
     return "{\n" + ",\n".join(members) + "\n}\n"
 
 
-def _starts(told: Iterable[Any], names: tuple[str, ...], origin: str | Path) -> list[tuple[int, int, int]]:
+def _starts(entries: Iterable[Any], names: tuple[str, ...], origin: str | Path) -> list[tuple[int, int, int]]:
     """Return (row, col, heading) of each agent."""
     starts: list[tuple[int, int, int]] = []
-    for agent, start in enumerate(told):
+    for agent, start in enumerate(entries):
         match start:
             case [row, col, str(name)] if are_whole([row, col]) and name in names:
                 starts.append((row, col, names.index(name)))
@@ -121,27 +122,27 @@ def _letters(data: JsonObject, count: int, model: str, origin: str | Path) -> li
         if not isinstance(path, str):
             raise FormatError(origin, f"expected the path of agent {agent} to be text, got {shortened(path)}")
     in_ticks = paths[0].startswith("[")
-    if in_ticks and model != TURNING:
-        raise FormatError(origin, f"expected the model {TURNING} where paths are in ticks, got {model}")
+    if in_ticks and model != ROTATING:
+        raise FormatError(origin, f"expected the model {ROTATING} for paths in ticks, got {model}")
     ticks = whole_number(data, "agentMaxCounter", origin, least=1) if in_ticks else 1
-    words: list[str] = []
+    letters: list[str] = []
     for agent, path in enumerate(paths):
         if in_ticks:
-            words.append(expand_ticks(path, ticks, count, agent, origin))
+            letters.append(expand_ticks(path, ticks, count, agent, origin))
         else:
-            words.append(_plain_letters(path, LETTERS[model], agent, origin))
-        if len(words[agent]) != len(words[0]):
-            message = f"expected {len(words[0])} steps of agent {agent}, as of agent 0, got {len(words[agent])}"
+            letters.append(_plain_letters(path, LETTERS[model], agent, origin))
+        if len(letters[agent]) != len(letters[0]):
+            message = f"expected {len(letters[0])} steps for agent {agent}, as for agent 0, got {len(letters[agent])}"
             raise FormatError(origin, message)
-    check_size(len(words[0]), count, origin)
-    return words
+    check_size(len(letters[0]), count, origin)
+    return letters
 
 
 def _plain_letters(path: str, letters: str, agent: int, origin: str | Path) -> str:
-    # A regular expression would take much memory for a long path.
-    word = path[::2]
-    if set(word) <= set(letters) and set(path[1::2]) <= {","} and not path.endswith(","):
-        return word
+    # A regular expression would need a lot of memory for a long path.
+    plain = path[::2]
+    if set(plain) <= set(letters) and set(path[1::2]) <= {","} and not path.endswith(","):
+        return plain
     steps = path.split(",")
     step = next(step for step, letter in enumerate(steps) if len(letter) != 1 or letter not in letters)
     message = f"expected one of {letters} as step {step + 1} of agent {agent}, got {shortened(steps[step])}"
@@ -159,7 +160,7 @@ def _single_tasks(plan: Plan, goals: Ints) -> tuple[list[_Events], list[list[int
 
 
 def _lifelong_tasks(plan: Plan, goals: Ints) -> tuple[list[_Events], list[list[int]]]:
-    """Return the events of agents with goals (N, L, 2) one after the other, and the tasks: numbered as assigned."""
+    """Return the events of agents that visit their goals (N, L, 2) in order, and the tasks, numbered as assigned."""
     tasks = [[agent, *goal] for agent, goal in enumerate(goals[:, 0].tolist())]
     events: list[_Events] = [[[agent, 0, "assigned"]] for agent in range(plan.num_agents)]
     arrivals = [

@@ -1,4 +1,4 @@
-"""What a plan file holds besides the plan, and what is said about a plan when it is written."""
+"""The contents of a plan file: the plan, its schedule of tasks, and its metadata."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from mapf_pz.errors import FormatError
 from mapf_pz.instance import Scenario
 from mapf_pz.plans.plan import Plan, reached
 
-MAX_PLACES = 50_000_000
-"""Plans of more steps times agents are refused."""
+MAX_POSITIONS = 50_000_000
+"""Maximum number of steps times agents of a plan file."""
 
 
 _NO_ERRANDS = frozen([], np.int32)
@@ -21,39 +21,39 @@ _NO_ERRANDS = frozen([], np.int32)
 
 @dataclass(frozen=True, eq=False)
 class Schedule:
-    """Which tasks each agent was given, and when."""
+    """The tasks that were assigned to each agent, and when."""
 
     assigned: tuple[tuple[tuple[int, int], ...], ...]
-    """For each agent (step, task), in order: from the end of that step on the task counts; a task below 0 is none."""
+    """For each agent (step, task), in order: the task is assigned from the end of that step on; below 0: no task."""
     tasks: Mapping[int, Ints]
-    """The errands (L, 2) of each task, [row, col], as the file tells them."""
+    """The errands (L, 2), [row, col], of each task, as given in the file."""
 
     def finished(self, plan: Plan, task: Callable[[int], Ints] | None = None) -> int:
-        """Return how many tasks a plan finishes, all errands of each in order.
+        """Return how many tasks a plan finishes, by running all errands of a task in order.
 
         Args:
-            plan: Of as many agents as there are in the schedule.
-            task: Returns the errands of a task; None: the file's.
+            plan: a plan with the agents of the schedule.
+            task: a function that returns the errands of a task; None: those of the file.
 
         Raises:
-            ValueError: The schedule is of other agents, or an assigned task is not among the file's.
+            ValueError: the schedule has another number of agents, or an assigned task is missing in the file.
         """
         if len(self.assigned) != plan.num_agents:
             raise ValueError(f"schedule: expected {plan.num_agents} agents, got {len(self.assigned)}")
         left: dict[int, Ints] = {}
-        for agent, given in enumerate(self.assigned):
-            ends = [step for step, _ in given[1:]] + [plan.num_steps + 1]
-            for (step, number), end in zip(given, ends, strict=False):
+        for agent, assigned in enumerate(self.assigned):
+            ends = [step for step, _ in assigned[1:]] + [plan.num_steps + 1]
+            for (step, number), end in zip(assigned, ends, strict=False):
                 if number >= 0:
                     errands = left[number] if number in left else self._errands(number, task)
-                    # The first row of a path is where it starts, which reaches nothing.
+                    # The first row of a path is its start, which does not count as an arrival.
                     path = plan.positions[max(step - 1, 0) : end, agent]
                     left[number] = errands[len(reached(path, errands)) :]
         return sum(len(errands) == 0 for errands in left.values())
 
     def only_goals(self) -> Ints | None:
-        """Return the goals (N, 2) of agents that were given a single task of one errand each, else None."""
-        tasks = [self.tasks.get(given[0][1], _NO_ERRANDS) for given in self.assigned if len(given) == 1]
+        """Return the goals (N, 2) if every agent has exactly one task with one errand, else None."""
+        tasks = [self.tasks.get(assigned[0][1], _NO_ERRANDS) for assigned in self.assigned if len(assigned) == 1]
         if len(tasks) < len(self.assigned) or any(len(errands) != 1 for errands in tasks):
             return None
         return np.concatenate(tasks)
@@ -68,51 +68,51 @@ class Schedule:
 
 @dataclass(frozen=True, eq=False)
 class PlanFile:
-    """A plan, and what its file says about it. None of that is checked."""
+    """A plan, and what its file claims about it, which is not checked."""
 
     plan: Plan
     """The plan."""
     goals: Ints | None = None
-    """(N, 2), [row, col]: each agent's one goal, where the file tells them."""
+    """(N, 2), [row, col]: each agent's goal, if the file contains them."""
     schedule: Schedule | None = None
-    """The tasks that agents were given, where the file tells them."""
+    """The assigned tasks, if the file contains them."""
     claims: Mapping[str, int] = field(default_factory=dict[str, int])
-    """What the file says of `sum of costs`, `makespan` and `tasks finished`."""
+    """The file's values of `sum of costs`, `makespan` and `tasks finished`."""
 
 
 @dataclass(frozen=True)
 class Selection:
-    """What a plan is for: needed where a file holds several, or does not tell the starts."""
+    """Selects a plan. It is needed for files that hold several plans, or that lack the starts."""
 
     scenario: Scenario | None = None
-    """Starts of the agents, of which the first are taken."""
+    """A scenario with the starts of the agents; the plan uses the first ones."""
     num_agents: int | None = None
-    """How many agents the plan is for; None: any."""
+    """Number of agents of the plan; None: any."""
     name: str = ""
     """The scenario's name, such as `random-32-32-20-even-1`; empty: any."""
 
 
 @dataclass(frozen=True)
 class About:
-    """What is written into a file, where its format has a place for it."""
+    """Metadata that is written to a plan file if its format has fields for it."""
 
     scenario: str = ""
     """The scenario's name, such as `random-32-32-20-even-1`."""
     solver: str = "mapf-pz"
-    """Who made the plan."""
+    """Name of the solver."""
     seconds: float = 0.0
-    """How long that took."""
+    """Runtime of the solver in seconds."""
 
 
 def check_size(num_steps: int, num_agents: int, origin: object, line: int = 0) -> None:
-    """Raise `FormatError` for a plan with more than `MAX_PLACES` steps times agents."""
-    if num_steps * num_agents > MAX_PLACES:
+    """Raise `FormatError` if a plan has more than `MAX_POSITIONS` steps times agents."""
+    if num_steps * num_agents > MAX_POSITIONS:
         size = f"{num_steps} steps of {num_agents} agents"
-        raise FormatError(origin, f"expected at most {MAX_PLACES} steps times agents, got {size}", line)
+        raise FormatError(origin, f"expected at most {MAX_POSITIONS} steps times agents, got {size}", line)
 
 
-def one_goal_each(goals: Ints, form: str) -> Ints:
-    """Return goals (N, 2); raises `ValueError` where agents have several, of which a file of that form cannot tell."""
+def one_goal_each(goals: Ints, format_name: str) -> Ints:
+    """Return the goals (N, 2); raises `ValueError` if agents have several goals, which the format cannot hold."""
     if goals.ndim != 2:
-        raise ValueError(f"a {form} file holds one goal for each agent: this instance has several")
+        raise ValueError(f"a {format_name} file holds one goal for each agent, but this instance has several")
     return np.asarray(goals)

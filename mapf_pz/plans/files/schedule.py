@@ -1,4 +1,4 @@
-"""Who was given which task when, in the League of Robot Runners' plan files: two forms, of 2023 and from 2024 on."""
+"""The schedules in plan files of the League of Robot Runners, in the formats of 2023 and of 2024 and later."""
 
 from __future__ import annotations
 
@@ -17,60 +17,60 @@ from mapf_pz.plans.files.planfile import Schedule
 
 _ENTRY = re.compile(r"(\d{1,9}):(-?\d{1,9})(?:,|\Z)", re.ASCII)
 
-_Given = tuple[tuple[int, int], ...]
+_Assigned = tuple[tuple[int, int], ...]
 
 
 def parse_schedule(data: JsonObject, num_agents: int, origin: str | Path) -> Schedule | None:
-    """Return the schedule in a plan file's JSON object, or None where there is none.
+    """Return the schedule in a plan file's JSON object, or None if there is none.
 
-    Raises `FormatError` for a malformed one.
+    Raises `FormatError` if it is malformed.
     """
     name = "events" if data.get("version") is None else "actualSchedule"
     if "tasks" not in data or name not in data:
         return None
-    told = {"events": _from_2023, "actualSchedule": _from_2024}[name]
+    parse = {"events": _from_2023, "actualSchedule": _from_2024}[name]
     entries = list_member(data, name, origin, num_agents)[:num_agents]
-    assigned = tuple(told(entry, agent, origin) for agent, entry in enumerate(entries))
+    assigned = tuple(parse(entry, agent, origin) for agent, entry in enumerate(entries))
     tasks = dict(_task(task, origin) for task in list_member(data, "tasks", origin))
     return Schedule(assigned, tasks)
 
 
-def _from_2024(entry: Any, agent: int, origin: str | Path) -> _Given:
-    """Return what `1:28,19:38` gives: the tasks 28 and 38, at the ends of the steps 1 and 19."""
-    given: list[tuple[int, int]] = []
+def _from_2024(entry: Any, agent: int, origin: str | Path) -> _Assigned:
+    """Parse `1:28,19:38`: tasks 28 and 38, assigned at the ends of steps 1 and 19."""
+    assigned: list[tuple[int, int]] = []
     position = 0
     while isinstance(entry, str) and position < len(entry):
         item = _ENTRY.match(entry, position)
         if item is None:
             break
-        given.append((int(item[1]), int(item[2])))
+        assigned.append((int(item[1]), int(item[2])))
         position = item.end()
     if not isinstance(entry, str) or position < len(entry):
         raise FormatError(
             origin, f"expected the schedule of agent {agent} to be 'step:task,...', got {shortened(entry)}"
         )
-    return _in_order(given, agent, origin)
+    return _in_order(assigned, agent, origin)
 
 
-def _from_2023(entry: Any, agent: int, origin: str | Path) -> _Given:
-    """Return what `[[0, 0, "assigned"], [0, 55, "finished"], ...]` gives: task, and after which step."""
-    given: list[tuple[int, int]] = []
+def _from_2023(entry: Any, agent: int, origin: str | Path) -> _Assigned:
+    """Parse `[[0, 0, "assigned"], [0, 55, "finished"], ...]`: task, step after which it happens, and event."""
+    assigned: list[tuple[int, int]] = []
     for event in entry if isinstance(entry, list) else [entry]:
         match event:
             case [task, step, "assigned"] if are_whole([task, step]):
-                given.append((step + 1, task))
+                assigned.append((step + 1, task))
             case [task, step, "finished"] if are_whole([task, step]):
                 pass
             case _:
                 expected = f"expected events of agent {agent} to be [task, step, assigned or finished]"
                 raise FormatError(origin, f"{expected}, got {shortened(event)}")
-    return _in_order(given, agent, origin)
+    return _in_order(assigned, agent, origin)
 
 
-def _in_order(given: list[tuple[int, int]], agent: int, origin: str | Path) -> _Given:
-    if any(later[0] < earlier[0] for earlier, later in pairwise(given)):
-        raise FormatError(origin, f"expected the tasks of agent {agent} in the order of time")
-    return tuple(given)
+def _in_order(assigned: list[tuple[int, int]], agent: int, origin: str | Path) -> _Assigned:
+    if any(later[0] < earlier[0] for earlier, later in pairwise(assigned)):
+        raise FormatError(origin, f"expected the tasks of agent {agent} in chronological order")
+    return tuple(assigned)
 
 
 def _task(task: Any, origin: str | Path) -> tuple[int, Ints]:

@@ -1,6 +1,6 @@
-"""The text files that the PIBT and LaCAM tools write: a header of `key=value`, then where agents are at each step.
+"""The text files of the PIBT and LaCAM tools: a header of `key=value` lines, then the cells of all agents at each step.
 
-A cell is `(x,y)`, column first; agents that turn have their heading as a third part, as mapf-visualizer reads it.
+A cell is `(x,y)`, column first; for rotating agents, the heading is a third part, as mapf-visualizer reads it.
 Source: github.com/Kei18/lacam (post_processing.cpp), pibt2 (solver.cpp) and mapf-visualizer (main.cpp, demo_2x2.txt).
 """
 
@@ -28,9 +28,9 @@ HEADINGS = {
     "X_MINUS": Heading.WEST,
     "Y_MINUS": Heading.NORTH,
 }
-"""The headings' names; y grows towards the south."""
+"""The headings by name; y increases toward the south."""
 MAX_ENTRIES = 1000
-"""A header of more is refused."""
+"""Maximum number of entries of a header."""
 CLAIMS = {"soc": "sum of costs", "makespan": "makespan"}
 
 _CELL = re.compile(rf"\((\d{{1,9}}),(\d{{1,9}})(?:,({'|'.join(HEADINGS)}))?\)(?:,|\Z)", re.ASCII)
@@ -40,7 +40,7 @@ _COUNT = re.compile(r"\d{1,9}", re.ASCII)
 
 
 def parse_text(text: str, origin: str | Path, _: Selection) -> PlanFile:
-    """Parse the text of a result file that came from `origin`; raises `FormatError` unless it holds a solution."""
+    """Parse the text of a result file; raises `FormatError` with the name `origin` unless it holds a solution."""
     lines = enumerate((line.rstrip("\r\n") for line in io.StringIO(text)), 1)
     header, first = _header(lines, origin)
     cells, headings = array("i"), array("b")
@@ -49,12 +49,12 @@ def parse_text(text: str, origin: str | Path, _: Selection) -> PlanFile:
         step = _STEP.match(line)
         if step is None or int(step[1]) != num_steps:
             raise FormatError(origin, f"expected '{num_steps}:' and cells, got {shortened(line)}", number)
-        places, turned = _cells(line, step.end(), origin, number)
-        count = count or len(places) // 2
-        if len(places) != 2 * count or len(turned) != (count if headings or (turned and not num_steps) else 0):
-            raise FormatError(origin, f"expected {count} cells, with headings everywhere or nowhere", number)
-        cells.extend(places)
-        headings.extend(turned)
+        numbers, directions = _cells(line, step.end(), origin, number)
+        count = count or len(numbers) // 2
+        if len(numbers) != 2 * count or len(directions) != (count if headings or (directions and not num_steps) else 0):
+            raise FormatError(origin, f"expected {count} cells, with headings for all cells or for none", number)
+        cells.extend(numbers)
+        headings.extend(directions)
         num_steps += 1
     if not num_steps:
         raise FormatError(origin, "expected a solution, got none")
@@ -62,19 +62,19 @@ def parse_text(text: str, origin: str | Path, _: Selection) -> PlanFile:
         np.array(cells).reshape(num_steps, count, 2)[..., ::-1],
         np.array(headings).reshape(num_steps, count) if headings else None,
     )
-    told = {name: _told(header, name, count, origin) for name in ("starts", "goals")}
-    if told["starts"] is not None and not np.array_equal(told["starts"], plan.positions[0]):
-        raise FormatError(origin, "expected the solution to begin at the starts", header["starts"][0])
+    given = {name: _header_cells(header, name, count, origin) for name in ("starts", "goals")}
+    if given["starts"] is not None and not np.array_equal(given["starts"], plan.positions[0]):
+        raise FormatError(origin, "expected the solution to start at the starts", header["starts"][0])
     claims = {
         claim: int(header[key][1])
         for key, claim in CLAIMS.items()
         if key in header and _COUNT.fullmatch(header[key][1])
     }
-    return PlanFile(plan, goals=told["goals"], claims=claims)
+    return PlanFile(plan, goals=given["goals"], claims=claims)
 
 
 def format_text(plan: Plan, instance: Instance, about: About) -> str:
-    """Return the text of a result file; raises `ValueError` for agents that have several goals each."""
+    """Return the text of a result file; raises `ValueError` if agents have several goals each."""
     goals = one_goal_each(instance.scenario.goals, "text")
     names = {int(heading): f",{name}" for name, heading in HEADINGS.items()}
     header = {
@@ -91,8 +91,10 @@ def format_text(plan: Plan, instance: Instance, about: About) -> str:
     }
     lines = [f"{key}={' '.join(str(value).split())}" for key, value in header.items()]
     for step, cells in enumerate(plan.positions):
-        turned = [""] * plan.num_agents if plan.headings is None else [names[h] for h in plan.headings[step].tolist()]
-        lines.append(f"{step}:{_row(cells, turned)}")
+        headings = [""] * plan.num_agents
+        if plan.headings is not None:
+            headings = [names[heading] for heading in plan.headings[step].tolist()]
+        lines.append(f"{step}:{_row(cells, headings)}")
     return "\n".join(lines) + "\n"
 
 
@@ -104,7 +106,7 @@ _Lines = Iterator[tuple[int, str]]
 
 
 def _header(lines: _Lines, origin: str | Path) -> tuple[dict[str, tuple[int, str]], _Lines]:
-    """Take the header off `lines`: the number and value of each entry, and the solution's lines without empty ones."""
+    """Split off the header: the line number and value of each entry, and the nonempty lines of the solution."""
     header: dict[str, tuple[int, str]] = {}
     for number, line in lines:
         entry = _ENTRY.fullmatch(line)
@@ -123,29 +125,29 @@ def _filled(number: int, line: str, rest: _Lines) -> _Lines:
 
 
 def _cells(line: str, position: int, origin: str | Path, number: int) -> tuple[list[int], list[int]]:
-    """Return the numbers x, y, x, y, ... and the headings that stand in a line from a position on."""
-    places: list[int] = []
+    """Return the numbers x, y, x, y, ... and the headings in a line, from a position on."""
+    numbers: list[int] = []
     headings: list[int] = []
     while position < len(line):
         cell = _CELL.match(line, position)
         if cell is None:
             got = shortened(line[position:])
             raise FormatError(origin, f"expected a cell (x,y), got {got}", number, position + 1)
-        places += int(cell[1]), int(cell[2])
+        numbers += int(cell[1]), int(cell[2])
         if cell[3] is not None:
             headings.append(int(HEADINGS[cell[3]]))
         position = cell.end()
-    if not places:
+    if not numbers:
         raise FormatError(origin, "expected cells (x,y), got none", number)
-    return places, headings
+    return numbers, headings
 
 
-def _told(header: dict[str, tuple[int, str]], name: str, count: int, origin: str | Path) -> Ints | None:
-    """Return the cells (N, 2), [row, col], of a header's entry, or None where there is no such."""
+def _header_cells(header: dict[str, tuple[int, str]], name: str, count: int, origin: str | Path) -> Ints | None:
+    """Return the cells (N, 2), [row, col], of a header entry, or None if there is no such entry."""
     if name not in header:
         return None
     number, value = header[name]
-    places, _ = _cells(value, 0, origin, number)
-    if len(places) != 2 * count:
-        raise FormatError(origin, f"expected {count} cells as {name}, got {len(places) // 2}", number)
-    return np.array(places).reshape(count, 2)[:, ::-1]
+    numbers, _ = _cells(value, 0, origin, number)
+    if len(numbers) != 2 * count:
+        raise FormatError(origin, f"expected {count} cells as {name}, got {len(numbers) // 2}", number)
+    return np.array(numbers).reshape(count, 2)[:, ::-1]

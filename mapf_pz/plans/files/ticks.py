@@ -1,10 +1,10 @@
-"""Paths of the League of Robot Runners of 2026: runs of ticks, of which an action takes several.
+"""Paths in files of the League of Robot Runners of 2026, in which an action takes several ticks.
 
-A path reads `[(0,14,55,0,0):(C 10,F 10,W 27)][(100,14,55,0,0):(F 24)]`: segments, each with the tick that it begins
-at, then a cell, a heading and a counter, and in it letters and for how many ticks. An action has its effect at the end
-of its last tick; it may be held up (`W`) in between. The cell in a segment's head is not read: in the example that
-PlanViz comes with, all heads repeat the start. That this is the meaning was checked on that file: replayed so, it is
-free of collisions, and all its 387 events happen at their ticks.
+An example of a path is `[(0,14,55,0,0):(C 10,F 10,W 27)][(100,14,55,0,0):(F 24)]`. Each segment has a head with its
+first tick, a cell, a heading and a counter, followed by letters with their numbers of ticks. An action takes effect at
+the end of its last tick; it may be interrupted by waits (`W`). The cell in a segment's head is ignored: in the example
+file of PlanViz, all heads repeat the start. This interpretation was verified with that file: its replay is
+collision-free, and all its 387 events happen at the given ticks.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ _RUN = re.compile(rf"([{''.join(TURNS)}]) (\d{{1,9}})(?:,|\Z)", re.ASCII)
 
 
 def expand_ticks(path: str, ticks_per_action: int, num_agents: int, agent: int, origin: str | Path) -> str:
-    """Return a letter for each tick of an agent's path: an action's own in its last tick, else that of waiting.
+    """Return a letter for each tick of an agent's path: that of an action in its last tick, otherwise a wait.
 
-    Raises `FormatError` where the path is malformed, changes the action half way, or is too long for so many agents.
+    Raises `FormatError` if the path is malformed, changes an action before its end, or exceeds the maximum size.
     """
     runs = _runs(path, agent, origin)
     check_size(sum(ticks for _, ticks in runs), num_agents, origin)
@@ -33,7 +33,7 @@ def expand_ticks(path: str, ticks_per_action: int, num_agents: int, agent: int, 
         word = [WAIT] * ticks
         if letter != WAIT:
             if counter and letter != doing:
-                message = f"expected agent {agent} to end the action {doing} before {letter}, at tick"
+                message = f"expected agent {agent} to finish the action {doing} before {letter}, at tick"
                 raise FormatError(origin, f"{message} {sum(map(len, words))}")
             last = range(ticks_per_action - counter - 1, ticks, ticks_per_action)
             word[last.start :: ticks_per_action] = [letter] * len(last)
@@ -43,7 +43,7 @@ def expand_ticks(path: str, ticks_per_action: int, num_agents: int, agent: int, 
 
 
 def _runs(path: str, agent: int, origin: str | Path) -> list[tuple[str, int]]:
-    """Return letters, and for how many ticks each."""
+    """Return the letters with their numbers of ticks."""
     runs: list[tuple[str, int]] = []
     position = ticks = 0
     while position < len(path):

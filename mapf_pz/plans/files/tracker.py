@@ -1,7 +1,7 @@
-"""The MAPF tracker's CSV files: several plans of one map, one in each row, without starts.
+"""CSV files of the MAPF tracker: several plans on one map, one in each row, without starts.
 
-A plan is a field of several lines in quotes, one line for each agent, of letters `u d l r w`, where `u` is a LARGER
-row. Waiting at the end is left out.
+A plan is a quoted field with a line of letters `u d l r w` for each agent, where `u` is a LARGER row. Waits at the end
+are omitted.
 Source: tracker.pathfinding.ai, and the examples in github.com/MAPF-Competition/PlanViz.
 """
 
@@ -15,18 +15,18 @@ from typing import NamedTuple
 
 from mapf_pz.errors import FormatError
 from mapf_pz.instance import Instance
-from mapf_pz.plans.files.letters import follow_steps, spell_steps
+from mapf_pz.plans.files.letters import follow_steps, format_steps
 from mapf_pz.plans.files.planfile import About, PlanFile, Selection, check_size, one_goal_each
 from mapf_pz.plans.plan import Plan
 
 STEPS = {"u": (1, 0), "d": (-1, 0), "l": (0, -1), "r": (0, 1), "w": (0, 0)}
 """The (row, col) step of each letter."""
 PLAN_COLUMNS = ("solution_plan", "path")
-"""What the plans' column is called, in the two variants of the file."""
+"""The names of the column of plans, in the two variants of the format."""
 COLUMNS = ("map_name", "scen_type", "type_id", "agents", "lower_cost", "solution_cost", "solution_plan")
 """The columns that are written."""
 MAX_ROWS, MAX_COLUMNS = 100_000, 100
-"""Files with more are refused."""
+"""Maximum numbers of rows and columns of a file."""
 
 _FIELD = re.compile(r'(?:"([^"]*)"|([^",\r\n]*))(,|\r?\n|\Z)')
 _SCENARIO = re.compile(r"(.+)-(even|random)-(\d+)")
@@ -42,13 +42,13 @@ _Row = dict[str, _Field]
 
 
 def parse_tracker(text: str, origin: str | Path, selection: Selection) -> PlanFile:
-    """Parse the text of a tracker's CSV file that came from `origin`, and return the selected plan.
+    """Parse the text of a tracker CSV file, and return the selected plan.
 
-    Raises `FormatError` unless just one plan is selected, and for anything malformed.
+    Raises `FormatError` with the name `origin` if not exactly one plan is selected, or if the file is malformed.
     """
     rows = list(_rows(text, origin))
     if selection.scenario is None:
-        raise FormatError(origin, "expected a scenario to be given, as this file does not tell where agents start")
+        raise FormatError(origin, "expected a scenario to be given, as this file does not contain the starts")
     row = _selected(rows, selection, origin)
     column = next(name for name in PLAN_COLUMNS if name in row)
     plan, line = row[column]
@@ -60,31 +60,31 @@ def parse_tracker(text: str, origin: str | Path, selection: Selection) -> PlanFi
         raise FormatError(origin, f"expected a scenario of {count} agents, got {len(selection.scenario)}", line)
     letters = [word.removesuffix("\r") for word in letters]
     for agent, word in enumerate(letters):
-        if strange := re.search("[^udlrw]", word):
-            message = f"expected one of udlrw as step {strange.start() + 1} of agent {agent}, got {strange[0]!r}"
+        if unknown := re.search("[^udlrw]", word):
+            message = f"expected one of udlrw as step {unknown.start() + 1} of agent {agent}, got {unknown[0]!r}"
             raise FormatError(origin, message, line + agent)
     check_size(max(map(len, letters)), count, origin, line)
     return PlanFile(follow_steps(selection.scenario.starts[:count], letters, STEPS), claims=_claims(row))
 
 
 def format_tracker(plan: Plan, instance: Instance, about: About) -> str:
-    """Return the text of a tracker's CSV file.
+    """Return the text of a tracker CSV file for cardinal agents.
 
-    The agents are cardinal. Raises `ValueError` for agents that have several goals each, and for what is no step.
+    Raises `ValueError` if agents have several goals each, or if the plan has an impossible move.
     """
     one_goal_each(instance.scenario.goals, "tracker CSV")
     if re.search(r'[",\r\n]', instance.grid.name):
-        raise ValueError(f"map name {instance.grid.name!r}: a tracker CSV file cannot hold it")
+        raise ValueError(f"map name {instance.grid.name!r}: a tracker CSV file cannot hold this name")
     named = _SCENARIO.fullmatch(about.scenario)
     kind, number = (named[2], named[3]) if named else ("", "")
     waits = re.compile("w+$")
-    letters = "\n".join(waits.sub("", word) for word in spell_steps(plan, STEPS))
+    letters = "\n".join(waits.sub("", word) for word in format_steps(plan, STEPS))
     row = (instance.grid.name, kind, number, plan.num_agents, "", plan.sum_of_costs, f'"{letters}"')
     return f"{','.join(COLUMNS)}\n{','.join(map(str, row))}\n"
 
 
 def _rows(text: str, origin: str | Path) -> Iterator[_Row]:
-    """Yield the rows below the header: the fields by their columns' names."""
+    """Yield the rows below the header: the fields by column name."""
     records = _records(text, origin)
     header = [field.text for field in next(records, [])]
     if "agents" not in header or not any(name in header for name in PLAN_COLUMNS):
@@ -102,13 +102,13 @@ def _rows(text: str, origin: str | Path) -> Iterator[_Row]:
 
 
 def _records(text: str, origin: str | Path) -> Iterator[list[_Field]]:
-    """Yield the records of a CSV text; `csv` would refuse long fields, but for a limit that is the whole process's."""
+    """Yield the records of a CSV text. The module `csv` limits the length of fields, by a process-wide setting."""
     position, line = 0, 1
     fields: list[_Field] = []
     while position < len(text):
         match = _FIELD.match(text, position)
         if match is None:
-            raise FormatError(origin, "expected a field in quotes, or one that holds none", line)
+            raise FormatError(origin, "expected a quoted field, or a field without quotes in it", line)
         quoted, bare, end = match.groups()
         fields.append(_Field(bare if quoted is None else quoted, line))
         if len(fields) > MAX_COLUMNS:
@@ -123,7 +123,7 @@ def _records(text: str, origin: str | Path) -> Iterator[list[_Field]]:
 
 
 def _selected(rows: list[_Row], selection: Selection, origin: str | Path) -> _Row:
-    # A name of another kind, such as that of a scenario drawn by oneself, selects nothing.
+    # Any other name, such as that of a generated scenario, does not restrict the selection.
     name = selection.name if _SCENARIO.fullmatch(selection.name) else ""
     found = [
         row
@@ -136,12 +136,12 @@ def _selected(rows: list[_Row], selection: Selection, origin: str | Path) -> _Ro
     wanted += f" of {name}" if name else ""
     there = ", ".join(" ".join(f"{_name(row)} {row['agents'].text}".split())[-80:] for row in (found or rows)[:5])
     raise FormatError(
-        origin, f"expected one plan{wanted}, got {len(found)}: the file has plans for {there or 'nobody'}"
+        origin, f"expected one plan{wanted}, got {len(found)}: the file has plans for {there or 'no agents'}"
     )
 
 
 def _name(row: _Row) -> str:
-    """Return the name of a row's scenario, or nothing where the file does not tell."""
+    """Return the name of a row's scenario, or an empty string if the file does not contain it."""
     parts = [row[name].text for name in ("map_name", "scen_type", "type_id") if name in row]
     return "-".join(parts) if len(parts) == 3 and all(parts) else ""
 
