@@ -74,8 +74,8 @@ class Simulator:
             collision=COLLISION_SYSTEMS[config.collision_system],
             on_target=ON_TARGET[config.on_target],
             max_steps=config.max_steps,
-            rewards=reward_terms(config.reward_config),
         )
+        self._reward_terms = reward_terms(config.reward_config)
 
     def _allocate(self) -> None:
         config, shape, view_shape = self.config, self.shape, self.layout.view_shape()
@@ -125,7 +125,7 @@ class Simulator:
 
     def step(self, actions: Ints) -> None:
         """Take one step in all environments: `actions` (B, N) int64, each in 0 to A - 1 (not checked here)."""
-        step(self._num_threads, self._rules, self.world, self.tables.arrays, self.state, actions)
+        step(self._num_threads, self._rules, self._reward_terms, self.world, self.tables.arrays, self.state, actions)
         if self._reward_function is not None:
             self._set_rewards(self._reward_function(self._transition(actions)))
         if self.needs_cost_to_go and self.config.on_target == "restart":

@@ -56,7 +56,7 @@ class Recorder:
             actions = [rng.choice(4, shape, p=(0.7, 0.1, 0.1, 0.1)) for rng in self.rngs]
             self.simulator.step(np.stack(actions))
             log.append(self._arrays())
-            agents = self.simulator.state.agents
+            agents = self.simulator.agents
             over = agents["truncated"].any(axis=1) | (agents["terminated"] | ~agents["active"]).all(axis=1)
             over |= [rng.random() < 0.05 for rng in self.rngs]
             if over.any():
@@ -127,7 +127,7 @@ def test_without_a_seed_the_next_episode_differs():
     cells = []
     for seeds in ({0: 1}, None, None, {0: 1}, None):
         simulator.reset(seeds=seeds)
-        cells.append(simulator.state.agents["cell"][0].tolist())
+        cells.append(simulator.agents["cell"][0].tolist())
     first, second, third, *again = cells
     assert again == [first, second]
     assert first != second != third != first
@@ -138,7 +138,7 @@ def test_unseeded_simulators_differ():
     for _ in range(2):
         simulator = Simulator(make_config("nothing", "one map"), 2)
         simulator.reset()
-        cells += simulator.state.agents["cell"].tolist()
+        cells += simulator.agents["cell"].tolist()
     assert len({tuple(row) for row in cells}) == 4
 
 
@@ -152,7 +152,7 @@ def test_resetting_one_row_leaves_the_others_alone():
     for old, new in zip(before, after, strict=True):
         np.testing.assert_array_equal(old[[0, 2]], new[[0, 2]])
     assert not np.array_equal(before.image[1], after.image[1])
-    assert simulator.state.time.tolist() == [1, 0, 1]
+    assert simulator.steps.tolist() == [1, 0, 1]
 
 
 @pytest.mark.parametrize("maps", MAPS)
@@ -167,9 +167,9 @@ def test_arrays_are_never_reused(maps):
     groups = (
         simulator.world,
         simulator.state,
-        simulator._scene.stage,
-        simulator._scene.windows,
-        simulator._scene.notes,
+        simulator._inputs.layers,
+        simulator._inputs.origins,
+        vars(simulator._inputs).values(),
     )
     own = [array for group in groups for array in group]
     for k, observation in enumerate(seen):
@@ -205,11 +205,11 @@ def test_a_given_instance():
     simulator.reset(instances={0: Instance(grid, Scenario([(0, 0), (2, 3)], [(2, 3), (0, 0)]))})
     assert simulator.positions(0).tolist() == [[0, 0], [2, 3]]
     assert simulator.goals(0).tolist() == [[2, 3], [0, 0]]
-    assert simulator.state.agents["heading"][0].tolist() == [0, 0]
+    assert simulator.agents["heading"][0].tolist() == [0, 0]
     other = Grid(np.array([[True, True, False, True]] * 3))
     simulator.reset(instances={0: Instance(other, Scenario([(0, 0), (2, 1)], [(0, 1), (0, 0)]), [1, 2])})
     assert simulator.grid(0) is other
-    assert simulator.state.agents["heading"][0].tolist() == [1, 2]
+    assert simulator.agents["heading"][0].tolist() == [1, 2]
     simulator.reset()
     assert simulator.grid(0) is grid
 

@@ -11,7 +11,7 @@ import numpy as np
 from mapf_pz.core.conflict import NO_MOVE, direction
 from mapf_pz.core.cost_to_go import turned
 from mapf_pz.core.jit import jit
-from mapf_pz.core.state import Array, Rules
+from mapf_pz.core.state import Array
 
 
 @dataclass(frozen=True)
@@ -77,15 +77,14 @@ def reward_terms(config: RewardConfig) -> Any:
 
 @jit
 def compute_rewards(
-    rules: Rules, height: int, width: int, agents: Array, actions: Array, occupant: Array, solved: bool
+    terms: Any, cardinal: bool, height: int, width: int, agents: Array, actions: Array, occupant: Array, solved: bool
 ) -> None:
     """Set every agent's reward; `solved`: all agents are on their goals at once."""
-    terms = rules.rewards
     for i in range(agents.size):
         agent = agents[i]
         agent.own_reward = 0.0
         if agent.was_active:
-            reward = terms.goal if agent.arrived else _action_reward(terms, rules.cardinal, agent, actions[i])
+            reward = terms.goal if agent.arrived else _action_reward(terms, cardinal, agent, actions[i])
             reward += terms.progress * agent.progress
             if not agent.at_goal:
                 reward -= terms.step_cost

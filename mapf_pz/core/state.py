@@ -118,4 +118,3 @@ class Rules(NamedTuple):
     collision: int
     on_target: int
     max_steps: int
-    rewards: Any  # `RewardTerms`: the numbers of a `RewardConfig`

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from numba import prange
 
 from mapf_pz.core.conflict import NO_MOVE, direction, propose, resolve
@@ -15,8 +17,8 @@ ON_TARGET = {"nothing": NOTHING, "finish": FINISH, "restart": RESTART}
 
 
 @BatchKernel
-def step(rules: Rules, world: World, distances: Distances, state: State, actions: Array) -> None:
-    """Advance all environments by one step; `actions` (B, N) int64."""
+def step(rules: Rules, terms: Any, world: World, distances: Distances, state: State, actions: Array) -> None:
+    """Advance all environments by one step; `actions` (B, N) int64, `terms` the `RewardTerms`."""
     for b in prange(actions.shape[0]):
         m, agents, occupant, claim = state.map[b], state.agents[b], state.occupant[b], state.claim[b]
         time = tick(state.time, b)
@@ -25,8 +27,8 @@ def step(rules: Rules, world: World, distances: Distances, state: State, actions
         resolve(rules.collision, agents, occupant, claim)
         advance(rules.cardinal, agents, actions[b], occupant, state.history[b])
         solved = update_goals(rules.on_target, agents, state.goals[b], time)
-        measure_progress(rules.rewards.progress, world.mean_weight[m], distances.slot, distances.to_go, m, agents)
-        compute_rewards(rules, world.height, world.width, agents, actions[b], occupant, solved)
+        measure_progress(terms.progress, world.mean_weight[m], distances.slot, distances.to_go, m, agents)
+        compute_rewards(terms, rules.cardinal, world.height, world.width, agents, actions[b], occupant, solved)
         finish(rules.on_target, agents, occupant, solved, time >= rules.max_steps)
         end_episode(agents, state.terminated, state.truncated, b)
 
