@@ -1,8 +1,8 @@
-"""An instance as text: one character a cell, as in a `.map` file, with the agents and their goals.
+"""Render an instance as text: one character per cell, as in a `.map` file, with the agents and their goals.
 
-`@` obstacle, `.` free, `x` the goal of an agent who is elsewhere;
-`>` `v` `<` `^` an agent that looks east, south, west, north, and `E` `S` `W` `N` the same on its own goal;
-`o` an agent that looks nowhere, and `O` the same on its own goal.
+`@` obstacle, `.` free, `x` the goal of an agent that is elsewhere;
+`>` `v` `<` `^` an agent that faces east, south, west, north, and `E` `S` `W` `N` the same at its goal;
+`o` an agent without a heading, and `O` the same at its goal.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ NO_HEADING, NO_HEADING_AT_GOAL = "o", "O"
 
 
 def draw(free: Bools, positions: Ints, headings: Ints | None, goals: Ints, active: Bools | None = None) -> str:
-    """Draw one text.
+    """Render the text.
 
     Args:
-        free: (H, W), True where an agent can stand.
+        free: (H, W), True for free cells.
         positions: (N, 2), [row, col].
-        headings: (N,), or None for agents that look nowhere.
+        headings: (N,), or None for agents without headings.
         goals: (N, 2), [row, col].
-        active: (N,); an agent that is not active is left out, with its goal. None: all are.
+        active: (N,); inactive agents and their goals are omitted. None: all agents are active.
 
     Returns:
-        H lines of W characters, each with its line end.
+        H lines of W characters, each with a line ending.
     """
     text = np.where(free, FREE, OBSTACLE)
     shown = np.arange(len(positions)) if active is None else np.flatnonzero(active)

@@ -1,4 +1,4 @@
-"""A recording as a web page that needs nothing else: one plays, steps, zooms, and follows an agent and what it sees."""
+"""A recording as a self-contained web page, with playback, zoom, and the observations of a selected agent."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ from numpy.typing import NDArray
 
 from mapf_pz.io.atomic import write_whole
 from mapf_pz.render.recording import Recording
-from mapf_pz.render.rgb import colour_codes
+from mapf_pz.render.rgb import color_codes
 
 ACTIVE, BLOCKED = 1, 2
 """Bits of an agent's flags in a step."""
 SPEEDS = (1, 2, 4, 8, 16, 32, 64)
-"""Steps a second that the page offers."""
+"""The playback speeds of the page, in steps per second."""
 
 
 def save_html(recording: Recording, path: str | Path, fps: float = 4) -> None:
-    """Write a page that shows the recording; it loads nothing, and works without a network.
+    """Write a page that shows the recording. It loads nothing and works offline.
 
     Args:
-        recording: What to show.
-        path: The file; it is replaced as a whole, or not at all.
-        fps: Steps a second at which it begins to play, rounded to one of `SPEEDS`.
+        recording: the recording.
+        path: the file, which is replaced atomically.
+        fps: initial playback speed in steps per second, rounded to one of `SPEEDS`.
     """
     folder = resources.files("mapf_pz.render") / "player"
     page, style, script = ((folder / f"player.{kind}").read_text("utf-8") for kind in ("html", "css", "js"))
     parts = {"title": html.escape(recording.title), "style": style, "script": script, "data": _data(recording, fps)}
-    # In one go, so that what is put in is not looked through for places to put something in.
+    # Split first, so that inserted text is not searched for placeholders.
     first, *others = page.split("{{")
     filled = [parts[name] + rest for name, rest in (other.split("}}", 1) for other in others)]
     write_whole(Path(path), "".join([first, *filled]).encode())
 
 
 def _data(recording: Recording, fps: float) -> str:
-    """Return everything that the page shows, as JSON that may stand within HTML."""
+    """Return the data of the page, as JSON that can be embedded in HTML."""
     (height, width), steps, agents = recording.free.shape, recording.num_steps, recording.num_agents
     observed = recording.observed
     data: dict[str, Any] = {
@@ -50,9 +50,9 @@ def _data(recording: Recording, fps: float) -> str:
         "steps": steps,
         "agents": agents,
         "speed": min(SPEEDS, key=lambda speed: abs(speed - fps)),
-        "colours": colour_codes(agents),
+        "colors": color_codes(agents),
         "facts": dict(recording.facts),
-        "knowsRefused": recording.blocked is not None,
+        "hasBlocked": recording.blocked is not None,
         "planes": list(recording.planes),
         "observers": 0 if observed is None else observed.shape[1],
         "viewSize": [0, 0] if observed is None else list(observed.shape[-2:]),
@@ -62,11 +62,11 @@ def _data(recording: Recording, fps: float) -> str:
 
 
 def _arrays(recording: Recording) -> dict[str, NDArray[Any]]:
-    """Return the arrays that the page reads, one agent's steps one after the other."""
+    """Return the arrays that the page reads, with the steps of each agent in consecutive order."""
     width = recording.free.shape[1]
-    yes = np.ones(recording.positions.shape[:2], np.bool_)
-    flags = ACTIVE * (yes if recording.active is None else recording.active)
-    flags = flags + BLOCKED * (~yes if recording.blocked is None else recording.blocked)
+    all_true = np.ones(recording.positions.shape[:2], np.bool_)
+    flags = ACTIVE * (all_true if recording.active is None else recording.active)
+    flags = flags + BLOCKED * (~all_true if recording.blocked is None else recording.blocked)
     arrays: dict[str, NDArray[Any]] = {
         "free": recording.free.astype(np.uint8),
         "cells": _differences(recording.positions @ (width, 1)),
@@ -84,7 +84,7 @@ def _arrays(recording: Recording) -> dict[str, NDArray[Any]]:
 
 
 def _differences(cells: NDArray[Any]) -> NDArray[Any]:
-    """Return (N, T + 1): each agent's first cell, and the differences from one step to the next; most are the same."""
+    """Return (N, T + 1): each agent's first cell, then the differences between steps, which compress well."""
     return np.diff(cells.T, axis=1, prepend=0).astype("<i4")
 
 

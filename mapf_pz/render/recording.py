@@ -1,4 +1,4 @@
-"""A recorded episode or plan: everything that is needed to show it, without an environment."""
+"""A recorded episode or plan, which can be rendered without an environment."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from mapf_pz.render.rgb import Canvas, Picture
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """T steps of N agents. Raises `ValueError` unless the shapes are as said below."""
+    """A recording of T steps of N agents. Raises `ValueError` if the shapes differ from those below."""
 
     free: Bools
-    """(H, W), True where an agent can stand."""
+    """(H, W), True for free cells."""
     positions: Ints
-    """(T + 1, N, 2), [row, col]: row 0 is the beginning."""
+    """(T + 1, N, 2), [row, col] after each step; `positions[0]` holds the starts."""
     goals: Ints | None
-    """(T + 1, N, 2), [row, col]: where each agent shall go then. None: that is not known."""
+    """(T + 1, N, 2), [row, col] of each agent's goal. None: unknown."""
     headings: Ints | None = None
-    """(T + 1, N), or None for agents that look nowhere."""
+    """(T + 1, N), or None for agents without headings."""
     active: Bools | None = None
-    """(T + 1, N): False for agents that have disappeared. None: nobody does."""
+    """(T + 1, N), False for agents that have disappeared. None: no agent disappears."""
     blocked: Bools | None = None
-    """(T + 1, N): whether the step that led here asked for a move that was prevented. None: it is not known."""
+    """(T + 1, N): whether the agent's move was blocked in the step before. None: unknown."""
     weights: Floats | None = None
-    """(4, H, W): what leaving each cell east, south, west and north costs, where edges do not all cost the same."""
+    """(4, H, W): cost of moving east, south, west and north from each cell, if the costs are not all equal."""
     observed: NDArray[np.int8] | None = None
-    """(T + 1, M, K, h, w): what the first M agents observed, times 127."""
+    """(T + 1, M, K, h, w): the observations of the first M agents, times 127."""
     planes: tuple[str, ...] = ()
-    """What the K planes of that are called."""
+    """Names of the K planes of the observations."""
     title: str = ""
-    """One line: what this is."""
+    """One-line title."""
     facts: Mapping[str, str] = field(default_factory=dict)
-    """What else is to be told about it, by name."""
+    """Further facts to display, by name."""
 
     def __post_init__(self) -> None:
         """Check the shapes."""
@@ -52,19 +52,19 @@ class Recording:
 
     @property
     def num_steps(self) -> int:
-        """T."""
+        """Number of steps T."""
         return self.positions.shape[0] - 1
 
     @property
     def num_agents(self) -> int:
-        """N."""
+        """Number of agents N."""
         return self.positions.shape[1]
 
     def pictures(self, cell_size: int | None = None) -> Iterator[Picture]:
-        """Draw the beginning, and the state after each step: (H * cell_size, W * cell_size, 3) uint8 each."""
+        """Yield images (H * cell_size, W * cell_size, 3) uint8 of the start and of the state after each step."""
         canvas = Canvas(self.free, self.num_agents, cell_size)
         for step in range(self.num_steps + 1):
             headings = None if self.headings is None else self.headings[step]
             active = None if self.active is None else self.active[step]
-            goals = self.positions[step] if self.goals is None else self.goals[step]  # which are hidden by their agents
+            goals = self.positions[step] if self.goals is None else self.goals[step]  # hidden below the agents
             yield canvas.draw(self.positions[step], headings, goals, active)

@@ -1,4 +1,4 @@
-"""Pictures of an instance as arrays: obstacles dark, each agent a disc that looks somewhere, its goal a square."""
+"""Images of an instance: dark obstacles, a disc with a heading for each agent, and a square for its goal."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ GRID_LINE = (233, 231, 225)
 HEADING_MARK = (255, 255, 255)
 CHOSEN = (20, 22, 28)
 
-LARGEST_PICTURE = 1400  # px of the longer side, where the smallest cell allows it
-SMALLEST_CELL, LARGEST_CELL = 6, 48  # px
-DETAILED_CELL = 12  # px: in smaller cells there are no grid lines, and a disc fills its cell
-SAMPLES = 8  # per pixel and axis, for smooth edges
-DISC_RADIUS, FULL_RADIUS = 0.375, 0.49  # of a cell; the first leaves a goal's frame visible, the second its corners
+MAX_IMAGE_SIZE = 1400  # px of the longer side, unless cells would be smaller than the minimum
+MIN_CELL_SIZE, MAX_CELL_SIZE = 6, 48  # px
+DETAILED_CELL = 12  # px: smaller cells have no grid lines, and discs fill them
+SAMPLES = 8  # per pixel and axis, for antialiasing
+DISC_RADIUS, FULL_RADIUS = 0.375, 0.49  # in cells; the first leaves a goal's frame visible, the second its corners
 GOAL_TINT = 0.16
 GOLDEN_RATIO = 0.6180339887
 
@@ -35,36 +35,36 @@ def draw(
     active: Bools | None = None,
     cell_size: int | None = None,
 ) -> Picture:
-    """Draw one picture; for many pictures of one map, keep a `Canvas`.
+    """Draw an image. To draw many images of the same map, use a `Canvas`.
 
     Args:
-        free: (H, W), True where an agent can stand.
+        free: (H, W), True for free cells.
         positions: (N, 2), [row, col].
-        headings: (N,), or None for agents that look nowhere.
+        headings: (N,), or None for agents without headings.
         goals: (N, 2), [row, col].
-        active: (N,); an agent that is not active is left out, with its goal. None: all are.
-        cell_size: Pixels per cell; None chooses by the map's size.
+        active: (N,); inactive agents and their goals are omitted. None: all agents are active.
+        cell_size: pixels per cell. None: chosen by the size of the map.
 
     Returns:
         (H * cell_size, W * cell_size, 3).
 
     Raises:
-        ValueError: If `cell_size` is less than 1.
+        ValueError: if `cell_size` is less than 1.
     """
     return Canvas(free, len(positions), cell_size).draw(positions, headings, goals, active)
 
 
 class Canvas:
-    """What does not change between the pictures of one map: the background, the colours and the agents' shapes."""
+    """Draws images of one map. It caches the background, the colors and the agents' shapes."""
 
     def __init__(self, free: Bools, num_agents: int, cell_size: int | None = None) -> None:
-        """Prepare pictures of the map `free` (H, W) with `num_agents` agents; `cell_size` as in `draw`."""
+        """Prepare images of the map `free` (H, W) with `num_agents` agents; `cell_size` as in `draw`."""
         if cell_size is not None and cell_size < 1:
             raise ValueError(f"cell_size={cell_size}: expected 1 pixel or more")
         self.cell_size = cell_size or fitting_cell_size(*free.shape)
         self.free = free
         self._background = _background(free, self.cell_size)
-        self._colours = agent_colours(num_agents)
+        self._colors = agent_colors(num_agents)
         radius = DISC_RADIUS if self.cell_size >= DETAILED_CELL else FULL_RADIUS
         self._disc = _coverage(self.cell_size, lambda row, col: row**2 + col**2 <= radius**2)
         self._marks = _heading_marks(self.cell_size, radius)
@@ -80,44 +80,44 @@ class Canvas:
         active: Bools | None = None,
         chosen: int | None = None,
     ) -> Picture:
-        """Draw one picture; arguments and result as in the function `draw`.
+        """Draw an image; the arguments and the result are those of the function `draw`.
 
-        `chosen`: an agent that has a frame around its cell and a full square at its goal.
+        The agent `chosen` has a frame around its cell and a filled square at its goal.
         """
         picture = self._background.copy()
         shown = np.arange(len(positions)) if active is None else np.flatnonzero(active)
-        colours = self._colours[shown]
-        self._blend(picture, goals[shown], colours, self._goal)
-        self._blend(picture, positions[shown], colours, self._disc)
+        colors = self._colors[shown]
+        self._blend(picture, goals[shown], colors, self._goal)
+        self._blend(picture, positions[shown], colors, self._disc)
         if chosen is not None:
             here, there = positions[chosen : chosen + 1], goals[chosen : chosen + 1]
-            self._blend(picture, there, self._colours[[chosen]], self._square)
+            self._blend(picture, there, self._colors[[chosen]], self._square)
             self._blend(picture, here, np.array(CHOSEN, np.float32), self._frame)
-            self._blend(picture, here, self._colours[[chosen]], self._disc)
+            self._blend(picture, here, self._colors[[chosen]], self._disc)
         if headings is not None:
             self._blend(picture, positions[shown], np.array(HEADING_MARK, np.float32), self._marks[headings[shown]])
         return picture
 
-    def _blend(self, picture: Picture, cells: Ints, colours: Floats, masks: Floats) -> None:
-        """Lay `colours` ((n,) 3) over the `cells` (n, 2) of `picture`, as opaque as `masks` ((n,) size, size) say."""
+    def _blend(self, picture: Picture, cells: Ints, colors: Floats, masks: Floats) -> None:
+        """Blend `colors` ((n,) 3) into the `cells` (n, 2) of `picture`, with the opacity `masks` ((n,) size, size)."""
         size = self.cell_size
         height, width = picture.shape[0] // size, picture.shape[1] // size
         by_cell = picture.reshape(height, size, width, size, 3).transpose(0, 2, 1, 3, 4)
         rows, cols = cells[:, 0], cells[:, 1]
         under = by_cell[rows, cols].astype(np.float32)
-        over = under + (colours[..., None, None, :] - under) * masks[..., None]
+        over = under + (colors[..., None, None, :] - under) * masks[..., None]
         by_cell[rows, cols] = np.rint(over).astype(np.uint8)
 
 
 def fitting_cell_size(height: int, width: int) -> int:
-    """Choose the pixels per cell for a map of `height` x `width` cells."""
-    return int(np.clip(LARGEST_PICTURE // max(height, width), SMALLEST_CELL, LARGEST_CELL))
+    """Return the pixels per cell for a map of `height` x `width` cells."""
+    return int(np.clip(MAX_IMAGE_SIZE // max(height, width), MIN_CELL_SIZE, MAX_CELL_SIZE))
 
 
-def agent_colours(num_agents: int) -> Floats:
-    """Choose a colour per agent, (N, 3) float32 of 0 to 255: golden-ratio hues of like lightness, three shades in turn.
+def agent_colors(num_agents: int) -> Floats:
+    """Return a color per agent, (N, 3) float32 from 0 to 255: golden-ratio hues, in three alternating shades.
 
-    The hues lie in OKLCH, where equal numbers look equally light, so no agent stands out.
+    The hues are in OKLCH, a perceptually uniform color space, so no agent stands out.
     """
     index = np.arange(num_agents)
     hue = 2 * np.pi * ((index * GOLDEN_RATIO + 0.7) % 1)
@@ -142,9 +142,9 @@ def agent_colours(num_agents: int) -> Floats:
     return (255 * gamma).astype(np.float32)
 
 
-def colour_codes(num_agents: int) -> list[str]:
-    """Return the agents' colours as web pages write them."""
-    return ["#{:02x}{:02x}{:02x}".format(*map(round, colour)) for colour in agent_colours(num_agents).tolist()]
+def color_codes(num_agents: int) -> list[str]:
+    """Return the agents' colors as hexadecimal codes."""
+    return ["#{:02x}{:02x}{:02x}".format(*map(round, color)) for color in agent_colors(num_agents).tolist()]
 
 
 def _background(free: Bools, size: int) -> Picture:
@@ -157,19 +157,19 @@ def _background(free: Bools, size: int) -> Picture:
 
 
 def _coverage(size: int, inside: Callable[[Floats, Floats], Bools]) -> Floats:
-    """Tell how much of each pixel a shape covers: (size, size) float32 of 0 to 1.
+    """Return the fraction of each pixel that a shape covers: (size, size) float32 from 0 to 1.
 
     Args:
-        size: Pixels per cell.
-        inside: Of (row, col) in cells from the centre, -0.5 to 0.5: whether that point is in the shape.
+        size: pixels per cell.
+        inside: whether a point is in the shape, given its (row, col) in cells from the center, -0.5 to 0.5.
     """
-    centres = (np.arange(size * SAMPLES) + 0.5) / (size * SAMPLES) - 0.5
-    samples = inside(centres[:, None], centres[None, :])
+    centers = (np.arange(size * SAMPLES) + 0.5) / (size * SAMPLES) - 0.5
+    samples = inside(centers[:, None], centers[None, :])
     return samples.reshape(size, SAMPLES, size, SAMPLES).mean(axis=(1, 3), dtype=np.float32)
 
 
 def _heading_marks(size: int, radius: float) -> Floats:
-    """Draw a triangle in the disc of `radius` cells, its tip where the agent looks: (4, size, size) by heading."""
+    """Return masks (4, size, size), by heading, of a triangle in a disc of `radius` cells."""
     tip, base, slope = 0.9 * radius, -0.2 * radius, 0.62
     east = _coverage(size, lambda row, col: (col >= base) & (np.abs(row) <= slope * (tip - col)))
     quarter_turns = {Heading.EAST: 0, Heading.SOUTH: -1, Heading.WEST: -2, Heading.NORTH: -3}
@@ -177,7 +177,7 @@ def _heading_marks(size: int, radius: float) -> Floats:
 
 
 def _goal_mask(size: int) -> Floats:
-    """Draw a hollow square on whole pixels, lightly tinted inside: (size, size)."""
+    """Return a mask (size, size) of a hollow square on whole pixels, with a light tint inside."""
     margin, stroke = round(0.03 * size), max(1, round(0.06 * size))
     mask = np.zeros((size, size), np.float32)
     mask[margin : size - margin, margin : size - margin] = 1

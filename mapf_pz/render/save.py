@@ -1,4 +1,4 @@
-"""Recordings as files of all kinds."""
+"""Save recordings in any of the file formats."""
 
 from __future__ import annotations
 
@@ -33,28 +33,28 @@ SAVERS: dict[str, Callable[[Recording, Path, float], None]] = {
     ".mp4": _save_mp4,
     ".png": _save_last,
 }
-"""What writes a recording to a file, by the file's ending; a `.png` shows how it ends."""
+"""The functions that save a recording, by file extension; a `.png` shows the last state."""
 
 
 def check_output(path: str | Path, fps: float) -> None:
-    """Raise `ValueError` where `save_recording` would, whatever is recorded."""
+    """Raise `ValueError` if `save_recording` would, before anything is recorded."""
     if Path(path).suffix.lower() not in SAVERS:
-        raise ValueError(f"{path}: expected a file that ends in {', '.join(SAVERS)}")
+        raise ValueError(f"{path}: expected a file name that ends in {', '.join(SAVERS)}")
     check_fps(fps)
 
 
 def save_recording(recording: Recording, path: str | Path, fps: float = 4) -> None:
-    """Write a recording to a file, which is replaced as a whole, or not at all; its ending decides what it becomes.
+    """Write a recording to a file, which is replaced atomically. The extension determines the format.
 
     Args:
-        recording: what to show.
-        path: ends in `.html` (a page to play, step and look closely), `.svg` (an animated drawing), `.gif`, `.mp4`, or
-            `.png` (how it ends).
-        fps: steps a second.
+        recording: the recording.
+        path: a file name that ends in `.html` (an interactive page), `.svg` (an animated drawing), `.gif`, `.mp4`, or
+            `.png` (the last state).
+        fps: steps per second.
 
     Raises:
-        ValueError: another ending, or `fps` out of range.
-        ImportError: Pillow (GIF, PNG) or imageio-ffmpeg (MP4) is missing.
+        ValueError: if the extension is another one, or `fps` is out of range.
+        ImportError: if Pillow (GIF, PNG) or imageio-ffmpeg (MP4) is missing.
     """
     check_output(path, fps)
     SAVERS[Path(path).suffix.lower()](recording, Path(path), fps)

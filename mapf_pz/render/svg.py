@@ -1,4 +1,4 @@
-"""A recording as an animated SVG: one picture for papers, slides and web pages, in which everything moves by itself."""
+"""A recording as an animated SVG, for slides and web pages."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from mapf_pz.arrays import Bools, Ints
 from mapf_pz.io.atomic import write_whole
 from mapf_pz.render.frames import check_fps
 from mapf_pz.render.recording import Recording
-from mapf_pz.render.rgb import colour_codes
+from mapf_pz.render.rgb import color_codes
 
 CELL = 20
-"""Units of a cell's side."""
+"""Side length of a cell, in SVG units."""
 PAUSE = 2
-"""Seconds at the end, before it begins anew."""
+"""Pause at the end before the animation repeats, in seconds."""
 STYLE = """
 .free{fill:#fbfaf7}.obstacle{fill:#464d5c}.mark{fill:#fff}
 @media (prefers-color-scheme:dark){.free{fill:#23272e}.obstacle{fill:#5d6675}.mark{fill:#15181d}}
@@ -25,12 +25,12 @@ STYLE = """
 
 
 def save_svg(recording: Recording, path: str | Path, fps: float = 4) -> None:
-    """Write an animation that repeats for ever; `path` is replaced as a whole, or not at all.
+    """Write an animation that repeats forever; the file is replaced atomically.
 
     Args:
-        recording: What to show.
-        path: The file.
-        fps: Steps a second.
+        recording: the recording.
+        path: the file.
+        fps: steps per second.
 
     Raises `ValueError` unless `fps` is in 0 to 100 (0 excluded).
     """
@@ -44,13 +44,13 @@ def _lines(recording: Recording, fps: float) -> Iterator[str]:
     yield f"<title>{html.escape(recording.title)}</title><style>{STYLE}</style>"
     yield f'<rect class="free" width="{width}" height="{height}"/>'
     yield f'<path class="obstacle" d="{"".join(_obstacles(recording.free))}"/>'
-    clock = _Clock(recording.num_steps, fps)
-    colours = colour_codes(recording.num_agents)
+    timeline = _Timeline(recording.num_steps, fps)
+    colors = color_codes(recording.num_agents)
     if recording.goals is not None:
-        for agent, colour in enumerate(colours):
-            yield _goal(recording, recording.goals[:, agent], agent, colour, clock)
-    for agent, colour in enumerate(colours):
-        yield from _agent(recording, agent, colour, clock)
+        for agent, color in enumerate(colors):
+            yield _goal(recording, recording.goals[:, agent], agent, color, timeline)
+    for agent, color in enumerate(colors):
+        yield from _agent(recording, agent, color, timeline)
     yield "</svg>\n"
 
 
@@ -62,87 +62,87 @@ def _obstacles(free: Bools) -> Iterator[str]:
             yield f"M{CELL * first} {CELL * row}h{CELL * (end - first)}v{CELL}h-{CELL * (end - first)}z"
 
 
-class _Clock:
-    """When what is: T steps and a pause, as shares of the whole time."""
+class _Timeline:
+    """The timing of T steps and a pause, as fractions of the total time."""
 
     def __init__(self, num_steps: int, fps: float) -> None:
         self.seconds = num_steps / fps + PAUSE
         self.step = 1 / (fps * self.seconds)
 
     def animate(self, kind: str, changes: Sequence[int], values: Iterable[str], smooth: bool = True) -> str:
-        """Return an animation: at first the first value, at each of the steps `changes` the next one is reached."""
-        times, said = ["0"], []
+        """Return an animation that starts at the first value and reaches the next one at each step in `changes`."""
+        times, keys = ["0"], []
         first, *others = values
-        said.append(first)
+        keys.append(first)
         before = 0
         for step, value in zip(changes, others, strict=True):
-            if smooth and step - 1 > before:  # until the step begins, nothing moves
+            if smooth and step - 1 > before:  # nothing moves until the step starts
                 times.append(f"{(step - 1) * self.step:.5f}")
-                said.append(said[-1])
+                keys.append(keys[-1])
             times.append(f"{step * self.step:.5f}")
-            said.append(value)
+            keys.append(value)
             before = step
         if smooth:
             times.append("1")
-            said.append(said[-1])
+            keys.append(keys[-1])
         mode = "" if smooth else ' calcMode="discrete"'
         tag = "animateTransform" if kind in ("translate", "rotate") else "animate"
         name = "transform" if tag == "animateTransform" else kind
         end = f' type="{kind}"/>' if tag == "animateTransform" else "/>"
         return (
             f'<{tag} attributeName="{name}" dur="{self.seconds:.3f}s" repeatCount="indefinite"{mode} '
-            f'keyTimes="{";".join(times)}" values="{";".join(said)}"{end}'
+            f'keyTimes="{";".join(times)}" values="{";".join(keys)}"{end}'
         )
 
 
 def _changes(values: Ints | Bools) -> list[int]:
-    """Return the steps that lead to something else than was before: `values` (T + 1,) or (T + 1, 2)."""
+    """Return the steps in which `values`, (T + 1,) or (T + 1, 2), change."""
     changed = values[1:] != values[:-1]
     return (np.flatnonzero(changed.any(axis=1) if changed.ndim > 1 else changed) + 1).tolist()
 
 
-def _goal(recording: Recording, goals: Ints, agent: int, colour: str, clock: _Clock) -> str:
+def _goal(recording: Recording, goals: Ints, agent: int, color: str, timeline: _Timeline) -> str:
     changes = _changes(goals)
-    places = [_corner(goals[step]) for step in [0, *changes]]
-    moving = clock.animate("translate", changes, places, smooth=False) if changes else ""
+    corners = [_corner(goals[step]) for step in [0, *changes]]
+    moving = timeline.animate("translate", changes, corners, smooth=False) if changes else ""
     side = CELL - 4
-    square = f'<rect x="2" y="2" width="{side}" height="{side}" fill="{colour}" fill-opacity=".16" stroke="{colour}"/>'
-    return f'<g transform="translate({places[0]})">{moving}{square}{_fading(recording, agent, clock)}</g>'
+    square = f'<rect x="2" y="2" width="{side}" height="{side}" fill="{color}" fill-opacity=".16" stroke="{color}"/>'
+    return f'<g transform="translate({corners[0]})">{moving}{square}{_fading(recording, agent, timeline)}</g>'
 
 
-def _agent(recording: Recording, agent: int, colour: str, clock: _Clock) -> Iterator[str]:
+def _agent(recording: Recording, agent: int, color: str, timeline: _Timeline) -> Iterator[str]:
     positions = recording.positions[:, agent]
     changes = _changes(positions)
-    places = [_corner(positions[step]) for step in [0, *changes]]
-    yield f'<g transform="translate({places[0]})">'
+    corners = [_corner(positions[step]) for step in [0, *changes]]
+    yield f'<g transform="translate({corners[0]})">'
     if changes:
-        yield clock.animate("translate", changes, places)
-    yield _fading(recording, agent, clock)
+        yield timeline.animate("translate", changes, corners)
+    yield _fading(recording, agent, timeline)
     half = CELL / 2
-    yield f'<circle cx="{half:g}" cy="{half:g}" r="{0.38 * CELL:g}" fill="{colour}"/>'
+    yield f'<circle cx="{half:g}" cy="{half:g}" r="{0.38 * CELL:g}" fill="{color}"/>'
     if recording.headings is not None:
-        yield from _heading(recording.headings[:, agent], clock)
+        yield from _heading(recording.headings[:, agent], timeline)
     yield "</g>"
 
 
-def _heading(headings: Ints, clock: _Clock) -> Iterator[str]:
-    """Yield a triangle that turns the short way round."""
+def _heading(headings: Ints, timeline: _Timeline) -> Iterator[str]:
+    """Yield a triangle that turns in the shorter direction."""
     quarters = np.concatenate([headings[:1], (np.diff(headings.astype(np.int64)) + 1) % 4 - 1]).cumsum()
     changes, half = _changes(quarters), CELL // 2
     angles = [f"{90 * quarters[step]} {half} {half}" for step in [0, *changes]]
-    turning = clock.animate("rotate", changes, angles) if changes else ""
+    turning = timeline.animate("rotate", changes, angles) if changes else ""
     tip, side = half + 0.34 * CELL, 0.23 * CELL
     points = f"{tip:g},{half} {half - 0.06 * CELL:g},{half - side:g} {half - 0.06 * CELL:g},{half + side:g}"
     yield f'<polygon class="mark" points="{points}" transform="rotate({angles[0]})">{turning}</polygon>'
 
 
-def _fading(recording: Recording, agent: int, clock: _Clock) -> str:
-    """Hide an agent that has disappeared."""
+def _fading(recording: Recording, agent: int, timeline: _Timeline) -> str:
+    """Return an animation that hides an agent after it has disappeared, if it does."""
     if recording.active is None or recording.active[:, agent].all():
         return ""
     active = recording.active[:, agent]
     changes = _changes(active)
-    return clock.animate("opacity", changes, [str(int(active[step])) for step in [0, *changes]], smooth=False)
+    return timeline.animate("opacity", changes, [str(int(active[step])) for step in [0, *changes]], smooth=False)
 
 
 def _corner(cell: Ints) -> str:

@@ -1,4 +1,4 @@
-"""Pictures as an MP4 film. Needs imageio-ffmpeg, which brings ffmpeg along: the extra `mapf-pz[render]`."""
+"""Images as an MP4 video. Requires imageio-ffmpeg, which includes ffmpeg: `mapf-pz[render]`."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapf_pz.io.atomic import replacing
-from mapf_pz.render.frames import alike, check_fps
+from mapf_pz.render.frames import check_fps, check_frames
 
 
 def save_mp4(frames: Iterable[NDArray[np.uint8]], path: str | Path, fps: float = 4) -> None:
-    """Write a film in H.264, which every browser and player knows.
+    """Write a video in H.264, which all browsers and players support.
 
     Args:
-        frames: Each (rows, cols, 3), all of one size.
-        path: The file; it is replaced as a whole, or not at all.
-        fps: Frames a second.
+        frames: images (rows, cols, 3) of equal size.
+        path: the file, which is replaced atomically.
+        fps: frames per second.
 
     Raises:
-        ValueError: If there are no frames, they differ in size, or `fps` is not in 0 to 100 (0 excluded).
-        ImportError: If imageio-ffmpeg is missing.
+        ValueError: if there are no frames, they differ in size, or `fps` is not in 0 to 100 (0 excluded).
+        ImportError: if imageio-ffmpeg is missing.
     """
     check_fps(fps)
     try:
         from imageio_ffmpeg import write_frames
     except ImportError as error:
-        raise ImportError("saving films needs imageio-ffmpeg: pip install 'mapf-pz[render]'") from error
-    pictures = alike(frames)
+        raise ImportError("saving videos requires imageio-ffmpeg: pip install 'mapf-pz[render]'") from error
+    pictures = check_frames(frames)
     first = next(pictures)
-    rows, cols = (side + side % 2 for side in first.shape[:2])  # H.264 stores colours for two by two pixels
-    rate: Any = fps  # annotated for whole numbers, and takes others
+    rows, cols = (side + side % 2 for side in first.shape[:2])  # H.264 stores colors for blocks of 2 x 2 pixels
+    rate: Any = fps  # annotated as int, but accepts float
     wider = ((0, rows - first.shape[0]), (0, cols - first.shape[1]), (0, 0))
     with (
         replacing(Path(path)) as file,

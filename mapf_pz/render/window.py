@@ -1,4 +1,4 @@
-"""A window on the screen: shows pictures, and tells which keys were pressed. Needs pygame-ce: `mapf-pz[render]`."""
+"""A window that shows images and reports pressed keys. Requires pygame-ce: `mapf-pz[render]`."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from typing import Any
 from mapf_pz.render.rgb import Picture
 
 INVISIBLE = ("dummy", "offscreen")
-"""The drivers that SDL falls back to where there is no display: windows are drawn, but not shown."""
+"""The drivers that SDL falls back to without a display: windows are not visible."""
 
 
 class Window:
-    """One window; the first picture opens it, in its own size or, where that is larger than the screen, smaller."""
+    """A window. The first image opens it, in the size of the image, scaled down if it exceeds the screen."""
 
     def __init__(self, title: str, fps: float) -> None:
-        """Prepare a window; raises `ImportError` where pygame-ce is missing.
+        """Prepare a window; raises `ImportError` if pygame-ce is missing.
 
         Args:
-            title: stands above the pictures.
-            fps: the most pictures a second: `show` waits so long.
+            title: title of the window.
+            fps: maximum number of images per second, which `show` enforces by waiting.
         """
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
         try:
             import pygame
         except ImportError as error:
-            raise ImportError("a window needs pygame-ce: pip install 'mapf-pz[render]'") from error
+            raise ImportError("a window requires pygame-ce: pip install 'mapf-pz[render]'") from error
         self._pygame: Any = pygame
         self._title, self._fps = title, fps
         self._clock = pygame.time.Clock()
@@ -33,10 +33,10 @@ class Window:
         self.is_closed = False
 
     def show(self, picture: Picture, title: str | None = None) -> None:
-        """Show a picture (rows, cols, 3); raises `RuntimeError` where there is no screen."""
+        """Show an image (rows, cols, 3); raises `RuntimeError` if there is no screen."""
         pygame = self._pygame
         size = (picture.shape[1], picture.shape[0])
-        screen = self._screen = self._screen or self._opened(size)
+        screen = self._screen = self._screen or self._open(size)
         surface = pygame.surfarray.make_surface(picture.swapaxes(0, 1))
         if size != screen.get_size():
             surface = pygame.transform.smoothscale(surface, screen.get_size())
@@ -47,7 +47,7 @@ class Window:
         self._clock.tick(self._fps)
 
     def keys(self) -> list[str]:
-        """Return the names of the keys that were pressed since the last call: `up`, `space`, `r`, `escape`."""
+        """Return the names of the keys pressed since the last call, such as `up`, `space`, `r` or `escape`."""
         names: list[str] = []
         for event in self._pygame.event.get():
             if event.type == self._pygame.QUIT:
@@ -57,7 +57,7 @@ class Window:
         return names
 
     def wait(self) -> list[str]:
-        """Wait for a key, or until the window is closed, and return what `keys` does."""
+        """Wait until a key is pressed or the window is closed, and return the result of `keys`."""
         while not (names := self.keys()) and not self.is_closed:
             self._clock.tick(60)
         return names
@@ -69,7 +69,7 @@ class Window:
         self._screen, self.is_closed = None, True
 
     def _require_display(self) -> None:
-        """Raise `RuntimeError` where SDL has found no display, unless its driver was chosen by `SDL_VIDEODRIVER`."""
+        """Raise `RuntimeError` if SDL has found no display, unless `SDL_VIDEODRIVER` selects the driver."""
         display = self._pygame.display
         if display.get_driver() in INVISIBLE and not os.environ.get("SDL_VIDEODRIVER"):
             display.quit()
@@ -78,13 +78,13 @@ class Window:
                 "mapf-pz render, or set SDL_VIDEODRIVER"
             )
 
-    def _opened(self, size: tuple[int, int]) -> Any:
+    def _open(self, size: tuple[int, int]) -> Any:
         pygame = self._pygame
         try:
             pygame.display.init()
             self._require_display()
             desktop = pygame.display.get_desktop_sizes()[0]
-            share = min(1.0, *(0.92 * room / side for room, side in zip(desktop, size, strict=True)))
-            return pygame.display.set_mode([max(1, int(side * share)) for side in size])
+            scale = min(1.0, *(0.92 * available / side for available, side in zip(desktop, size, strict=True)))
+            return pygame.display.set_mode([max(1, int(side * scale)) for side in size])
         except pygame.error as error:
             raise RuntimeError(f"no window can be opened: {error}") from None

@@ -1,11 +1,11 @@
-"""A recording that tests show: three agents on a small map."""
+"""A recording for tests: three agents on a small map."""
 
 import numpy as np
 
 from mapf_pz.render import Recording
 
 FREE = np.array([[True, True, True, True], [True, False, True, True], [True, True, True, True]])
-# Agent 0 turns and drives to its goal, agent 1 is refused and disappears, agent 2 gets another goal.
+# Agent 0 turns and moves to its goal, agent 1 is blocked and disappears, agent 2 gets another goal.
 POSITIONS = np.array(
     [
         [[0, 0], [2, 0], [1, 3]],

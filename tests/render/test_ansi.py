@@ -24,6 +24,6 @@ def test_agents_without_headings():
     assert draw(FREE, np.array([[0, 0], [1, 1]]), None, np.array([[0, 0], [1, 2]])) == "O..@\n.ox.\n"
 
 
-def test_inactive_agent_is_left_out_with_its_goal():
+def test_inactive_agent_is_omitted_with_its_goal():
     positions, goals = np.array([[0, 0], [1, 1]]), np.array([[0, 2], [1, 2]])
     assert draw(FREE, positions, np.array([0, 1]), goals, np.array([False, True])) == "...@\n.vx.\n"

@@ -9,8 +9,8 @@ Image = pytest.importorskip("PIL.Image")
 RED, BLUE = (200, 30, 30), (30, 30, 200)
 
 
-def frame(colour, size=4):
-    return np.full((size, size, 3), colour, np.uint8)
+def frame(color, size=4):
+    return np.full((size, size, 3), color, np.uint8)
 
 
 def files(folder):
@@ -23,9 +23,9 @@ def test_gif_holds_all_frames_in_order(tmp_path):
         assert gif.n_frames == 3
         assert gif.info["duration"] == 200
         assert gif.info["loop"] == 0
-        for index, colour in enumerate([RED, BLUE, RED]):
+        for index, color in enumerate([RED, BLUE, RED]):
             gif.seek(index)
-            assert gif.convert("RGB").getpixel((1, 2)) == colour
+            assert gif.convert("RGB").getpixel((1, 2)) == color
     assert files(tmp_path) == ["a.gif"]
 
 

@@ -1,4 +1,4 @@
-"""The page, driven in a browser as its user would."""
+"""The page, operated in a browser as by its user."""
 
 import os
 import re
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mapf_pz.render.html import save_html
-from mapf_pz.render.rgb import agent_colours
+from mapf_pz.render.rgb import agent_colors
 from tests.helpers.small_recording import OBSERVED, POSITIONS, RECORDING
 
 FLAGS = (
@@ -47,7 +47,7 @@ def browser():
 
 @pytest.fixture
 def open_page(browser, tmp_path):
-    """Return what saves a recording and opens it; at the end nothing may have been complained about or asked for."""
+    """Return a function that saves and opens a recording; checks for errors and network requests at the end."""
     pages, complaints, requests = [], [], []
 
     def opened(recording=RECORDING, **options):
@@ -72,8 +72,8 @@ def state(page):
     return page.evaluate("player.state()")
 
 
-def colour_at(page, row, col):
-    """Return the colour in which a place on the map, in cells, is shown."""
+def color_at(page, row, col):
+    """Return the color at a position on the map, in cells."""
     return page.evaluate(
         """([row, col]) => {
             player.draw();
@@ -98,8 +98,8 @@ def test_it_scrubs_to_the_right_positions(open_page):
         for agent in (0, 2):
             row, col = POSITIONS[step, agent]
             # Beside the mark of its heading, which is in the middle.
-            shown = [colour_at(page, row + 0.5 + r, col + 0.5 + c) for r in (-0.25, 0.25) for c in (-0.25, 0.25)]
-            assert np.rint(agent_colours(3)[agent]).tolist() in shown
+            shown = [color_at(page, row + 0.5 + r, col + 0.5 + c) for r in (-0.25, 0.25) for c in (-0.25, 0.25)]
+            assert np.rint(agent_colors(3)[agent]).tolist() in shown
     assert page.locator("#step").inner_text() == "1 / 3"
 
 
@@ -112,7 +112,7 @@ def test_it_plays_to_the_end_and_stops(open_page):
     page.wait_for_function("!player.state().playing")
     assert state(page)["step"] == 3
     page.select_option("#speed", "1")
-    page.click("#play")  # begins anew
+    page.click("#play")  # starts again
     assert state(page)["step"] < 3
 
 
@@ -130,7 +130,7 @@ def test_steps(open_page):
     assert state(page)["step"] == 0
 
 
-def test_an_agent_is_chosen_by_a_click_and_told_of(open_page):
+def test_an_agent_is_chosen_by_a_click_and_described(open_page):
     page = open_page()
     page.mouse.click(*page.evaluate("player.onPage(1, 3)"))
     assert state(page)["chosen"] == 2
@@ -139,7 +139,7 @@ def test_an_agent_is_chosen_by_a_click_and_told_of(open_page):
     page.fill("#agent", "0")
     scrub(page, 1)
     facts = page.locator("#agent-facts").inner_text().split()
-    assert facts[-2:] == ["refused", "no"]
+    assert facts[-2:] == ["blocked", "no"]
     assert "east" in facts
     assert page.locator("#planes figcaption").all_inner_texts() == ["view", "goal"]
     pixels = page.evaluate(
@@ -180,42 +180,42 @@ def test_zoom_and_pan(open_page):
     assert state(page)["chosen"] == -1
 
 
-def test_refused_moves_are_marked_and_counted(open_page):
+def test_blocked_moves_are_marked_and_counted(open_page):
     page = open_page()
     scrub(page, 1)
-    refused = page.evaluate("getComputedStyle(document.documentElement).getPropertyValue('--refused')")
+    blocked = page.evaluate("getComputedStyle(document.documentElement).getPropertyValue('--blocked')")
     ring = [2.5, 0.5 + 0.38]
-    expected = [int(refused.strip()[i : i + 2], 16) for i in (1, 3, 5)]
-    assert colour_at(page, *ring) == expected
+    expected = [int(blocked.strip()[i : i + 2], 16) for i in (1, 3, 5)]
+    assert color_at(page, *ring) == expected
     page.uncheck("#blocked")
-    assert colour_at(page, *ring) != expected
-    assert "moves refused\n1" in page.locator("#facts").inner_text()
+    assert color_at(page, *ring) != expected
+    assert "moves blocked\n1" in page.locator("#facts").inner_text()
 
 
 def test_edge_weights_are_shown_as_heat(open_page):
     page = open_page()
-    plain = colour_at(page, 2.5, 3.5)
+    plain = color_at(page, 2.5, 3.5)
     page.check("#heat")
-    dear, cheap = colour_at(page, 2.5, 3.5), colour_at(page, 0.5, 3.5)
-    assert len({tuple(plain), tuple(dear), tuple(cheap)}) == 3
+    expensive, cheap = color_at(page, 2.5, 3.5), color_at(page, 0.5, 3.5)
+    assert len({tuple(plain), tuple(expensive), tuple(cheap)}) == 3
     assert not open_page(replace(RECORDING, weights=None)).locator("#heat-label").is_visible()
 
 
 def test_light_and_dark(open_page):
     page = open_page(color_scheme="dark")
     assert state(page)["theme"] == "dark"
-    dark = colour_at(page, 2.5, 3.5)
+    dark = color_at(page, 2.5, 3.5)
     page.click("#theme")
     assert state(page)["theme"] == "light"
-    assert sum(colour_at(page, 2.5, 3.5)) > sum(dark)
+    assert sum(color_at(page, 2.5, 3.5)) > sum(dark)
 
 
-def test_what_is_not_known_is_not_told(open_page):
+def test_unknown_facts_are_not_shown(open_page):
     page = open_page(replace(RECORDING, goals=None, headings=None, blocked=None, observed=None, planes=()))
     page.fill("#agent", "1")
-    told = page.locator("aside").inner_text()
+    shown_text = page.locator("aside").inner_text()
     assert "goals\n" not in page.locator("#facts").inner_text()
-    assert "looks" not in told
+    assert "heading" not in shown_text
     assert page.locator("#unobserved").is_visible()
     scrub(page, 3)
 

@@ -16,14 +16,14 @@ def test_pictures_show_each_step():
         np.testing.assert_array_equal(picture, expected)
 
 
-def test_what_is_not_known_is_not_drawn():
+def test_unknown_parts_are_not_drawn():
     bare = replace(RECORDING, goals=None, headings=None, active=None)
     (first, *_) = bare.pictures(cell_size=16)
     np.testing.assert_array_equal(first, draw(FREE, POSITIONS[0], None, POSITIONS[0], cell_size=16))
 
 
 @pytest.mark.parametrize("name", ["goals", "headings", "active", "blocked"])
-def test_wrong_shapes_are_refused(name):
+def test_wrong_shapes_are_rejected(name):
     with pytest.raises(ValueError, match=f"expected {name} of shape"):
         replace(RECORDING, **{name: getattr(RECORDING, name)[1:]})
 
@@ -41,11 +41,11 @@ def test_what_cannot_be_saved(tmp_path, name, fps, message):
 
 
 @pytest.mark.parametrize("name", ["a.HTML", "b.svg", "c.gif", "d.mp4", "e.png"])
-def test_the_ending_decides(tmp_path, name):
+def test_the_extension_determines_the_format(tmp_path, name):
     needed = {"c": "PIL", "d": "imageio_ffmpeg", "e": "PIL"}
     if name[0] in needed:
         pytest.importorskip(needed[name[0]])
     save_recording(RECORDING, tmp_path / name)
-    begins = {"a": b"<!doctype html>", "b": b"<svg ", "c": b"GIF89a", "d": b"\x00\x00\x00", "e": b"\x89PNG"}[name[0]]
-    assert (tmp_path / name).read_bytes().startswith(begins)
+    magic = {"a": b"<!doctype html>", "b": b"<svg ", "c": b"GIF89a", "d": b"\x00\x00\x00", "e": b"\x89PNG"}[name[0]]
+    assert (tmp_path / name).read_bytes().startswith(magic)
     assert [file.name for file in tmp_path.iterdir()] == [name]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from mapf_pz.render.rgb import FREE, OBSTACLE, Canvas, agent_colours, draw, fitting_cell_size
+from mapf_pz.render.rgb import FREE, OBSTACLE, Canvas, agent_colors, draw, fitting_cell_size
 
 FREE_MAP = np.ones((3, 4), np.bool_)
 AWAY = np.array([[2, 3]])
@@ -33,13 +33,13 @@ def test_cell_size_of_nothing_is_an_error():
 
 
 @pytest.mark.parametrize("size", [6, 8, 13, 48])
-def test_agent_has_its_colour_and_its_goal_too(size):
+def test_agent_has_its_color_and_its_goal_too(size):
     positions, goals = np.array([[0, 0], [1, 1]]), np.array([[2, 2], [2, 3]])
     picture = draw(FREE_MAP, positions, None, goals, cell_size=size)
     middle, margin = size // 2, round(0.03 * size)
-    for agent, colour in enumerate(agent_colours(2)):
-        assert np.abs(cell(picture, *positions[agent], size)[middle, middle] - colour).max() <= 1
-        assert np.abs(cell(picture, *goals[agent], size)[margin, margin] - colour).max() <= 1
+    for agent, color in enumerate(agent_colors(2)):
+        assert np.abs(cell(picture, *positions[agent], size)[middle, middle] - color).max() <= 1
+        assert np.abs(cell(picture, *goals[agent], size)[margin, margin] - color).max() <= 1
 
 
 @pytest.mark.parametrize("size", [7, 8, 24])
@@ -71,15 +71,15 @@ def test_inactive_agent_is_left_out_with_its_goal():
     assert (picture == alone).all()
 
 
-def test_canvas_draws_afresh_each_time():
+def test_a_canvas_keeps_no_earlier_image():
     canvas = Canvas(FREE_MAP, 1, cell_size=8)
     first = canvas.draw(np.array([[0, 0]]), np.array([0]), AWAY)
     canvas.draw(np.array([[1, 1]]), np.array([3]), AWAY)
     assert (canvas.draw(np.array([[0, 0]]), np.array([0]), AWAY) == first).all()
 
 
-def test_colours_are_different_and_readable_on_the_background():
-    colours = agent_colours(50)
-    apart = np.abs(colours[:, None] - colours[None]).sum(axis=2)
+def test_colors_are_different_and_readable_on_the_background():
+    colors = agent_colors(50)
+    apart = np.abs(colors[:, None] - colors[None]).sum(axis=2)
     assert apart[~np.eye(50, dtype=np.bool_)].min() > 6
-    assert np.abs(colours - FREE).sum(axis=1).min() > 150
+    assert np.abs(colors - FREE).sum(axis=1).min() > 150

@@ -16,7 +16,7 @@ def saved(tmp_path, recording=RECORDING, fps=2):
 
 
 def groups(root, shape):
-    """Return what belongs to agents: their goals have a `rect` in them, they themselves a `circle`."""
+    """Return the groups of goals, which contain a `rect`, or of agents, which contain a `circle`."""
     return [group for group in root.findall(f"{SVG}g") if group.find(f"{SVG}{shape}") is not None]
 
 
@@ -50,7 +50,7 @@ def test_they_move_only_while_a_step_lasts(tmp_path):
     assert place(animation, 0.75) == pytest.approx([0, 0.5], abs=1e-3)
 
 
-def test_headings_turn_the_short_way(tmp_path):
+def test_headings_turn_in_the_shorter_direction(tmp_path):
     angles = [
         [float(value.split()[0]) for value in turn.get("values").split(";")]
         for group in groups(saved(tmp_path), "circle")
@@ -71,7 +71,7 @@ def test_goals_change_and_agents_disappear(tmp_path):
     assert (fading.get("attributeName"), fading.get("values")) == ("opacity", "1;0")
 
 
-def test_what_is_not_known_is_not_drawn(tmp_path):
+def test_unknown_parts_are_not_drawn(tmp_path):
     root = saved(tmp_path, replace(RECORDING, goals=None, headings=None))
     assert not groups(root, "rect")
     assert not root.findall(f"{SVG}g/{SVG}polygon")

@@ -9,21 +9,21 @@ ffmpeg = pytest.importorskip("imageio_ffmpeg")
 RED, BLUE = (200, 30, 30), (30, 30, 200)
 
 
-def frame(colour, rows=33, cols=40):
-    return np.full((rows, cols, 3), colour, np.uint8)
+def frame(color, rows=33, cols=40):
+    return np.full((rows, cols, 3), color, np.uint8)
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # the reader's open files
-def test_a_film_has_all_frames_in_order(tmp_path):
+def test_a_video_has_all_frames_in_order(tmp_path):
     save_mp4(iter([frame(RED), frame(BLUE), frame(RED)]), tmp_path / "a.mp4", fps=5)
     reader = ffmpeg.read_frames(str(tmp_path / "a.mp4"))
-    about = next(reader)
-    assert about["fps"] == 5
-    assert about["size"] == (40, 34)  # even numbers, as H.264 needs them
+    metadata = next(reader)
+    assert metadata["fps"] == 5
+    assert metadata["size"] == (40, 34)  # even numbers, as H.264 needs them
     frames = [np.frombuffer(data, np.uint8).reshape(34, 40, 3) for data in reader]
     assert len(frames) == 3
-    for got, colour in zip(frames, [RED, BLUE, RED], strict=True):
-        assert np.abs(got.astype(int) - colour).max() < 12
+    for got, color in zip(frames, [RED, BLUE, RED], strict=True):
+        assert np.abs(got.astype(int) - color).max() < 12
 
 
 def test_frames_of_other_sizes_leave_no_file(tmp_path):

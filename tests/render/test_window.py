@@ -52,7 +52,7 @@ def test_keys_and_the_end(window):
     assert window.is_closed
 
 
-def test_no_screen_is_told_in_one_line(monkeypatch):
+def test_without_a_screen_the_error_is_one_line(monkeypatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "none of that name")
     with pytest.raises(RuntimeError, match="no window can be opened: "):
         Window("title", 4).show(np.zeros((3, 3, 3), np.uint8))

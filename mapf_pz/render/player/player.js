@@ -1,14 +1,14 @@
 "use strict";
-// Plays a recording. The page is one file: what it shows stands in the element `data`, packed as `html.py` says.
+// Plays a recording. The page is one file: the element `data` holds the recording, packed by `html.py`.
 
 const $ = (name) => document.getElementById(name);
 const HEADINGS = ["east", "south", "west", "north"];
 const ACTIVE = 1, BLOCKED = 2;
 const SPEEDS = [1, 2, 4, 8, 16, 32, 64];
 const TRAIL = 60; // steps
-const LARGEST_SCALE = 96; // px a cell
+const LARGEST_SCALE = 96; // px per cell
 
-// What is packed.
+// Unpacking.
 
 async function unpack(text, Type) {
   const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
@@ -24,7 +24,7 @@ async function unpackAll(data) {
   return arrays;
 }
 
-// Each agent's cells are told as its first one and the differences from one step to the next.
+// Each agent's cells are stored as the first cell and the differences between steps.
 function addUp(values, length) {
   for (let i = 0; i < values.length; i++) if (i % length) values[i] += values[i - 1];
 }
@@ -32,13 +32,13 @@ function addUp(values, length) {
 class Player {
   constructor(data, arrays) {
     Object.assign(this, data, arrays);
-    this.at = 0; // the step that is shown; between two while playing
+    this.at = 0; // the current step; fractional while playing
     this.playing = false;
     this.chosen = -1;
     this.canvas = $("view");
     this.pen = this.canvas.getContext("2d");
-    this.scale = 1; this.left = 0; this.top = 0; // px a cell, and where the map's corner is
-    this.colours = data.colours;
+    this.scale = 1; this.left = 0; this.top = 0; // px per cell, and the corner of the map
+    this.colors = data.colors;
     this.maps = {};
     this.bind();
     this.setTheme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
@@ -48,17 +48,17 @@ class Player {
     requestAnimationFrame((now) => this.tick(now));
   }
 
-  // What is where.
+  // Cells and states.
 
   index(agent, step) { return agent * (this.steps + 1) + step; }
   row(cell) { return Math.floor(cell / this.width); }
   col(cell) { return cell % this.width; }
   isActive(agent, step) { return (this.flags[this.index(agent, step)] & ACTIVE) > 0; }
   isBlocked(agent, step) { return (this.flags[this.index(agent, step)] & BLOCKED) > 0; }
-  isHome(agent, step) { return this.goals !== undefined && this.cells[this.index(agent, step)] === this.goals[this.index(agent, step)]; }
+  isAtGoal(agent, step) { return this.goals !== undefined && this.cells[this.index(agent, step)] === this.goals[this.index(agent, step)]; }
 
-  // Where an agent is shown: between two cells while it moves.
-  place(agent) {
+  // The displayed position of an agent, which is between two cells while it moves.
+  positionOf(agent) {
     const before = Math.floor(this.at), after = Math.min(before + 1, this.steps), part = this.at - before;
     const from = this.cells[this.index(agent, before)], to = this.cells[this.index(agent, after)];
     const near = Math.abs(this.row(from) - this.row(to)) + Math.abs(this.col(from) - this.col(to)) <= 1;
@@ -76,7 +76,7 @@ class Player {
     return ((from + turn * part) * Math.PI) / 2;
   }
 
-  // For who drives the player from outside.
+  // For scripts that control the player.
   state() {
     const shown = Math.floor(this.at), positions = [];
     for (let i = 0; i < this.agents; i++) {
@@ -86,19 +86,19 @@ class Player {
     return { step: this.at, playing: this.playing, chosen: this.chosen, positions, theme: this.theme };
   }
 
-  // Where on the page a cell's middle is.
+  // The position of a cell's center on the page.
   onPage(row, col) {
     const box = this.canvas.getBoundingClientRect();
     return [box.left + this.left + (col + 0.5) * this.scale, box.top + this.top + (row + 0.5) * this.scale];
   }
 
-  // Time.
+  // Playback.
 
   seek(step) {
     this.at = Math.max(0, Math.min(this.steps, step));
     $("scrub").value = Math.floor(this.at);
     $("step").value = `${Math.floor(this.at)} / ${this.steps}`;
-    this.tell();
+    this.updatePanel();
     this.dirty = true;
   }
 
@@ -121,7 +121,7 @@ class Player {
     requestAnimationFrame((next) => this.tick(next));
   }
 
-  // The picture.
+  // Drawing.
 
   resize() {
     const ratio = devicePixelRatio || 1, box = this.canvas.parentElement.getBoundingClientRect();
@@ -155,13 +155,13 @@ class Player {
     document.documentElement.dataset.theme = name;
     const style = getComputedStyle(document.documentElement);
     this.ink = {};
-    for (const key of ["page", "free", "obstacle", "grid", "mark", "refused", "chosen"])
+    for (const key of ["page", "free", "obstacle", "grid", "mark", "blocked", "chosen"])
       this.ink[key] = style.getPropertyValue(`--${key}`).trim();
     this.maps = {};
     this.dirty = true;
   }
 
-  // A picture of the map with one pixel for each cell.
+  // An image of the map with one pixel per cell.
   mapPicture(kind) {
     if (this.maps[kind]) return this.maps[kind];
     const picture = new OffscreenCanvas(this.width, this.height), pen = picture.getContext("2d");
@@ -173,7 +173,7 @@ class Player {
     return (this.maps[kind] = picture);
   }
 
-  // Colours cells by the mean cost of leaving them, from cheap to dear.
+  // Colors cells by the mean cost of leaving them, from cheap to expensive.
   heatOf() {
     const cells = this.width * this.height, mean = new Float32Array(cells);
     let least = Infinity, most = -Infinity;
@@ -192,7 +192,7 @@ class Player {
   draw() {
     const { pen, scale } = this;
     if ($("follow").checked && this.chosen >= 0) {
-      const { row, col } = this.place(this.chosen);
+      const { row, col } = this.positionOf(this.chosen);
       this.left = this.box.width / 2 - (col + 0.5) * scale;
       this.top = this.box.height / 2 - (row + 0.5) * scale;
     }
@@ -225,7 +225,7 @@ class Player {
     for (let agent = 0; agent < this.agents; agent++) {
       if (!this.isActive(agent, step)) continue;
       const cell = this.goals[this.index(agent, step)], inset = scale * 0.1;
-      pen.strokeStyle = this.colours[agent];
+      pen.strokeStyle = this.colors[agent];
       pen.strokeRect(
         this.col(cell) * scale + inset, this.row(cell) * scale + inset, scale - 2 * inset, scale - 2 * inset,
       );
@@ -234,9 +234,9 @@ class Player {
 
   // The chosen agent's trail, and a line to its goal.
   drawChosen() {
-    const { pen, scale } = this, step = Math.floor(this.at), { row, col } = this.place(this.chosen);
+    const { pen, scale } = this, step = Math.floor(this.at), { row, col } = this.positionOf(this.chosen);
     const middle = (value) => (value + 0.5) * scale;
-    pen.strokeStyle = this.colours[this.chosen]; pen.lineWidth = Math.max(2, scale * 0.18); pen.lineJoin = "round";
+    pen.strokeStyle = this.colors[this.chosen]; pen.lineWidth = Math.max(2, scale * 0.18); pen.lineJoin = "round";
     pen.globalAlpha = 0.45;
     pen.beginPath(); pen.moveTo(middle(col), middle(row));
     for (let past = step; past >= Math.max(0, step - TRAIL); past--) {
@@ -255,16 +255,16 @@ class Player {
 
   drawAgents() {
     const { pen, scale } = this, radius = scale * (scale >= 12 ? 0.38 : 0.48);
-    const step = Math.floor(this.at), led = Math.ceil(this.at), marks = $("blocked").checked;
+    const step = Math.floor(this.at), next = Math.ceil(this.at), marks = $("blocked").checked;
     for (let agent = 0; agent < this.agents; agent++) {
       if (!this.isActive(agent, step)) continue;
-      const { row, col } = this.place(agent), x = (col + 0.5) * scale, y = (row + 0.5) * scale;
+      const { row, col } = this.positionOf(agent), x = (col + 0.5) * scale, y = (row + 0.5) * scale;
       if (x + this.left < -scale || y + this.top < -scale) continue;
       if (x + this.left > this.box.width + scale || y + this.top > this.box.height + scale) continue;
-      pen.fillStyle = this.colours[agent];
+      pen.fillStyle = this.colors[agent];
       pen.beginPath(); pen.arc(x, y, radius, 0, 2 * Math.PI); pen.fill();
       if (this.headings && scale >= 5) this.drawHeading(x, y, radius, this.angle(agent));
-      if (marks && this.isBlocked(agent, led)) this.ring(x, y, radius, this.ink.refused);
+      if (marks && this.isBlocked(agent, next)) this.ring(x, y, radius, this.ink.blocked);
       if (agent === this.chosen) this.ring(x, y, radius * 1.25, this.ink.chosen);
     }
   }
@@ -279,9 +279,9 @@ class Player {
     pen.closePath(); pen.fill();
   }
 
-  ring(x, y, radius, colour) {
+  ring(x, y, radius, color) {
     const { pen } = this;
-    pen.strokeStyle = colour; pen.lineWidth = Math.max(1.5, this.scale * 0.09);
+    pen.strokeStyle = color; pen.lineWidth = Math.max(1.5, this.scale * 0.09);
     pen.beginPath(); pen.arc(x, y, radius, 0, 2 * Math.PI); pen.stroke();
   }
 
@@ -290,39 +290,39 @@ class Player {
   choose(agent) {
     this.chosen = agent >= 0 && agent < this.agents ? agent : -1;
     $("agent").value = this.chosen < 0 ? "" : this.chosen;
-    this.tell();
+    this.updatePanel();
     this.dirty = true;
   }
 
-  tell() {
+  updatePanel() {
     const step = Math.floor(this.at), { chosen } = this;
-    if (this.told === `${step} ${chosen}`) return;
-    this.told = `${step} ${chosen}`;
-    let active = 0, home = 0, refused = 0;
+    if (this.panelKey === `${step} ${chosen}`) return;
+    this.panelKey = `${step} ${chosen}`;
+    let active = 0, atGoals = 0, blocked = 0;
     for (let agent = 0; agent < this.agents; agent++) {
       if (this.isActive(agent, step)) active++;
-      if (this.isHome(agent, step)) home++;
-      if (this.isBlocked(agent, step)) refused++;
+      if (this.isAtGoal(agent, step)) atGoals++;
+      if (this.isBlocked(agent, step)) blocked++;
     }
     const facts = { agents: this.agents };
-    if (this.goals) facts["at their goals"] = home;
-    if (this.knowsRefused) facts["moves refused"] = refused;
+    if (this.goals) facts["at their goals"] = atGoals;
+    if (this.hasBlocked) facts["moves blocked"] = blocked;
     if (active < this.agents) facts["on the map"] = active;
     list($("facts"), { ...facts, ...this.facts });
     if (chosen < 0) { list($("agent-facts"), {}); $("planes").replaceChildren(); $("unobserved").hidden = true; return; }
     const cell = this.cells[this.index(chosen, step)], goal = this.goals?.[this.index(chosen, step)];
     list($("agent-facts"), {
       "row, column": `${this.row(cell)}, ${this.col(cell)}`,
-      ...(this.headings ? { looks: HEADINGS[this.headings[this.index(chosen, step)]] } : {}),
+      ...(this.headings ? { heading: HEADINGS[this.headings[this.index(chosen, step)]] } : {}),
       ...(this.goals ? { goal: `${this.row(goal)}, ${this.col(goal)}` } : {}),
-      ...(this.goals ? { "at its goal": this.isHome(chosen, step) ? "yes" : "no" } : {}),
-      ...(this.knowsRefused ? { "move refused": this.isBlocked(chosen, step) ? "yes" : "no" } : {}),
+      ...(this.goals ? { "at its goal": this.isAtGoal(chosen, step) ? "yes" : "no" } : {}),
+      ...(this.hasBlocked ? { "move blocked": this.isBlocked(chosen, step) ? "yes" : "no" } : {}),
     });
     $("unobserved").hidden = chosen < this.observers;
-    if (chosen < this.observers) this.tellObserved(step); else $("planes").replaceChildren();
+    if (chosen < this.observers) this.showObserved(step); else $("planes").replaceChildren();
   }
 
-  tellObserved(step) {
+  showObserved(step) {
     const [rows, cols] = this.viewSize, size = rows * cols;
     if ($("planes").childElementCount !== this.planes.length)
       $("planes").replaceChildren(...this.planes.map((name) => planeFigure(name, rows, cols)));
@@ -334,15 +334,15 @@ class Player {
     });
   }
 
-  // What people do.
+  // User input.
 
   bind() {
     $("scrub").max = this.steps; $("agent").max = this.agents - 1;
     $("heat-label").hidden = !this.weights;
     for (const speed of SPEEDS) $("speed").add(new Option(`${speed} / s`, speed, speed === this.speed, speed === this.speed));
     $("play").onclick = () => this.play(!this.playing);
-    $("back").onclick = () => this.walk(-1);
-    $("forth").onclick = () => this.walk(1);
+    $("back").onclick = () => this.seekBy(-1);
+    $("forth").onclick = () => this.seekBy(1);
     $("scrub").oninput = () => {
       const step = Number($("scrub").value); // stopping moves the slider
       this.play(false);
@@ -378,13 +378,13 @@ class Player {
     };
   }
 
-  walk(steps) { this.play(false); this.seek(Math.round(this.at) + steps); }
+  seekBy(steps) { this.play(false); this.seek(Math.round(this.at) + steps); }
 
   key(event) {
     if (event.target.matches("input[type=number], select")) return;
     const actions = {
-      " ": () => this.play(!this.playing), ArrowLeft: () => this.walk(-1), ArrowRight: () => this.walk(1),
-      Home: () => this.walk(-this.steps), End: () => this.walk(this.steps), 0: () => this.fit(),
+      " ": () => this.play(!this.playing), ArrowLeft: () => this.seekBy(-1), ArrowRight: () => this.seekBy(1),
+      Home: () => this.seekBy(-this.steps), End: () => this.seekBy(this.steps), 0: () => this.fit(),
       "+": () => this.zoom(1.25, this.box.width / 2, this.box.height / 2),
       "-": () => this.zoom(0.8, this.box.width / 2, this.box.height / 2),
       d: () => $("theme").click(), Escape: () => this.choose(-1),
@@ -398,7 +398,7 @@ class Player {
     const col = (x - this.left) / this.scale - 0.5, row = (y - this.top) / this.scale - 0.5, step = Math.floor(this.at);
     let found = -1, nearest = Math.max(0.7, 8 / this.scale);
     for (let agent = 0; agent < this.agents; agent++) {
-      const place = this.place(agent), distance = Math.hypot(place.row - row, place.col - col);
+      const position = this.positionOf(agent), distance = Math.hypot(position.row - row, position.col - col);
       if (this.isActive(agent, step) && distance < nearest) { nearest = distance; found = agent; }
     }
     return found;
