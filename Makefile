@@ -1,7 +1,7 @@
 # make train   sets everything up, trains a policy, evaluates it and shows it: see runs/quickstart
 # make test    sets everything up and runs the tests
 # make bench-peers   measures the speed beside POGEMA's, which it installs in .venv-peers
-# make lint    checks style and types
+# make lint    checks style, types and words
 # make docs    builds the documentation: site/index.html
 # make wheel   builds the source archive and the wheel, and tries them outside of this tree
 # make results   measures the documentation's result tables again
@@ -27,6 +27,7 @@ lint: .venv/installed
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/basedpyright
+	$(BIN)/python -m experiments.words
 
 format: .venv/installed
 	$(BIN)/ruff check --fix
