@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from signal import Signals
 
-from tests.evaluate.test_jobs import children_of, is_alive, wait_for
+from tests.evaluation.test_parallel import children_of, is_alive, wait_for
 
 from mapf_pz.cli import main
 from mapf_pz.evaluation.results import COLUMNS, EPISODES_FILE
@@ -172,7 +172,7 @@ def untimed(lines: Sequence[str]) -> dict[tuple[str, ...], dict[str, str]]:
     """Return the episodes by their keys, without the times; checks that none is there twice."""
     rows = list(csv.DictReader(lines, COLUMNS))
     found = {
-        (row["policy"], row["about"], row["num_agents"], row["episode"]): {
+        (row["policy"], row["task"], row["num_agents"], row["episode"]): {
             name: value for name, value in row.items() if name not in TIMES
         }
         for row in rows

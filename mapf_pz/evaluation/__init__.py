@@ -1,4 +1,4 @@
-"""Evaluation: policies and planners on the same episodes, under the same rules."""
+"""Evaluation of policies and planners on the same episodes, with the same rules."""
 
 from mapf_pz.evaluation.evaluate_policies import evaluate
 from mapf_pz.evaluation.policies import policy_factory

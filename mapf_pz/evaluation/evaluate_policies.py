@@ -1,4 +1,4 @@
-"""An evaluation: policies meet on the same episodes."""
+"""Evaluate policies on the same episodes."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from mapf_pz.evaluation.suite import load_suite
 from mapf_pz.evaluation.task import EvaluationTask
 
 EPISODES_PER_JOB = 8
-"""So many episodes are done by one process before it takes others."""
+"""Number of episodes that a process runs per job."""
 
 
 class Job(NamedTuple):
-    """Some episodes of a task, played by one policy."""
+    """Some episodes of a task, run with one policy."""
 
     name: str
     factory: PolicyFactory
@@ -33,20 +33,21 @@ def evaluate(
     jobs: int | str = 1,
     show: Callable[[Episode | None, int], None] = lambda episode, left: None,
 ) -> list[Episode]:
-    """Let policies act in all episodes of a suite, and return the episodes: those of each policy have the same seeds.
+    """Run policies in all episodes of a suite, and return the episodes. All policies get the same seeds.
 
     Args:
-        policies: a name or names that `policy_factory` knows, or by name a policy that is at hand or what makes one.
-        suite: the name of a suite, the path of a suite's file, or tasks.
-        output: a folder in which every episode is kept as it is done; what is there already is not done again.
-        jobs: processes, or `ray`: see `run_jobs`. Results do not depend on it, apart from the times.
-        show: is called with each episode that is done, and at first with None, and the number of those left.
+        policies: one or more names that `policy_factory` accepts, or a mapping from names to policies, policy
+            factories, or such names.
+        suite: the name of a suite, the path of a suite file, or tasks.
+        output: a folder to which every finished episode is written; existing results are reused.
+        jobs: number of processes, or `ray`: see `run_jobs`. Results do not depend on it, apart from the times.
+        show: called with each finished episode (at first with None), and the number of remaining episodes.
 
     Raises:
-        ValueError: a policy or suite is unknown, they do not fit, two tasks have the same name, or the folder has an
-            evaluation of other tasks.
-        TypeError: an object is no policy.
-        FileNotFoundError, FormatError: a file of the suite is absent or malformed.
+        ValueError: a policy or suite is unknown, they are incompatible, two tasks have the same label, or the folder
+            contains an evaluation of other tasks.
+        TypeError: an object is not a policy.
+        FileNotFoundError, FormatError: a file of the suite is missing or malformed.
     """
     if isinstance(policies, str):
         policies = [policies]
@@ -60,7 +61,7 @@ def evaluate(
         Job(name, factory, task, episodes)
         for task in tasks
         for name, factory in factories.items()
-        for episodes in _in_parts([e for e in range(task.episodes) if _key(name, task, e) not in done])
+        for episodes in _in_chunks([e for e in range(task.episodes) if _key(name, task, e) not in done])
     ]
     left = sum(len(job.episodes) for job in pending)
     show(None, left)
@@ -85,7 +86,7 @@ def _check_names(tasks: Sequence[EvaluationTask]) -> None:
     names: set[str] = set()
     for task in tasks:
         if task.label in names:
-            raise ValueError(f"two tasks are called {task.label!r}: expected different names")
+            raise ValueError(f"two tasks are named {task.label!r}: expected unique names")
         names.add(task.label)
 
 
@@ -93,13 +94,13 @@ def _key(name: str, task: EvaluationTask, episode: int) -> tuple[str, str, int, 
     return name, task.name, task.num_agents, episode
 
 
-def _in_parts(episodes: Sequence[int]) -> Iterator[Sequence[int]]:
+def _in_chunks(episodes: Sequence[int]) -> Iterator[Sequence[int]]:
     for first in range(0, len(episodes), EPISODES_PER_JOB):
         yield episodes[first : first + EPISODES_PER_JOB]
 
 
 def _run(job: Job) -> list[Episode]:
-    """Play the episodes of a job."""
+    """Run the episodes of a job."""
     measured = run_episodes(job.factory, job.task, job.episodes)
     return [
         Episode(*_key(job.name, job.task, number), metrics)

@@ -1,4 +1,4 @@
-"""Figures of evaluated episodes: how success, throughput and time go with the number of agents."""
+"""Figures of evaluated episodes: success, throughput and time by the number of agents."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ LABELS = {
     "CSR": "all agents at their goals (CSR)",
     "ISR": "agents at their goals (ISR)",
     "SoC_ratio": "sum of costs / lower bound",
-    "avg_throughput": "goals reached in a step",
-    "step_ms": "milliseconds for a step",
+    "avg_throughput": "goals reached per step",
+    "step_ms": "milliseconds per step",
 }
-"""The metrics that are drawn, where episodes have them."""
+"""The metrics to plot, if episodes have them."""
 
 Points = dict[int, list[float]]
 """The values of a metric, by the number of agents."""
 
 
 def draw_figures(episodes: Iterable[Episode], folder: Path) -> list[Path]:
-    """Draw a figure for whatever was tried with several numbers of agents, and return the files."""
+    """Save a figure of each task with several numbers of agents, and return the files."""
     by_task: dict[str, dict[str, dict[str, Points]]] = {}
     for (task_name, num_agents, policy), values in grouped(episodes).items():
         for metric in values:
@@ -45,27 +45,26 @@ def _draw(by_task: dict[str, dict[str, dict[str, Points]]], folder: Path) -> Ite
         for panel, metric in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
             _draw_panel(panel, metric, metrics[metric])
         figure.axes[0].legend(fontsize=8)
-        figure.suptitle(_plain(task_name))
+        figure.suptitle(_escaped(task_name))
         name = "".join(char if char.isalnum() else "-" for char in task_name)
         file = folder / f"{name}.png"
-        with replacing(file) as beside:
-            figure.savefig(beside, dpi=110)
+        with replacing(file) as temporary:
+            figure.savefig(temporary, dpi=110)
         yield file
 
 
-def _plain(name: str) -> str:
-    """Return text that matplotlib shows as it is: between two `$` there would be a formula."""
+def _escaped(name: str) -> str:
+    """Escape text for matplotlib, which shows text between two `$` as a formula."""
     return name.replace("$", r"\$")
 
 
 def _draw_panel(panel: Axes, metric: str, lines: dict[str, Points]) -> None:
-    """Draw a metric's means with their 95 % intervals, a line for each policy."""
+    """Plot the means of a metric with their 95 % intervals, a line for each policy."""
     for policy, points in lines.items():
         agents = sorted(points)
         ends = np.array([interval(points[count]) for count in agents])
-        panel.plot(
-            agents, [float(np.mean(points[count])) for count in agents], marker="o", markersize=3, label=_plain(policy)
-        )
+        means = [float(np.mean(points[count])) for count in agents]
+        panel.plot(agents, means, marker="o", markersize=3, label=_escaped(policy))
         panel.fill_between(agents, ends[:, 0], ends[:, 1], alpha=0.2)
     panel.set(xlabel="agents", ylabel=LABELS[metric])
     if metric == "step_ms":

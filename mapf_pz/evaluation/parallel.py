@@ -1,4 +1,4 @@
-"""Work side by side: in this process, in several, or on a Ray cluster."""
+"""Run jobs in this process, in several processes, or on a Ray cluster."""
 
 from __future__ import annotations
 
@@ -16,72 +16,72 @@ Result = TypeVar("Result")
 RAY = "ray"
 
 
-def run_jobs(function: Callable[[Job], Result], tasks: Sequence[Job], jobs: int | str) -> Iterator[Result]:
-    """Yield what `function` returns for each of the tasks, in the order in which they are done.
+def run_jobs(function: Callable[[Job], Result], items: Sequence[Job], jobs: int | str) -> Iterator[Result]:
+    """Yield the result of `function` for each item, in the order of completion.
 
     Args:
-        function: can be pickled, as tasks and results can.
-        tasks: what it is called with.
-        jobs: 1: one after the other in this process; more: so many processes; `ray`: as many as the Ray cluster has
-            room for, which is that of the variable `RAY_ADDRESS` or, without one, begun here.
+        function: the function to call. It must be picklable, as must the items and results.
+        items: the arguments of the calls.
+        jobs: 1: sequentially in this process; more: number of processes; `ray`: in parallel on the Ray cluster at
+            `RAY_ADDRESS` or, without this variable, on a local one that is started.
 
-    Raises `ValueError` for other `jobs`, and `ImportError` where Ray is not installed.
+    Raises `ValueError` for other values of `jobs`, and `ImportError` if Ray is not installed.
     """
     if jobs == RAY:
-        return _on_ray(function, tasks) if tasks else iter(())
+        return _on_ray(function, items) if items else iter(())
     if not isinstance(jobs, int) or jobs < 1:
         raise ValueError(f"jobs={jobs!r}: expected a number of processes, 1 or more, or 'ray'")
-    return map(function, tasks) if jobs == 1 else _in_processes(function, tasks, jobs)
+    return map(function, items) if jobs == 1 else _in_processes(function, items, jobs)
 
 
-def _in_processes(function: Callable[[Job], Result], tasks: Sequence[Job], jobs: int) -> Iterator[Result]:
-    others = set(active_children())
-    with ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_begin_process) as pool:
+def _in_processes(function: Callable[[Job], Result], items: Sequence[Job], jobs: int) -> Iterator[Result]:
+    existing = set(active_children())
+    with ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_start_process) as pool:
         try:
-            with unheard_by_children():  # who would tell of it, while they load
-                futures = [pool.submit(function, task) for task in tasks]
+            with unheard_by_children():  # children would print a traceback while they are loading
+                futures = [pool.submit(function, item) for item in items]
             for future in as_completed(futures):
                 yield future.result()
-        except BaseException:  # what is going on would be waited for
-            for process in set(active_children()) - others:
+        except BaseException:  # otherwise running jobs would be waited for
+            for process in set(active_children()) - existing:
                 process.terminate()
             pool.shutdown(cancel_futures=True)
             raise
 
 
-def _begin_process() -> None:
-    """Prepare a process: its networks use one thread, as the cores are shared; it ends when, and only when, told to."""
+def _start_process() -> None:
+    """Initialize a process: networks use one thread, as processes share the cores, and it ends with its parent."""
     os.environ["OMP_NUM_THREADS"] = "1"
     Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    """Wait until the process that asked for the work is gone, however it ended, and end."""
+    """Exit as soon as the parent process has ended for any reason."""
     parent = parent_process()
     if parent is not None:
         parent.join()
         os._exit(1)
 
 
-def _on_ray(function: Callable[[Job], Result], tasks: Sequence[Job]) -> Iterator[Result]:
+def _on_ray(function: Callable[[Job], Result], items: Sequence[Job]) -> Iterator[Result]:
     import ray
     from ray.exceptions import RayError, RayTaskError
 
-    begun_here = not ray.is_initialized()
-    if begun_here:
+    started_here = not ray.is_initialized()
+    if started_here:
         ray.init(log_to_driver=False)
     remote = ray.remote(function)
-    waiting = [remote.remote(task) for task in tasks]
+    pending = [remote.remote(item) for item in items]
     try:
-        while waiting:
-            done, waiting = ray.wait(waiting)
+        while pending:
+            done, pending = ray.wait(pending)
             yield from ray.get(done)
-    except RayTaskError as error:  # its own text is a traceback
+    except RayTaskError as error:  # its text is a traceback
         raise error.cause from None
-    except RayError as error:  # a worker that died too often, or all of Ray
+    except RayError as error:  # a worker died too often, or Ray itself failed
         raise RuntimeError(f"Ray: {error}") from None
     finally:
-        for task in waiting:
-            ray.cancel(task)
-        if begun_here:
+        for item in pending:
+            ray.cancel(item)
+        if started_here:
             ray.shutdown()

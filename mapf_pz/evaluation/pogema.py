@@ -1,7 +1,8 @@
-"""POGEMA and back: policies of this package act in POGEMA's environment, and POGEMA's policies in this package's.
+"""Adapters for POGEMA: policies of this package in POGEMA's environment, and POGEMA's policies in this package's.
 
-Neither way needs POGEMA itself. Source: POGEMA 1.4.0, github.com/Cognitive-AI-Systems/pogema, and the protocol of its
-toolbox: `act(observations) -> actions`, lists with an item for each agent, and `reset_states()` before each episode.
+Neither adapter requires POGEMA itself. Source: POGEMA 1.4.0, github.com/Cognitive-AI-Systems/pogema, and the protocol
+of its toolbox: `act(observations) -> actions`, which are lists with an item for each agent, and `reset_states()` before
+each episode.
 """
 
 from __future__ import annotations
@@ -30,20 +31,21 @@ ObservationType = Literal["default", "POMAPF", "MAPF"]
 class InPogema:
     """A policy of this package, for POGEMA's environment with `observation_type="MAPF"`.
 
-    An environment of ours plays the same episode beside POGEMA's, with the same actions; the policy sees that one, and
-    so all that it must see. Every `act` checks that the agents are where POGEMA says, and takes over new goals.
+    An environment of this package runs the same episode in parallel, with the same actions, and the policy observes
+    this environment. Every call of `act` checks that the agents' positions are the same in both environments, and takes
+    over new goals.
     """
 
     def __init__(
         self, policy: PolicyFactory | str, *, collision_system: CollisionSystem, on_target: OnTarget, max_steps: int
     ) -> None:
-        """Prepare for episodes; the keywords are those of POGEMA's `GridConfig`, or its `max_episode_steps`.
+        """Create the adapter. The keyword arguments must equal those of POGEMA's `GridConfig`.
 
         Args:
-            policy: a name that `policy_factory` knows, what it returns, or `factory_for(...)`; it has cardinal actions.
-            collision_system: how conflicting moves are settled.
+            policy: a name for `policy_factory`, or a policy factory; the policy must have cardinal actions.
+            collision_system: how conflicting moves are resolved.
             on_target: what an agent does at its goal.
-            max_steps: the episodes' time limit.
+            max_steps: the episode's time limit, which POGEMA calls `max_episode_steps`.
         """
         self._factory = policy_factory(policy) if isinstance(policy, str) else policy
         self._keywords: dict[str, Any] = {
@@ -52,29 +54,29 @@ class InPogema:
             "on_target": on_target,
             "max_steps": max_steps,
         }
-        self._playing: tuple[AnyEnv, Policy] | None = None
+        self._episode: tuple[AnyEnv, Policy] | None = None
         self._actions: dict[str, int] = {}
 
     def reset_states(self) -> None:
         """Forget the episode: called before each."""
-        self._playing = None
+        self._episode = None
 
     def act(self, observations: Sequence[Any]) -> list[int]:
-        """Return an action for each of the N agents; those that have disappeared wait.
+        """Return an action for each of the N agents; agents that have disappeared wait.
 
         Raises:
-            ValueError: The observations are not those of `observation_type="MAPF"`.
-            RuntimeError: POGEMA's episode is another than the one played beside it.
+            ValueError: the observations are not those of `observation_type="MAPF"`.
+            RuntimeError: POGEMA's episode differs from the parallel one.
         """
         free, positions, goals = _parse(observations)
-        if self._playing is None:
-            # The next goal is not known before the present one is reached; until then it stands for all later ones.
+        if self._episode is None:
+            # The next goal is unknown until the current one is reached; until then, the current goal is repeated.
             instance = Instance(Grid(free), Scenario(positions, np.repeat(goals[:, None], 2, axis=1)))
-            env, policy = self._playing = self._factory(self._keywords | {"source": InstanceList([instance])})
+            env, policy = self._episode = self._factory(self._keywords | {"source": InstanceList([instance])})
             seen, _ = env.reset(seed=0)
             policy.reset_states()
         else:
-            env, policy = self._playing
+            env, policy = self._episode
             if len(positions) != len(env.possible_agents) or not np.array_equal(free, env.grid):
                 raise RuntimeError("another map or number of agents: expected reset_states() before each episode")
             cells = goals @ np.array([free.shape[1], 1])
@@ -85,23 +87,23 @@ class InPogema:
         return [self._actions.get(agent, int(CardinalAction.WAIT)) for agent in env.possible_agents]
 
     def _check(self, env: AnyEnv, positions: Ints, goals: Ints) -> None:
-        """Raise `RuntimeError` unless the agents' positions and goals are these, and the episode goes on."""
+        """Raise `RuntimeError` if the agents' positions or goals differ, or if the episode is over."""
         expected = ", ".join(f"{name}={value!r}" for name, value in self._keywords.items() if name != "action_model")
         for what, here, there in (("position", env.positions, positions), ("goal", env.goals, goals)):
             differ = (here != there).any(axis=1)
             if differ.any():
                 agent = int(differ.argmax())
                 raise RuntimeError(
-                    f"step {env.step_count}: the {what} of agent {agent} is {there[agent].tolist()} in POGEMA, and "
-                    f"{here[agent].tolist()} by these rules: expected POGEMA to have {expected}, to take the actions "
-                    "that it is given, and reset_states() before each episode"
+                    f"step {env.step_count}: the {what} of agent {agent} is {there[agent].tolist()} in POGEMA, but "
+                    f"{here[agent].tolist()} by these rules: expected POGEMA to have {expected}, to execute the "
+                    "returned actions, and reset_states() before each episode"
                 )
         if not env.agents:
-            raise RuntimeError(f"step {env.step_count}: POGEMA's episode goes on after its end: expected {expected}")
+            raise RuntimeError(f"step {env.step_count}: POGEMA's episode continues after its end: expected {expected}")
 
 
 def _parse(observations: Sequence[Any]) -> tuple[Bools, Ints, Ints]:
-    """Return the map (H, W), True where a cell is free, positions (N, 2) and goals (N, 2), without POGEMA's padding."""
+    """Return the map (H, W), True for free cells, positions (N, 2) and goals (N, 2), without POGEMA's padding."""
     needed = ("obstacles", "global_obstacles", "global_xy", "global_target_xy")
     for seen in observations:
         if not isinstance(seen, Mapping) or not all(name in seen for name in needed):
@@ -125,7 +127,7 @@ class PogemaPolicy(Protocol):
 
 
 class FromPogema:
-    """A policy for POGEMA's environment, in an environment of ours with cardinal actions."""
+    """A policy for POGEMA's environment, in an environment of this package with cardinal actions."""
 
     def __init__(
         self,
@@ -135,17 +137,18 @@ class FromPogema:
         observation_type: ObservationType = "default",
         show_followers: bool = False,
     ) -> None:
-        """Bind the policy to the environment in which it acts.
+        """Create the adapter.
 
         Args:
-            policy: acts for all agents at once.
-            env: the environment, or a wrapper of it.
-            obs_radius: how many rows and columns away from an agent it sees.
-            observation_type: POGEMA's name of what is observed.
-            show_followers: with `collision_system="soft"`, POGEMA 1.4.0 shows nobody an agent that has just entered the
-                cell which one of a higher index left; True shows it, as POGEMA does since its pull request 51.
+            policy: the policy, which acts for all agents at once.
+            env: the environment in which it acts, or a wrapper of it.
+            obs_radius: number of rows and columns that an agent observes in each direction.
+            observation_type: POGEMA's name of the type of observations.
+            show_followers: with `collision_system="soft"`, observations of POGEMA 1.4.0 omit an agent that has just
+                entered the cell that an agent of a higher index left. True shows this agent, as POGEMA does since its
+                pull request 51.
 
-        Raises `ValueError` where the environment's actions are others, or a value is not allowed.
+        Raises `ValueError` if the environment has another action model, or if a value is invalid.
         """
         self._policy = policy
         self._env = cast("MapfEnv", env.unwrapped)
@@ -156,7 +159,7 @@ class FromPogema:
         if config.action_model != "cardinal":
             raise ValueError(f"action_model={config.action_model!r}: POGEMA's actions are 'cardinal'")
         if obs_radius < 1:
-            raise ValueError(f"obs_radius={obs_radius}: expected a number of cells, 1 or more")
+            raise ValueError(f"obs_radius={obs_radius}: expected a number of cells of 1 or more")
         if observation_type not in get_args(ObservationType):
             allowed = ", ".join(map(repr, get_args(ObservationType)))
             raise ValueError(f"observation_type={observation_type!r}: expected one of {allowed}")
@@ -167,16 +170,17 @@ class FromPogema:
         self._policy.reset_states()
 
     def act(self, observations: dict[str, Any]) -> dict[str, int]:
-        """Return an action for each agent that observes; what they observe here is not looked at."""
+        """Return an action for each agent in `observations`, the values of which are ignored."""
         actions = dict(zip(self._env.possible_agents, map(int, self._policy.act(self.observe())), strict=True))
         return {agent: actions[agent] for agent in observations}
 
     def observe(self) -> list[Any]:
-        """Return what POGEMA 1.4.0 shows each of the N agents, with `r = obs_radius`.
+        """Return the observations of POGEMA 1.4.0 for each of the N agents, with `r = obs_radius`.
 
-        `default`: (3, 2r + 1, 2r + 1) float32: obstacles, agents, and the goal, moved to the edge if it is outside.
-        `POMAPF`: a dictionary of the first two, and position and goal, [row, col] from the agent's start. `MAPF`: also
-        the map (H + 2r, W + 2r) float64, position and goal, all padded by `r`: around the map is a ring of obstacles.
+        `default`: (3, 2r + 1, 2r + 1) float32: obstacles, agents, and the goal, projected to the border if it is
+        outside. `POMAPF`: a dictionary with the first two, and with the position and goal, [row, col] relative to the
+        agent's start. `MAPF`: in addition the map (H + 2r, W + 2r) float64, the position and the goal, all padded by
+        `r`; the map is surrounded by a ring of obstacles.
         """
         radius, positions, goals = self._radius, self._env.positions, self._env.goals
         if self._env.step_count == 0:
@@ -196,7 +200,7 @@ class FromPogema:
             if self._type == "MAPF":
                 own |= {"global_xy": position + radius, "global_target_xy": goal + radius}
             planes = {"obstacles": views[0, i], "agents": views[1, i]}
-            seen.append(planes | {name: tuple(place.tolist()) for name, place in own.items()})
+            seen.append(planes | {name: tuple(cell.tolist()) for name, cell in own.items()})
             if self._type == "MAPF":
                 seen[-1]["global_obstacles"] = obstacles
         return seen
@@ -207,17 +211,17 @@ class FromPogema:
         return plane
 
     def _shown(self) -> Bools:
-        """Return (N,) bool: which agents others see."""
-        agents = self._env.simulator.state.agents[0]
+        """Return (N,) bool: which agents are visible to others."""
+        agents = self._env.simulator.agents[0]
         if self._show_followers:
             return agents["active"]
-        # POGEMA moves one after the other: it frees the cell an agent leaves after a lower index has entered it.
+        # POGEMA moves agents sequentially: a cell is cleared after an agent with a lower index has entered it.
         entered = (agents["cell"][:, None] == agents["was_cell"]) & agents["was_active"]
         return agents["active"] & ~np.triu(entered, 1).any(axis=1)
 
 
 def pogema_policy(policy: PogemaPolicy, **options: Any) -> PolicyFactory:
-    """Return what makes the environment for a policy of POGEMA's, for `evaluate`; options as in `FromPogema`."""
+    """Return a factory for a policy of POGEMA, for `evaluate`. The options are those of `FromPogema`."""
     return partial(_make, policy, options)
 
 

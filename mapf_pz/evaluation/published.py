@@ -1,4 +1,4 @@
-"""Published results of POGEMA's benchmark, and whether they are possible on the instances at hand.
+"""Published results of POGEMA's benchmark, and checks that they are possible on given instances.
 
 Source: github.com/Cognitive-AI-Systems/pogema-benchmark, one row per episode in `SET.results*.csv`.
 """
@@ -22,7 +22,7 @@ from mapf_pz.io.text import read_text
 COLUMNS = ("kind", "algorithm", "num_agents", "map_name", "seed")
 METRICS = ("CSR", "ISR", "SoC", "makespan", "avg_throughput")
 TOLERATED = 0.2
-"""The share of an algorithm's episodes that may be impossible before its results are refused."""
+"""Maximum fraction of an algorithm's episodes that may be impossible before its results are rejected."""
 
 InstanceKey = tuple[str, str]
 """Map name and seed, which identify an instance of the benchmark."""
@@ -37,14 +37,14 @@ class PublishedEpisode:
     algorithm: str
     """The algorithm's name."""
     num_agents: int
-    """N."""
+    """Number of agents."""
     instance: InstanceKey
-    """Which instance; the seed is empty where the file has none."""
+    """The instance; the seed is empty if the file has none."""
     metrics: Mapping[str, float]
-    """By name, those of `METRICS` that the row has."""
+    """Metrics by name, out of `METRICS`."""
 
     def __str__(self) -> str:
-        """Return what identifies the episode."""
+        """Return a description that identifies the episode."""
         map_name, seed = self.instance
         return f"{self.algorithm}, {self.num_agents} agents on {map_name}, seed {seed}"
 
@@ -53,8 +53,8 @@ def load_published(file: str | Path) -> list[PublishedEpisode]:
     """Read a file of published results.
 
     Raises:
-        FileNotFoundError: There is no such file.
-        FormatError: A column is missing, or a value is no number.
+        FileNotFoundError: the file does not exist.
+        FormatError: a column is missing, or a value is not a number.
     """
     rows = csv.DictReader(read_text(file).splitlines())
     missing = [name for name in (*COLUMNS, *METRICS) if name not in (rows.fieldnames or ())]
@@ -75,16 +75,16 @@ def _episode(row: Mapping[str, str]) -> PublishedEpisode:
 def impossible_episodes(
     episodes: Iterable[PublishedEpisode], instances: Mapping[InstanceKey, Instance], max_steps: int
 ) -> list[PublishedEpisode]:
-    """Return the episodes whose results no algorithm can reach; those without an instance of enough agents are skipped.
+    """Return the episodes with results that no algorithm can reach. Episodes without a matching instance are skipped.
 
-    A one-shot sum of costs must not be below the sum of the shortest path lengths, in which an agent counts at most
-    `max_steps - 1`: some algorithms count that for an unsolved agent. A lifelong throughput must not be above that of
-    agents that never wait.
+    A one-shot sum of costs must not be less than the sum of the shortest path lengths, each limited to `max_steps - 1`,
+    the value that some algorithms count for an unsolved agent. A lifelong throughput must not exceed that of agents
+    that never wait.
 
     Args:
-        episodes: published results; their agents are the first of an instance.
-        instances: by map name and seed.
-        max_steps: the episodes' limit.
+        episodes: published results, for the first agents of an instance.
+        instances: the instances by map name and seed.
+        max_steps: time limit of the episodes.
     """
     bounds: dict[tuple[InstanceKey, bool], Floats] = {}
     found: list[PublishedEpisode] = []
@@ -104,10 +104,9 @@ def impossible_episodes(
 def check_possible(
     episodes: Sequence[PublishedEpisode], instances: Mapping[InstanceKey, Instance], max_steps: int
 ) -> list[PublishedEpisode]:
-    """Return the impossible episodes; raise `ValueError` where they are more than `TOLERATED` of an algorithm's.
+    """Return the impossible episodes; raise `ValueError` if their fraction exceeds `TOLERATED`.
 
-    The share is that among the episodes of one algorithm with one number of agents. Arguments are those of
-    `impossible_episodes`.
+    The fraction is computed for each algorithm and number of agents. The arguments are those of `impossible_episodes`.
     """
     found = impossible_episodes(episodes, instances, max_steps)
     counts: dict[tuple[bool, str, int], list[PublishedEpisode]] = defaultdict(list)
@@ -116,15 +115,15 @@ def check_possible(
     for group, members in counts.items():
         total = sum((episode.lifelong, episode.algorithm, episode.num_agents) == group for episode in episodes)
         if len(members) > TOLERATED * total:
-            named = "; ".join(map(str, members[:3]))
+            examples = "; ".join(map(str, members[:3]))
             raise ValueError(
                 f"published results of {group[1]} with {group[2]} agents are impossible on these instances in "
-                f"{len(members)} of {total} episodes ({named}): the instances are not those of the results"
+                f"{len(members)} of {total} episodes ({examples}): the instances are not those of the results"
             )
     return found
 
 
 def _bounds(instance: Instance, lifelong: bool, max_steps: int) -> Floats:
-    """Return the bound (N,) on what the first 1, 2, ..., N agents reach together: goals, or the sum of costs."""
+    """Return the bound (N,) on the goals reached, or the sum of costs, of the first 1, 2, ..., N agents."""
     each = most_goals(instance, max_steps) if lifelong else np.minimum(least_costs(instance), max_steps - 1)
     return each.cumsum().astype(np.float64)

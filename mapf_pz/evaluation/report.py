@@ -11,22 +11,22 @@ from rich.table import Table
 from mapf_pz.evaluation.results import METRICS, Episode
 
 SHOWN = tuple(name for name in METRICS if name not in ("SoC", "ep_length", "runtime"))
-"""The metrics of the tables; the others are in the file of episodes."""
+"""The metrics in tables; the others are only in the file of episodes."""
 
 Group = tuple[str, int, str]
-"""What a task is task_name, its number of agents, and a policy."""
+"""A task's name, its number of agents, and a policy."""
 
 
-def interval(values: Sequence[float], seed: int = 0, draws: int = 2000) -> tuple[float, float]:
+def interval(values: Sequence[float], seed: int = 0, resamples: int = 2000) -> tuple[float, float]:
     """Return the 95 % bootstrap interval of the mean of `values` (Efron, 1979)."""
     array = np.asarray(values)
-    means = np.random.default_rng(seed).choice(array, (draws, len(array))).mean(axis=1)
+    means = np.random.default_rng(seed).choice(array, (resamples, len(array))).mean(axis=1)
     low, high = np.quantile(means, (0.025, 0.975))
     return float(low), float(high)
 
 
 def grouped(episodes: Iterable[Episode]) -> dict[Group, dict[str, list[float]]]:
-    """Return the values of each metric for each task and policy, in the order in which they come."""
+    """Return the values of each metric for each task and policy, in the order of the episodes."""
     groups: dict[Group, dict[str, list[float]]] = {}
     for episode in episodes:
         values = groups.setdefault((episode.task, episode.num_agents, episode.policy), {})
@@ -47,10 +47,10 @@ def rows(episodes: Iterable[Episode]) -> list[list[str]]:
 
 
 def exhausted(episodes: Iterable[Episode]) -> list[str]:
-    """Return a line for each task and policy in whose episodes agents reached the end of their goal sequences."""
+    """Return a warning for each task and policy with agents that reached the end of their goal sequences."""
     return [
-        f"{policy}, {num_agents} agents on {task_name}: agents reached the end of their goal sequence and started it over "
-        f"in {np.count_nonzero(values['exhausted_agents'])} episodes; their throughput is not comparable"
+        f"{policy}, {num_agents} agents on {task_name}: agents reached the end of their goal sequence and started it "
+        f"over in {np.count_nonzero(values['exhausted_agents'])} episodes; their throughput is not comparable"
         for (task_name, num_agents, policy), values in grouped(episodes).items()
         if any(values.get("exhausted_agents", ()))
     ]
@@ -73,7 +73,7 @@ def markdown_table(episodes: Iterable[Episode]) -> str:
 
 
 def _is_shown(name: str, values: dict[str, list[float]]) -> bool:
-    """Tell whether a metric is shown: `exhausted_agents` only where it is not 0."""
+    """Return whether a metric is shown: `exhausted_agents` only if it is not 0."""
     return any(values[name]) if name == "exhausted_agents" and name in values else name in values
 
 

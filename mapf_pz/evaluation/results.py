@@ -1,4 +1,4 @@
-"""The episodes of an evaluation, kept in a CSV file while it goes on, so that it can be resumed."""
+"""The results of an evaluation, which are written to a CSV file as it runs, so that it can be resumed."""
 
 from __future__ import annotations
 
@@ -36,60 +36,60 @@ METRICS = (
     "step_ms",
     "agent_us",
 )
-"""All metrics, in the order of the file's columns; an episode has those that its mode knows."""
+"""All metrics, in the order of the file's columns. Which of them an episode has depends on its mode."""
 COLUMNS = ("policy", "task", "num_agents", "episode", *METRICS)
 EPISODES_FILE, TASKS_FILE = "episodes.csv", "tasks.json"
 MAX_BYTES, MAX_ROW_BYTES = 2**30, 2**20
-"""Of the file of episodes, some ten million of them, and of a row in it."""
+"""Maximum size of the file of episodes (about ten million episodes), and of a row in it."""
 
 
 @dataclass(frozen=True)
 class Episode:
-    """What came of an episode."""
+    """The result of an episode."""
 
     policy: str
     """The policy's name."""
     task: str
-    """The task's `family`."""
+    """The task's name."""
     num_agents: int
-    """N."""
+    """Number of agents."""
     number: int
-    """Of the episode in its task."""
+    """Number of the episode in its task, from 0."""
     metrics: dict[str, float] = field(default_factory=dict)
-    """By name, out of `METRICS`."""
+    """Metrics by name, out of `METRICS`."""
 
     @property
     def key(self) -> tuple[str, str, int, int]:
-        """What tells it from all others of an evaluation."""
+        """Key that is unique within an evaluation."""
         return self.policy, self.task, self.num_agents, self.number
 
 
 class Results:
-    """Episodes in memory and, with a folder, in its file `episodes.csv`, to which each is added when it is done."""
+    """Episodes in memory and, with a folder, in its file `episodes.csv`, to which finished episodes are appended."""
 
     def __init__(self, tasks: Iterable[EvaluationTask], folder: Path | None = None) -> None:
-        """Begin, or go on where the folder has episodes of the same tasks.
+        """Start, or resume if the folder contains episodes of the same tasks.
 
-        Raises `ValueError` where it has those of others, `FormatError` where its file is not one of ours.
+        Raises `ValueError` if it contains episodes of other tasks, and `FormatError` if its file is malformed.
         """
         self.episodes: list[Episode] = []
         self._file = None if folder is None else folder / EPISODES_FILE
         if folder is None or self._file is None:
             return
         folder.mkdir(parents=True, exist_ok=True)
-        told = json.dumps([_description(task) for task in tasks], indent=1)
-        before = folder / TASKS_FILE
-        if not before.exists():
-            write_whole(before, told.encode())
-        elif before.read_bytes() != told.encode():
-            raise ValueError(f"{folder}: holds an evaluation of other tasks; expected another folder")
+        description = json.dumps([_description(task) for task in tasks], indent=1)
+        file = folder / TASKS_FILE
+        if not file.exists():
+            write_whole(file, description.encode())
+        elif file.read_bytes() != description.encode():
+            raise ValueError(f"{folder}: contains an evaluation of other tasks; expected another folder")
         if self._file.exists():
             self.episodes = _read(self._file)
         if not self._file.exists() or not self._file.stat().st_size:
             _write_rows(self._file, "w", [COLUMNS])
 
     def add(self, episode: Episode) -> None:
-        """Add an episode, and write it."""
+        """Add an episode, and append it to the file."""
         self.episodes.append(episode)
         if self._file is not None:
             values = [episode.metrics.get(name, "") for name in METRICS]
@@ -101,20 +101,20 @@ class Results:
 
 
 def discard(folder: Path) -> None:
-    """Remove what a folder has of an evaluation."""
+    """Delete the files of an evaluation from a folder."""
     for name in (EPISODES_FILE, TASKS_FILE):
         (folder / name).unlink(missing_ok=True)
 
 
 def _description(task: EvaluationTask) -> dict[str, Any]:
-    """Return what must be the same for episodes to be comparable; the number of episodes need not be."""
-    elsewhere = ("map", "source", "distance_bytes")  # in the digest; the last one has no influence on episodes
-    keywords = {name: repr(value) for name, value in sorted(task.keywords.items()) if name not in elsewhere}
+    """Return the settings that must be equal for episodes to be comparable; the number of episodes may differ."""
+    excluded = ("map", "source", "distance_bytes")  # in the digest; the last one does not affect episodes
+    keywords = {name: repr(value) for name, value in sorted(task.keywords.items()) if name not in excluded}
     return {"task": task.label, "seed": task.seed, "keywords": keywords, "instances": _digest(task)}
 
 
 def _digest(task: EvaluationTask) -> str:
-    """Return a checksum of the instances or, where episodes are drawn, of the map or the first that is drawn."""
+    """Return a hash of the instances or, if instances are generated, of the map or of the first instance."""
     source = task.keywords.get("source")
     instances = task.instances or (() if source is None else (source.sample(np.random.default_rng(task.seed)),))
     arrays = [load_map(task.keywords.get("map", DEFAULT_MAP)).free] if not instances else []
@@ -133,10 +133,10 @@ def _write_rows(file: Path, mode: str, rows: Iterable[Iterable[object]]) -> None
 
 
 def _read(file: Path) -> list[Episode]:
-    """Read the episodes; a last line that was cut off when the evaluation was killed is taken off the file."""
+    """Read the episodes. An incomplete last line, from a killed evaluation, is removed from the file."""
     header = ",".join(COLUMNS) + "\n"
     if file.is_file():
-        _cut_torn_line(file, header.encode())
+        _remove_partial_line(file, header.encode())
     text = read_text(file, MAX_BYTES)
     if text and not text.startswith(header):
         raise FormatError(file, f"expected the columns {', '.join(COLUMNS)}", 1)
@@ -148,14 +148,14 @@ def _read(file: Path) -> list[Episode]:
         raise FormatError(file, f"expected CSV: {error}", rows.line_num) from None
 
 
-def _cut_torn_line(file: Path, header: bytes) -> None:
-    """Take off a last line without an end, which may be cut within a character, where the file is one of ours."""
+def _remove_partial_line(file: Path, header: bytes) -> None:
+    """Remove an incomplete last line, which may end within a character, if the file has the expected header."""
     with file.open("r+b") as out:
-        begins = out.read(len(header))
+        start = out.read(len(header))
         size = out.seek(0, os.SEEK_END)
         first = out.seek(max(0, size - MAX_ROW_BYTES))
         end = out.read()
-        if header.startswith(begins) and not end.endswith(b"\n") and (b"\n" in end or not first):
+        if header.startswith(start) and not end.endswith(b"\n") and (b"\n" in end or not first):
             out.truncate(first + end.rfind(b"\n") + 1)
 
 
@@ -164,8 +164,8 @@ def _episode(row: list[str], line: int, file: Path) -> Episode:
         raise FormatError(file, f"expected an episode of {len(COLUMNS)} values, got {len(row)}", line)
     try:
         policy, task_name, num_agents, number, *values = row
-        told = zip(METRICS, values, strict=True)
-        metrics = {name: float(value) for name, value in told if value}
+        named = zip(METRICS, values, strict=True)
+        metrics = {name: float(value) for name, value in named if value}
         return Episode(policy, task_name, int(num_agents), int(number), metrics)
     except ValueError as error:
         raise FormatError(file, f"expected an episode: {error}", line) from None

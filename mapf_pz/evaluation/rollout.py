@@ -1,4 +1,4 @@
-"""Runs of a policy over episodes, and the numbers that come of them."""
+"""Run policies in episodes, and measure their metrics."""
 
 from __future__ import annotations
 
@@ -15,31 +15,31 @@ from mapf_pz.simulator import Simulator
 from mapf_pz.wrappers import FrameStack, NeighborObservations
 
 AnyEnv: TypeAlias = "MapfEnv | BaseParallelWrapper[str, AgentObservation, Any]"
-"""A `MapfEnv`, or a wrapper of one: it has the same attributes."""
+"""A `MapfEnv`, or a wrapper of one, which has the same attributes."""
 
 WRAPPERS: dict[str, type[FrameStack | NeighborObservations]] = {
     "FrameStack": FrameStack,
     "NeighborObservations": NeighborObservations,
 }
-"""What policies may need around the environment, by name."""
+"""Wrappers that policies may require, by name."""
 
 Metrics = dict[str, float]
 
 
 class Policy(Protocol):
-    """What can be evaluated: the protocol of POGEMA's toolbox."""
+    """Protocol of policies, which is that of POGEMA's toolbox."""
 
     def act(self, observations: dict[str, Any]) -> dict[str, int]:
-        """Return an action for each agent that observes."""
+        """Return an action for each agent in `observations`."""
         ...
 
     def reset_states(self) -> None:
-        """Forget the episode; called before each."""
+        """Reset all per-episode state. Called before each episode."""
         ...
 
 
 PolicyFactory: TypeAlias = "Callable[[dict[str, Any]], tuple[AnyEnv, Policy]]"
-"""Given keywords of `parallel_env`, makes the environment as the policy must see it, and the policy."""
+"""Makes the environment that the policy requires, and the policy, from keyword arguments of `parallel_env`."""
 
 
 def check_policy(policy: object) -> None:
@@ -48,14 +48,16 @@ def check_policy(policy: object) -> None:
         raise TypeError(f"policy {policy.__name__}: expected an object, such as {policy.__name__}(), got the class")
     for method in ("act", "reset_states"):
         if not callable(getattr(policy, method, None)):
-            raise TypeError(f"policy {type(policy).__name__}: expected the methods act and reset_states, no {method}")
+            raise TypeError(
+                f"policy {type(policy).__name__}: expected the methods act and reset_states, not found: {method}"
+            )
 
 
 def make_env(policy: Policy, **keywords: Any) -> AnyEnv:
-    """Return the environment of `parallel_env(**keywords)`, as the policy must see it.
+    """Return the environment `parallel_env(**keywords)`, with the settings and wrappers that the policy requires.
 
-    A policy may say so by two attributes: `env_kwargs`, keywords that those given here overrule, and `env_wrappers`,
-    pairs of a name in `WRAPPERS` and its keywords, innermost first.
+    A policy can have two attributes for this: `env_kwargs`, keyword arguments that are overridden by `keywords`, and
+    `env_wrappers`, pairs of a name in `WRAPPERS` and its keyword arguments, innermost first.
     """
     env: AnyEnv = parallel_env(**(getattr(policy, "env_kwargs", {}) | keywords))
     for name, arguments in getattr(policy, "env_wrappers", ()):
@@ -64,23 +66,23 @@ def make_env(policy: Policy, **keywords: Any) -> AnyEnv:
 
 
 def simulator_of(env: AnyEnv) -> Simulator:
-    """Return the simulator of an environment, or of the one that it wraps."""
+    """Return the simulator of an environment or of a wrapped environment."""
     return cast("MapfEnv", env.unwrapped).simulator
 
 
 def play(env: AnyEnv, policy: Policy, seed: int, instance: Instance | None = None) -> Iterator[float]:
-    """Play an episode; yield at its beginning (0.0), and after each step the seconds that the policy took to decide.
+    """Run an episode; yield 0.0 after the reset, and the runtime of the policy in seconds after each step.
 
-    Raises `TypeError` where `policy` is none.
+    Raises `TypeError` if `policy` is not a policy.
     """
     check_policy(policy)
     observations, _ = env.reset(seed=seed, options=None if instance is None else {"instance": instance})
     policy.reset_states()
     yield 0.0
     while env.agents:
-        began = time.perf_counter()
+        start = time.perf_counter()
         actions = policy.act(observations)
-        seconds = time.perf_counter() - began
+        seconds = time.perf_counter() - start
         observations = env.step(actions)[0]
         yield seconds
 
@@ -88,31 +90,31 @@ def play(env: AnyEnv, policy: Policy, seed: int, instance: Instance | None = Non
 def run_episodes(factory: PolicyFactory, task: EvaluationTask, episodes: Iterable[int]) -> Iterator[Metrics]:
     """Yield the metrics of some of a task's episodes.
 
-    Besides those of `mapf_pz.metrics`: `runtime`, the seconds that the policy took to decide in an episode; `step_ms`
-    and `agent_us`, the milliseconds a step and the microseconds an agent step of that; `collisions`, the share of agent
-    steps in which a move was asked for that an obstacle or another agent prevented; `best_ratio`, the throughput over
-    the best known, where there is a throughput.
+    In addition to those of `mapf_pz.metrics`, they are: `runtime`, the runtime of the policy in an episode in seconds;
+    `step_ms` and `agent_us`, this runtime per step in milliseconds and per agent step in microseconds; `collisions`,
+    the fraction of agent steps with a move that an obstacle or another agent blocked; `best_ratio`, the throughput
+    divided by the best known throughput.
     """
-    scene: tuple[AnyEnv, Policy] | None = None
+    setup: tuple[AnyEnv, Policy] | None = None
     size = ""
     for episode in episodes:
         keywords = task.env_keywords(episode)
         needed = keywords["source"].size if task.instances else ""
-        if scene is None or size != needed:
-            scene, size = factory(keywords), needed
-            _compile(*scene, task.seed + episode)
-        yield _metrics(*scene, task, episode)
+        if setup is None or size != needed:
+            setup, size = factory(keywords), needed
+            _compile(*setup, task.seed + episode)
+        yield _metrics(*setup, task, episode)
 
 
 def _compile(env: AnyEnv, policy: Policy, seed: int) -> None:
-    """Let the policy decide once, so that what is compiled or loaded for it is not measured."""
+    """Call the policy once, so that compilation and loading are not measured."""
     observations, _ = env.reset(seed=seed)
     policy.reset_states()
     env.step(policy.act(observations))
 
 
 def _metrics(env: AnyEnv, policy: Policy, task: EvaluationTask, episode: int) -> Metrics:
-    """Play an episode and return its metrics."""
+    """Run an episode and return its metrics."""
     agents = simulator_of(env).state.agents[0]
     runtime, steps, blocked, acting = 0.0, 0, 0, 0
     for seconds in play(env, policy, task.seed + episode, task.instance(episode)):

@@ -1,4 +1,4 @@
-"""Suites: lists of tasks in small JSON files, those that come with the package and those that users write."""
+"""Suites: lists of evaluation tasks in JSON files, either bundled with the package or written by users."""
 
 from __future__ import annotations
 
@@ -23,45 +23,45 @@ from mapf_pz.io.json import MAX_NAME, MAX_NUMBER, JsonObject, is_whole, list_mem
 from mapf_pz.io.text import read_text
 
 MAX_CELLS = 2**24
-"""Larger random maps are refused."""
+"""Maximum number of cells of a random map."""
 
 
 @dataclass(frozen=True)
 class TaskEntry:
-    """One of the entries of a suite's file: a task, or one for each of several numbers of agents.
+    """An entry of a suite file: a task, or one task for each of several numbers of agents.
 
-    Exactly one of `map`, `random`, `pogema` and `lorr` says where episodes come from. Files are sought beside the
-    suite's own file first, then in the folders that the variable `MAPF_PZ_BENCHMARK` names, then among downloads.
+    Exactly one of `map`, `random`, `pogema` and `lorr` determines the instances. Files are searched first in the folder
+    of the suite file, then in the folders of the environment variable `MAPF_PZ_BENCHMARK`, then among downloads.
     """
 
     map: str | None = None
-    """A map's name, or the path of a `.map` file; episodes are drawn, unless there are `scenarios`."""
+    """Name of a map, or path of a `.map` file. Starts and goals are random unless there are `scenarios`."""
     scenarios: list[str] | None = None
-    """Names or `.scen` files, one for each episode; `random-1` is that of the map."""
+    """Names or `.scen` files of scenarios, one for each episode; names such as `random-1` are relative to the map."""
     random: list[float] | None = None
-    """Rows, columns, and share of obstacles of random maps."""
+    """Rows, columns, and obstacle density of random maps."""
     pogema: str | None = None
-    """A file of POGEMA's benchmark, `01-random.mapf.json`."""
+    """File of POGEMA's benchmark, such as `01-random.mapf.json`."""
     lorr: str | None = None
-    """The JSON file of a League of Robot Runners problem; its `teamSize` is the number of agents."""
+    """JSON file of a League of Robot Runners problem; its `teamSize` is the number of agents."""
     num_agents: int | list[int] = 0
-    """N, or several."""
+    """Number of agents, or a list of numbers."""
     max_steps: int = EnvConfig.max_steps
-    """Time limit."""
+    """Time limit of an episode in steps."""
     episodes: int | None = None
-    """How many; None: one for each instance, or 64 where they are drawn."""
+    """Number of episodes. None: one for each instance, or 64 if instances are random."""
     seed: int = EvaluationTask.seed
-    """Of the first episode; the others follow by ones."""
+    """Seed of the first episode; it increases by one per episode."""
     name: str | None = None
-    """What the task is task_name, all but the number of agents; None: the map's name or the file's."""
+    """Name of the task, without the number of agents. None: the name of the map or file."""
     best: float | None = None
-    """The best throughput known."""
+    """Best known throughput."""
     env: JsonObject = field(default_factory=dict)
-    """Other keywords of `parallel_env`."""
+    """Other keyword arguments of `parallel_env`."""
 
 
 def suite_names() -> list[str]:
-    """Return the names of the suites that come with the package, sorted."""
+    """Return the names of the bundled suites, sorted."""
     return sorted(file.stem for file in _bundled().glob("*.json"))
 
 
@@ -69,9 +69,9 @@ def load_suite(suite: str | Path) -> tuple[EvaluationTask, ...]:
     """Return the tasks of a suite: one of `suite_names()`, or the path of a `.json` file.
 
     Raises:
-        FileNotFoundError: There is no such file, or one that the suite names is absent.
-        FormatError: The file is malformed, or names one that is.
-        ValueError: There is no suite of that name.
+        FileNotFoundError: the file, or a file that it refers to, does not exist.
+        FormatError: the file, or a file that it refers to, is malformed.
+        ValueError: there is no suite of that name.
     """
     if str(suite).endswith(".json"):
         file = Path(suite)
@@ -86,7 +86,7 @@ def load_suite(suite: str | Path) -> tuple[EvaluationTask, ...]:
     names = [task.label for task in tasks]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise FormatError(file, f"expected tasks of different names ('name'), got {twice!r} twice")
+        raise FormatError(file, f"expected unique task names ('name'), got {twice!r} twice")
     return tuple(tasks)
 
 
@@ -125,9 +125,9 @@ def _entry(data: Any, where: str) -> TaskEntry:
     if len(kinds) != 1:
         raise FormatError(where, f"expected exactly one of {', '.join(_KINDS)}, got {' and '.join(kinds) or 'none'}")
     if entry.scenarios is not None and entry.map is None:
-        raise FormatError(where, "expected 'scenarios' beside 'map' only")
+        raise FormatError(where, "expected 'scenarios' only together with 'map'")
     if (entry.num_agents == 0) != (entry.lorr is not None):
-        raise FormatError(where, "expected 'num_agents', except beside 'lorr': the problem tells how many there are")
+        raise FormatError(where, "expected 'num_agents', except with 'lorr', where the problem determines it")
     return entry
 
 
@@ -153,17 +153,17 @@ def _is_random(value: Any) -> bool:
     return value[0] * value[1] <= MAX_CELLS and 0 <= value[2] < 1
 
 
-_NAME, _COUNT = (_is_name, "a line of text"), (_is_count, "a whole number, 1 or more")
+_NAME, _COUNT = (_is_name, "a single line of text"), (_is_count, "a whole number, 1 or more")
 
 _EXPECTED: dict[str, tuple[Callable[[Any], bool], str]] = {
     "map": _NAME,
     "scenarios": (partial(_is_list_of, _is_name), "a list of names or files"),
-    "random": (_is_random, f"[rows, columns, share of obstacles], with at most {MAX_CELLS} cells"),
+    "random": (_is_random, f"[rows, columns, obstacle density], with at most {MAX_CELLS} cells"),
     "pogema": _NAME,
     "lorr": _NAME,
     "num_agents": (
         lambda value: _is_count(value) or _is_list_of(_is_count, value),
-        "a whole number, 1 or more, or several",
+        "a whole number, 1 or more, or a list of such numbers",
     ),
     "max_steps": _COUNT,
     "episodes": _COUNT,
@@ -172,28 +172,28 @@ _EXPECTED: dict[str, tuple[Callable[[Any], bool], str]] = {
     "best": (lambda value: _is_number(value) and value > 0, "a number above 0"),
     "env": (lambda value: isinstance(value, dict), "an object"),
 }
-"""What the members of an entry must be, and the words for it."""
+"""Checks of the members of an entry, and descriptions of what is expected."""
 
 _ENV_KEYWORDS = [
     field.name
     for field in dataclasses.fields(EnvConfig)
     if field.name not in ("map", "scenario", "source", "num_agents", "max_steps", "render_mode")
 ]
-"""The keywords of `parallel_env` that are not said by an entry itself."""
+"""The keyword arguments of `parallel_env` that have no member of an entry."""
 
 
 def _of_map(entry: TaskEntry, num_agents: int, folder: Path) -> EvaluationTask:
-    """Return a task on one map, with drawn episodes or scenarios."""
+    """Return a task on one map, with random instances or scenarios."""
     name = cast("str", entry.map)
-    grid = load_map(_found(name, "map", folder) if name.endswith(".map") else name)
+    grid = load_map(_find(name, "map", folder) if name.endswith(".map") else name)
     if entry.scenarios is None:
         return _task(entry, grid.name, num_agents, {"map": grid, "num_agents": num_agents})
     instances: list[Instance] = []
-    for told in entry.scenarios:
-        source = _found(told, "scenarios", folder) if told.endswith(".scen") else f"{grid.name}-{told}"
+    for name in entry.scenarios:
+        source = _find(name, "scenarios", folder) if name.endswith(".scen") else f"{grid.name}-{name}"
         scenario = load_scenario(source, grid)
         if len(scenario) < num_agents:
-            raise ValueError(f"scenario {told!r}: expected {num_agents} agents, got {len(scenario)}")
+            raise ValueError(f"scenario {name!r}: expected {num_agents} agents, got {len(scenario)}")
         instances.append(Instance(grid, scenario.first(num_agents)))
     return _task(entry, grid.name, num_agents, {}, instances)
 
@@ -206,30 +206,34 @@ def _of_random(entry: TaskEntry, num_agents: int, _: Path) -> EvaluationTask:
 
 
 def _of_pogema(entry: TaskEntry, num_agents: int, folder: Path) -> EvaluationTask:
-    """Return a task of POGEMA's instances."""
-    file = _found(cast("str", entry.pogema), "pogema", folder)
+    """Return a task on POGEMA's instances."""
+    file = _find(cast("str", entry.pogema), "pogema", folder)
     return _task(entry, file.name.removesuffix(".json"), num_agents, {}, load_pogema(file, num_agents))
 
 
 def _of_lorr(entry: TaskEntry, _: int, folder: Path) -> EvaluationTask:
-    """Return a task of a League of Robot Runners problem, whose robots have goals one after the other."""
-    file = _found(cast("str", entry.lorr), "lorr", folder)
-    instance = load_problem(file).instance(entry.max_steps)  # no robot can reach more than one goal a step
+    """Return a lifelong task of a League of Robot Runners problem."""
+    file = _find(cast("str", entry.lorr), "lorr", folder)
+    instance = load_problem(file).instance(entry.max_steps)  # no robot can reach more than one goal per step
     if entry.env.get("action_model") == "cardinal":
         instance = Instance(instance.grid, instance.scenario)
     return _task(entry, file.stem, instance.num_agents, {"on_target": "restart"}, [instance])
 
 
 _KINDS = {"map": _of_map, "random": _of_random, "pogema": _of_pogema, "lorr": _of_lorr}
-"""What makes a task of each kind of entry."""
+"""The functions that make a task, by the kind of entry."""
 
 
 def _task(
-    entry: TaskEntry, task_name: str, num_agents: int, keywords: dict[str, Any], instances: list[Instance] | None = None
+    entry: TaskEntry,
+    default_name: str,
+    num_agents: int,
+    keywords: dict[str, Any],
+    instances: list[Instance] | None = None,
 ) -> EvaluationTask:
-    EnvConfig(num_agents=num_agents, **entry.env)  # refuses values that are not allowed
+    EnvConfig(num_agents=num_agents, **entry.env)  # rejects invalid values
     return EvaluationTask(
-        name=entry.name or task_name,
+        name=entry.name or default_name,
         num_agents=num_agents,
         keywords={"max_steps": entry.max_steps} | keywords | entry.env,
         episodes=entry.episodes or (len(instances) if instances else 64),
@@ -239,10 +243,10 @@ def _task(
     )
 
 
-def _found(told: str, name: str, folder: Path) -> Path:
-    """Return the file that a member names: in the suite's own folder or below, or in those of benchmark data."""
-    beside = named_file(told, name, folder, folder)
-    return beside if os.path.isfile(beside) else benchmark_file(told)
+def _find(file: str, member: str, folder: Path) -> Path:
+    """Return the path of a file that a member names, in the suite's folder or in the folders of benchmark data."""
+    local = named_file(file, member, folder, folder)
+    return local if os.path.isfile(local) else benchmark_file(file)
 
 
 def _bundled() -> Path:

@@ -1,4 +1,4 @@
-"""A task: some episodes of one kind, by which policies are judged."""
+"""An evaluation task: episodes with the same settings, on which policies are evaluated."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from mapf_pz.instances import InstanceList
 
 @dataclass(frozen=True)
 class EvaluationTask:
-    """Some episodes of one kind, numbered from 0.
+    """Episodes with the same settings, numbered from 0.
 
-    Raises `ValueError` where `keywords` or `instances` have another number of agents than `num_agents`.
+    Raises `ValueError` if `keywords` or `instances` have another number of agents than `num_agents`.
     """
 
     name: str
-    """What is evaluated, without the number of agents, such as the map's name: the first column of the results."""
+    """Name of the task without the number of agents, such as the map's name: the first column of the results."""
     num_agents: int
-    """N, the number of agents in every episode; passed to the environment."""
+    """Number of agents in every episode, which is passed to the environment."""
     keywords: dict[str, Any] = field(default_factory=dict)
-    """Other keywords of `parallel_env`, such as `map` or `source` and `max_steps`. Beside `instances`, neither `map`,
-    `scenario` nor `source` is allowed."""
+    """Other keyword arguments of `parallel_env`, such as `map` or `source` and `max_steps`. With `instances`, neither
+    `map`, `scenario` nor `source` is allowed."""
     episodes: int = 0
-    """The number of episodes each policy plays. Default, 0: one for each of the `instances`, or 256 without any."""
+    """Number of episodes. With the default of 0, it is the number of `instances`, or 256 if there are none."""
     seed: int = 1_000_000
-    """Seed of episode 0; episode `e` has the seed `seed + e`. Training uses no seeds this large."""
+    """Seed of episode 0; episode `e` has the seed `seed + e`. Training uses only smaller seeds."""
     instances: tuple[Instance, ...] = ()
-    """Fixed instances: episode `e` plays instance `e` modulo their number. Empty: the environment generates them."""
+    """Fixed instances: episode `e` uses instance `e` modulo their number. If empty, the environment generates them."""
     best: float | None = None
-    """The best known throughput, in goals per step, from which `best_ratio` is computed; None: no `best_ratio`."""
+    """Best known throughput in goals per step, for the metric `best_ratio`. None: no `best_ratio`."""
 
     def __post_init__(self) -> None:
         """Check that all parts agree on the number of agents, and resolve the number of episodes."""
@@ -53,19 +53,19 @@ class EvaluationTask:
 
     @property
     def label(self) -> str:
-        """The task's label in reports: its number of agents and its name."""
+        """Label of the task in reports: its number of agents and its name."""
         return f"{self.num_agents} agents on {self.name}"
 
     def instance(self, episode: int) -> Instance | None:
-        """Return the instance of an episode, or None where the environment draws it."""
+        """Return the instance of an episode, or None if the environment generates it."""
         return self.instances[episode % len(self.instances)] if self.instances else None
 
     def env_keywords(self, episode: int) -> dict[str, Any]:
-        """Return the keywords of a `parallel_env` for this episode."""
+        """Return the keyword arguments of `parallel_env` for an episode."""
         instance = self.instance(episode)
         keywords = self.keywords | {"num_agents": self.num_agents}
         return keywords if instance is None else keywords | {"source": InstanceList([instance])}
 
     def with_(self, **changes: Any) -> EvaluationTask:
-        """Return the same task with other fields; `None` leaves a field as it is."""
+        """Return a copy of the task with changed fields; fields that are `None` are not changed."""
         return replace(self, **{name: value for name, value in changes.items() if value is not None})

@@ -1,13 +1,13 @@
 import json
 
 import pytest
-from tests.evaluate.test_run import Right
 
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation import Episode, EvaluationTask, evaluate, policy_factory
+from tests.evaluation.test_rollout import Right
 from tests.helpers.text_instances import drawn
 
-TRIALS = (
+TASKS = (
     EvaluationTask("short", 1, {"max_steps": 6}, 2, instances=(drawn("a.A"),)),
     EvaluationTask("long", 1, {"max_steps": 6}, 1, instances=(drawn("a...A"),)),
 )
@@ -18,7 +18,7 @@ def costs(episodes):
 
 
 def test_every_policy_is_in_every_episode():
-    episodes = evaluate({"one": Right(), "other": Right()}, TRIALS)
+    episodes = evaluate({"one": Right(), "other": Right()}, TASKS)
     assert all(isinstance(episode, Episode) for episode in episodes)
     assert costs(episodes) == [
         ("one", "short", 1, 0, 2),
@@ -38,13 +38,13 @@ def test_policies_by_name_at_hand_and_as_what_makes_them():
             raise AssertionError("it makes nothing")
 
     policies = {"own": Right(), "by name": "pibt", "made": policy_factory("pibt", seed=4), "network": Module()}
-    cardinal = TRIALS[1].but(keywords={"max_steps": 6, "action_model": "cardinal"})
+    cardinal = TASKS[1].with_(keywords={"max_steps": 6, "action_model": "cardinal"})
     assert [cost[-1] for cost in costs(evaluate(policies, [cardinal]))] == [4] * 4
 
 
 def test_one_name_and_several():
-    assert {episode.policy for episode in evaluate(["pibt", "random"], TRIALS)} == {"pibt", "random"}
-    assert {episode.policy for episode in evaluate("pibt", TRIALS)} == {"pibt"}
+    assert {episode.policy for episode in evaluate(["pibt", "random"], TASKS)} == {"pibt", "random"}
+    assert {episode.policy for episode in evaluate("pibt", TASKS)} == {"pibt"}
 
 
 def test_seeds_follow_by_ones():
@@ -80,27 +80,27 @@ def test_a_suite_by_its_file(tmp_path):
 
 def test_progress_is_shown():
     shown = []
-    done = evaluate({"right": Right()}, TRIALS, show=lambda episode, left: shown.append((episode, left)))
+    done = evaluate({"right": Right()}, TASKS, show=lambda episode, left: shown.append((episode, left)))
     assert shown == list(zip([None, *done], [3, 2, 1, 0], strict=True))
 
 
-def test_trials_of_the_same_name_are_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"^two tasks are called '1 agents on short': expected different names$"):
-        evaluate({"right": Right()}, [TRIALS[0], TRIALS[0].but(seed=1)], tmp_path / "out")
+def test_tasks_with_the_same_label_are_rejected(tmp_path):
+    with pytest.raises(ValueError, match=r"^two tasks are named '1 agents on short': expected unique names$"):
+        evaluate({"right": Right()}, [TASKS[0], TASKS[0].with_(seed=1)], tmp_path / "out")
     assert not (tmp_path / "out").exists()
-    assert len(evaluate({"right": Right()}, [TRIALS[0], TRIALS[0].but(num_agents=2, instances=(drawn("ab.BA"),))])) == 4
+    assert len(evaluate({"right": Right()}, [TASKS[0], TASKS[0].with_(num_agents=2, instances=(drawn("ab.BA"),))])) == 4
 
 
 @pytest.mark.parametrize(
     ("policies", "suite", "error", "message"),
     [
-        (["nobody"], TRIALS, ValueError, "policy 'nobody'"),
-        (["pibt:depth=1"], TRIALS, ValueError, "option 'depth=1'"),
+        (["nobody"], TASKS, ValueError, "policy 'nobody'"),
+        (["pibt:depth=1"], TASKS, ValueError, "option 'depth=1'"),
         (["pibt"], "nothing", ValueError, "suite 'nothing'"),
         (["pibt"], "no.json", FileNotFoundError, "no.json"),
     ],
 )
-def test_what_is_wrong_is_told_before_anything_begins(tmp_path, policies, suite, error, message):
+def test_errors_are_raised_before_the_first_episode(tmp_path, policies, suite, error, message):
     with pytest.raises(error, match=message):
         evaluate(policies, suite, tmp_path / "out")
     assert not (tmp_path / "out").exists()
@@ -112,9 +112,9 @@ def test_errors_of_a_task_in_a_process():
         evaluate(["pibt"], [task], jobs=2)
 
 
-def test_a_malformed_file_of_a_policy_is_told(tmp_path):
+def test_a_malformed_file_of_a_policy_is_an_error(tmp_path):
     pytest.importorskip("torch")
     (tmp_path / "config.json").write_text("{")
     (tmp_path / "policy.safetensors").touch()
     with pytest.raises(FormatError, match=r"config\.json"):
-        evaluate([str(tmp_path)], TRIALS)
+        evaluate([str(tmp_path)], TASKS)

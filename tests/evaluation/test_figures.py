@@ -17,7 +17,7 @@ def episodes(task_name, counts, *names, **metrics):
     ]
 
 
-def test_a_figure_for_each_trial_of_several_numbers_of_agents(tmp_path):
+def test_a_figure_for_each_task_with_several_numbers_of_agents(tmp_path):
     drawn = draw_figures(
         episodes("maze, 8 x 8", [4, 8, 16], "pibt", "random", CSR=0.5, ISR=0.5, step_ms=1.0)
         + episodes("warehouse", [10], "pibt", CSR=1.0, ISR=1.0)

@@ -22,7 +22,7 @@ def threads(_):
     return os.environ["OMP_NUM_THREADS"]
 
 
-def refuse(number):
+def fail(number):
     if number == 1:
         raise ValueError(f"number {number}: expected another")
     return number
@@ -71,17 +71,17 @@ def test_in_processes():
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_errors_are_raised_here(jobs):
     with pytest.raises(ValueError, match="number 1: expected another"):
-        list(run_jobs(refuse, range(5), jobs))
+        list(run_jobs(fail, range(5), jobs))
     assert multiprocessing.active_children() == []
 
 
 def test_what_is_given_up_is_not_waited_for():
-    began = time.monotonic()
+    start = time.monotonic()
     running = run_jobs(sleep, [0, 300, 300], 2)
     assert next(running) == 0
     running.close()
     assert multiprocessing.active_children() == []
-    assert time.monotonic() - began < 200
+    assert time.monotonic() - start < 200
 
 
 @pytest.mark.parametrize("jobs", [2, "ray"])
@@ -139,7 +139,7 @@ def test_no_process_is_left_behind(tmp_path, sent):
     file = tmp_path / "done"
     script = tmp_path / "script.py"
     script.write_text(
-        f"from tests.evaluate.test_jobs import begin\nif __name__ == '__main__':\n    begin((2, {str(file)!r}))\n"
+        f"from tests.evaluation.test_parallel import begin\nif __name__ == '__main__':\n    begin((2, {str(file)!r}))\n"
     )
     with subprocess.Popen([sys.executable, script], env=os.environ | {"PYTHONPATH": os.getcwd()}, stderr=-3) as running:
         wait_for(lambda: file.exists() and file.read_text() == "0 0 ")

@@ -14,7 +14,7 @@ MAP = "....\n.#..\n....\n"
 
 
 class Scripted:
-    """A policy of POGEMA's that does what it is told, and keeps what it saw."""
+    """A policy for POGEMA that takes given actions, and stores its observations."""
 
     def __init__(self, *actions):
         self.actions = list(actions)
@@ -34,8 +34,8 @@ def drawn(*rows):
 
 def env_of(starts, goals, map=MAP, **keywords):
     scenario = mapf_pz.Scenario(starts, goals)
-    told = keywords | {"num_agents": len(scenario), "action_model": "cardinal"} | Planner.env_kwargs
-    env = mapf_pz.parallel_env(map=map, scenario=scenario, **told)
+    all_keywords = keywords | {"num_agents": len(scenario), "action_model": "cardinal"} | Planner.env_kwargs
+    env = mapf_pz.parallel_env(map=map, scenario=scenario, **all_keywords)
     observations, _ = env.reset(seed=0)
     return env, observations
 
@@ -146,7 +146,7 @@ def test_what_does_not_fit_pogema():
     with pytest.raises(ValueError, match="action_model='rotate': POGEMA's actions are 'cardinal'"):
         FromPogema(Straight(), mapf_pz.parallel_env())
     env, _ = env_of([[0, 0]], [[0, 1]])
-    with pytest.raises(ValueError, match="obs_radius=0: expected a number of cells, 1 or more"):
+    with pytest.raises(ValueError, match="obs_radius=0: expected a number of cells of 1 or more"):
         FromPogema(Straight(), env, obs_radius=0)
     with pytest.raises(ValueError, match="observation_type='pomapf': expected one of 'default', 'POMAPF', 'MAPF'"):
         FromPogema(Straight(), env, observation_type="pomapf")
@@ -221,7 +221,7 @@ def observed(env, observation_type="MAPF"):
 
 
 def moving_right(**keywords):
-    """Return an agent in POGEMA whose policy moves right, wherever that leads."""
+    """Return an agent in POGEMA whose policy always moves right."""
 
     class Right:
         env_kwargs = Planner.env_kwargs
@@ -242,7 +242,7 @@ def test_actions_that_were_not_taken():
     assert agent.act(observed(env)) == [Do.RIGHT, Do.RIGHT]
     step(env, Do.RIGHT, Do.WAIT)
     expected = (
-        r"step 1: the position of agent 1 is \[2, 0\] in POGEMA, and \[2, 1\] by these rules: expected POGEMA to have "
+        r"step 1: the position of agent 1 is \[2, 0\] in POGEMA, but \[2, 1\] by these rules: expected POGEMA to have "
         "collision_system='soft', on_target='nothing', max_steps=5, to take the actions"
     )
     with pytest.raises(RuntimeError, match=expected):
@@ -253,7 +253,7 @@ def test_another_collision_system():
     env, _ = env_of([[0, 0], [0, 1]], [[0, 3], [2, 3]], collision_system="block_both")
     agent = moving_right()
     step(env, *agent.act(observed(env)))
-    with pytest.raises(RuntimeError, match=r"the position of agent 0 is \[0, 0\] in POGEMA, and \[0, 1\] by"):
+    with pytest.raises(RuntimeError, match=r"the position of agent 0 is \[0, 0\] in POGEMA, but \[0, 1\] by"):
         agent.act(observed(env))
 
 
@@ -261,7 +261,7 @@ def test_another_mode():
     env, _ = env_of([[0, 0]], [[[0, 1], [2, 2]]], on_target="restart")
     agent = moving_right()
     step(env, *agent.act(observed(env)))
-    with pytest.raises(RuntimeError, match=r"the goal of agent 0 is \[2, 2\] in POGEMA, and \[0, 1\] by these rules"):
+    with pytest.raises(RuntimeError, match=r"the goal of agent 0 is \[2, 2\] in POGEMA, but \[0, 1\] by these rules"):
         agent.act(observed(env))
 
 
@@ -269,7 +269,7 @@ def test_another_time_limit():
     env, _ = env_of([[0, 0]], [[2, 3]])
     agent = moving_right(max_steps=1)
     step(env, *agent.act(observed(env)))
-    with pytest.raises(RuntimeError, match=r"step 1: POGEMA's episode goes on after its end: expected .*max_steps=1"):
+    with pytest.raises(RuntimeError, match=r"step 1: POGEMA's episode continues after its end: expected .*max_steps=1"):
         agent.act(observed(env))
 
 

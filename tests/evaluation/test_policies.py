@@ -2,13 +2,13 @@ import inspect
 import re
 
 import pytest
-from tests.evaluate.test_run import Right
 
 from mapf_pz.evaluation import EvaluationTask, policy_factory
 from mapf_pz.evaluation.policies import factory_for, is_trained
 from mapf_pz.evaluation.rollout import run_episodes
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import EPIBT, PIBT, PLANNERS, LaCAM
+from tests.evaluation.test_rollout import Right
 
 ROOM = {"map": "empty-8-8", "num_agents": 2, "max_steps": 12}
 CARDINAL = ROOM | {"action_model": "cardinal"}
@@ -67,16 +67,16 @@ def test_options(monkeypatch, name, expected):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("epibt:deep=5", "option 'deep=5': EPIBT has depth, time_limit"),
-        ("pibt:depth=5", "option 'depth=5': PIBT has none"),
-        ("epibt:seed=5", "option 'seed=5': EPIBT has depth, time_limit"),
+        ("epibt:deep=5", "option 'deep=5': EPIBT has the options depth, time_limit"),
+        ("pibt:depth=5", "option 'depth=5': PIBT has no options"),
+        ("epibt:seed=5", "option 'seed=5': EPIBT has the options depth, time_limit"),
         ("epibt:depth", "option 'depth': expected a number, True or False"),
         ("epibt:depth=", "option 'depth=': expected a number, True or False"),
         ("epibt:depth=five", "option 'depth=five': expected a number, True or False"),
         ("epibt:depth='5'", "option \"depth='5'\": expected a number, True or False"),
         ("epibt:depth=[5]", "option 'depth=[5]': expected a number, True or False"),
         ("epibt:depth=None", "option 'depth=None': expected a number, True or False"),
-        ("epibt:depth=9", "depth=9: expected a number of actions, 1 to 6"),
+        ("epibt:depth=9", "depth=9: expected a number of actions from 1 to 6"),
     ],
 )
 def test_wrong_options(name, message):
@@ -127,9 +127,9 @@ def test_a_trained_policy_under_pibt_never_collides():
 
 def test_actions_must_be_those_that_a_policy_was_trained_for():
     pytest.importorskip("torch")
-    with pytest.raises(ValueError, match=r"^policy 'mappo' acts with action_model='rotate', not 'cardinal'$"):
+    with pytest.raises(ValueError, match=r"^policy 'mappo' requires action_model='rotate', got 'cardinal'$"):
         policy_factory("mappo")(CARDINAL)
-    with pytest.raises(ValueError, match=r"^policy 'mappo-cardinal' acts with action_model='cardinal', not 'rotate'$"):
+    with pytest.raises(ValueError, match=r"^policy 'mappo-cardinal' requires action_model='cardinal', got 'rotate'$"):
         policy_factory("mappo-cardinal")(ROOM | {"action_model": "rotate"})
     env, _ = policy_factory("mappo-cardinal")(ROOM)
     assert env.config.action_model == "cardinal"
@@ -140,7 +140,7 @@ def test_a_policy_that_is_at_hand():
     env, same = factory_for(policy)(ROOM)
     assert same is policy
     assert (env.config.action_model, env.config.view_size) == ("cardinal", (1, 1))
-    with pytest.raises(ValueError, match=r"^Right acts with action_model='cardinal', not 'rotate'$"):
+    with pytest.raises(ValueError, match=r"^Right requires action_model='cardinal', got 'rotate'$"):
         factory_for(policy)(ROOM | {"action_model": "rotate"})
 
 

@@ -34,7 +34,7 @@ def test_interval_of_normal_values():
     assert interval(values) == pytest.approx((-1.96 / 20, 1.96 / 20), abs=0.01)
 
 
-def test_groups_are_of_a_trial_and_a_policy():
+def test_groups_are_by_task_and_policy():
     groups = grouped(EPISODES)
     assert list(groups) == [("maze", 4, "pibt"), ("maze", 8, "pibt"), ("maze", 4, "random"), ("lifelong", 4, "pibt")]
     assert groups["maze", 4, "pibt"] == {"CSR": [1, 0], "SoC": [10, 20], "runtime": [0.5, 0.5]}

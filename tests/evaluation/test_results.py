@@ -2,19 +2,19 @@ import csv
 import os
 
 import pytest
-from tests.evaluate.test_run import TIMES, Right
 
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation import Episode, EvaluationTask, evaluate
 from mapf_pz.evaluation.results import COLUMNS, METRICS, Results, discard
 from mapf_pz.instances import RandomObstacles
+from tests.evaluation.test_rollout import TIMES, Right
 from tests.helpers.text_instances import drawn
 
-TRIALS = (
+TASKS = (
     EvaluationTask("drawn", 1, {"max_steps": 6}, 3, instances=(drawn("a...A"), drawn("a.A.."))),
     EvaluationTask("random", 2, {"max_steps": 6, "source": RandomObstacles(4, 4, 0.1, 2)}, 10),
 )
-ALL = sum(task.episodes for task in TRIALS)
+ALL = sum(task.episodes for task in TASKS)
 HEADER = ",".join(COLUMNS)
 
 
@@ -35,7 +35,7 @@ def untimed(episodes):
     return [(e.key, {name: value for name, value in e.metrics.items() if name not in TIMES}) for e in episodes]
 
 
-def begun(policy, tasks, folder, policies=None):
+def evaluated(policy, tasks, folder, policies=None):
     """Evaluate; return the episodes, and how many were left to do at first."""
     lefts = []
     episodes = evaluate(policies or {"right": policy}, tasks, folder, show=lambda episode, left: lefts.append(left))
@@ -49,33 +49,33 @@ def rows(folder):
 
 
 def test_the_file_has_every_number(tmp_path):
-    episodes, left = begun(Right(), TRIALS, tmp_path)
+    episodes, left = evaluated(Right(), TASKS, tmp_path)
     assert (left, len(episodes)) == (ALL, ALL)
     written = rows(tmp_path)
     assert [tuple(row) for row in written] == [COLUMNS] * ALL
     for row, episode in zip(written, episodes, strict=True):
         assert (row["policy"], row["task"], int(row["num_agents"]), int(row["episode"])) == episode.key
         assert {name: float(row[name]) for name in METRICS if row[name]} == episode.metrics
-    assert Results(TRIALS, tmp_path).episodes == episodes
+    assert Results(TASKS, tmp_path).episodes == episodes
 
 
 def test_nothing_is_done_twice(tmp_path):
-    before, _ = begun(Right(), TRIALS, tmp_path)
+    before, _ = evaluated(Right(), TASKS, tmp_path)
     text = (tmp_path / "episodes.csv").read_bytes()
     policy = Right()
-    after, left = begun(policy, TRIALS, tmp_path)
+    after, left = evaluated(policy, TASKS, tmp_path)
     assert (after, left, policy.episodes) == (before, 0, 0)
     assert (tmp_path / "episodes.csv").read_bytes() == text
 
 
 def test_an_interrupted_evaluation_goes_on(tmp_path):
-    whole, _ = begun(Right(), TRIALS, tmp_path / "whole")
+    whole, _ = evaluated(Right(), TASKS, tmp_path / "whole")
     # 3 episodes, 8, and the first of the last 2; before each of these parts it decides once, which is not measured.
     with pytest.raises(KeyboardInterrupt):
-        begun(Interrupted((1 + 3) + (1 + 8) + (1 + 1)), TRIALS, tmp_path / "part")
+        evaluated(Interrupted((1 + 3) + (1 + 8) + (1 + 1)), TASKS, tmp_path / "part")
     assert len(rows(tmp_path / "part")) == 3 + 8
     policy = Right()
-    resumed, left = begun(policy, TRIALS, tmp_path / "part")
+    resumed, left = evaluated(policy, TASKS, tmp_path / "part")
     assert (left, policy.episodes) == (2, 1 + 2)
     assert untimed(resumed) == untimed(whole)
     assert len(rows(tmp_path / "part")) == ALL
@@ -83,13 +83,13 @@ def test_an_interrupted_evaluation_goes_on(tmp_path):
 
 @pytest.mark.parametrize("kept", [0, 1, 17, -1, -30], ids="{} bytes".format)
 def test_a_line_that_was_cut_is_done_again(tmp_path, kept):
-    whole, _ = begun(Right(), TRIALS, tmp_path)
+    whole, _ = evaluated(Right(), TASKS, tmp_path)
     file = tmp_path / "episodes.csv"
     text = file.read_bytes()
     file.write_bytes(text[:kept])
     lost = 1 if kept < 0 else ALL
     assert text[:kept].count(b"\n") == (1 + ALL - lost if kept < 0 else 0)
-    again, left = begun(Right(), TRIALS, tmp_path)
+    again, left = evaluated(Right(), TASKS, tmp_path)
     assert left == lost
     assert untimed(again) == untimed(whole)
     assert len(rows(tmp_path)) == ALL
@@ -98,8 +98,8 @@ def test_a_line_that_was_cut_is_done_again(tmp_path, kept):
 @pytest.mark.parametrize("text", ["policy,episode\n", "notes of mine", HEADER.replace("CSR", "csr") + "\n"])
 def test_a_foreign_file_is_left_alone(tmp_path, text):
     (tmp_path / "episodes.csv").write_text(text)
-    with pytest.raises(FormatError, match=r"episodes\.csv:1: expected the columns policy, about"):
-        begun(Right(), TRIALS, tmp_path)
+    with pytest.raises(FormatError, match=r"episodes\.csv:1: expected the columns policy, task"):
+        evaluated(Right(), TASKS, tmp_path)
     assert (tmp_path / "episodes.csv").read_text() == text
 
 
@@ -114,68 +114,68 @@ def test_a_foreign_file_is_left_alone(tmp_path, text):
         ('right,"drawn,1,2' + "," * len(METRICS), "expected CSV"),
     ],
 )
-def test_a_damaged_row_is_told(tmp_path, row, message):
-    begun(Right(), TRIALS[:1], tmp_path)
+def test_a_malformed_row_is_an_error(tmp_path, row, message):
+    evaluated(Right(), TASKS[:1], tmp_path)
     lines = (tmp_path / "episodes.csv").read_text().splitlines()
     lines[2] = row
     (tmp_path / "episodes.csv").write_text("\n".join(lines) + "\n")
     with pytest.raises(FormatError, match=rf"episodes\.csv:[34]: {message}"):
-        begun(Right(), TRIALS[:1], tmp_path)
+        evaluated(Right(), TASKS[:1], tmp_path)
 
 
 @pytest.mark.parametrize(
     "other",
     [
-        TRIALS[:1],
-        (TRIALS[0].but(seed=5), TRIALS[1]),
-        (TRIALS[0].but(name="another"), TRIALS[1]),
-        (TRIALS[0].but(keywords={"max_steps": 7}), TRIALS[1]),
-        (TRIALS[0].but(instances=(drawn("a..A."), drawn("a.A.."))), TRIALS[1]),
-        (TRIALS[0], TRIALS[1].but(keywords={"max_steps": 6, "source": RandomObstacles(4, 4, 0.3, 2)})),
+        TASKS[:1],
+        (TASKS[0].with_(seed=5), TASKS[1]),
+        (TASKS[0].with_(name="another"), TASKS[1]),
+        (TASKS[0].with_(keywords={"max_steps": 7}), TASKS[1]),
+        (TASKS[0].with_(instances=(drawn("a..A."), drawn("a.A.."))), TASKS[1]),
+        (TASKS[0], TASKS[1].with_(keywords={"max_steps": 6, "source": RandomObstacles(4, 4, 0.3, 2)})),
     ],
     ids=["fewer", "seed", "name", "keywords", "instances", "source"],
 )
-def test_other_trials_are_refused(tmp_path, other):
-    begun(Right(), TRIALS, tmp_path)
-    with pytest.raises(ValueError, match="holds an evaluation of other tasks; expected another folder"):
-        begun(Right(), other, tmp_path)
+def test_other_tasks_are_rejected(tmp_path, other):
+    evaluated(Right(), TASKS, tmp_path)
+    with pytest.raises(ValueError, match="contains an evaluation of other tasks; expected another folder"):
+        evaluated(Right(), other, tmp_path)
     discard(tmp_path)
     discard(tmp_path)  # nothing is left to remove
-    assert begun(Right(), other, tmp_path)[1] == sum(task.episodes for task in other)
+    assert evaluated(Right(), other, tmp_path)[1] == sum(task.episodes for task in other)
 
 
 def test_more_and_fewer_episodes(tmp_path):
-    begun(Right(), TRIALS, tmp_path)
-    more, left = begun(Right(), [task.with_(episodes=task.episodes + 2) for task in TRIALS], tmp_path)
+    evaluated(Right(), TASKS, tmp_path)
+    more, left = evaluated(Right(), [task.with_(episodes=task.episodes + 2) for task in TASKS], tmp_path)
     assert (left, len(more)) == (4, ALL + 4)
-    fewer, left = begun(Right(), [task.with_(episodes=2) for task in TRIALS], tmp_path)
+    fewer, left = evaluated(Right(), [task.with_(episodes=2) for task in TASKS], tmp_path)
     assert (left, len(fewer)) == (0, 4)
     assert fewer == [episode for episode in more if episode.number < 2]
 
 
 def test_policies_can_be_added(tmp_path):
-    first, _ = begun(Right(), TRIALS, tmp_path)
-    both, left = begun(None, TRIALS, tmp_path, {"right": Right(), "random": "random"})
+    first, _ = evaluated(Right(), TASKS, tmp_path)
+    both, left = evaluated(None, TASKS, tmp_path, {"right": Right(), "random": "random"})
     assert (left, len(both)) == (ALL, 2 * ALL)
     assert [episode for episode in both if episode.policy == "right"] == first
 
 
 @pytest.mark.parametrize("name", ["a,b", 'say "go"', "line\u2028separator", "a\nb", "Straße"])
 def test_names_come_back_as_they_were(tmp_path, name):
-    results = Results(TRIALS, tmp_path)
+    results = Results(TASKS, tmp_path)
     episodes = [Episode(name, "drawn", 1, number, {"CSR": 0.1 + number, "runtime": 1e-300}) for number in range(3)]
     for episode in episodes:
         results.add(episode)
-    assert Results(TRIALS, tmp_path).episodes == episodes
+    assert Results(TASKS, tmp_path).episodes == episodes
 
 
 def test_the_folder_is_a_file(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(FileExistsError):
-        begun(Right(), TRIALS, tmp_path / "file")
+        evaluated(Right(), TASKS, tmp_path / "file")
 
 
 def test_without_a_folder_nothing_is_written(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert len(begun(Right(), TRIALS, None)[0]) == ALL
+    assert len(evaluated(Right(), TASKS, None)[0]) == ALL
     assert os.listdir(tmp_path) == []

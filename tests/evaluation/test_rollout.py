@@ -16,7 +16,7 @@ TIMES = {"runtime", "step_ms", "agent_us"}
 
 
 class Forward:
-    """Drives forward, and counts the episodes."""
+    """Moves forward, and counts the episodes."""
 
     env_kwargs = {"initial_heading": "east", "view_size": (1, 1)}  # noqa: RUF012
 
@@ -50,7 +50,7 @@ def on(*drawings, max_steps=10, **fields):
 # The number of agents.
 
 
-def test_a_trial_has_as_many_agents_as_it_says():
+def test_the_number_of_agents_of_a_task():
     seen = []
 
     class Counts(Right):
@@ -71,7 +71,7 @@ def test_a_trial_has_as_many_agents_as_it_says():
     ],
     ids=lambda parts: "",
 )
-def test_a_trial_does_not_contradict_itself(parts, origin):
+def test_contradictory_numbers_of_agents(parts, origin):
     with pytest.raises(ValueError, match=rf"^task 'mine': num_agents=2, but {origin} has 3 agents$"):
         EvaluationTask("mine", 2, **parts)
 
@@ -94,13 +94,13 @@ class Forgets:
     ("policy", "message"),
     [
         (Right, r"^policy Right: expected an object, such as Right\(\), got the class$"),
-        (Forgets(), "^policy Forgets: expected the methods act and reset_states, no reset_states$"),
+        (Forgets(), "^policy Forgets: expected the methods act and reset_states, not found: reset_states$"),
         (type("Empty", (), {}), "^policy Empty: expected an object"),
-        (7, "^policy int: expected the methods act and reset_states, no act$"),
+        (7, "^policy int: expected the methods act and reset_states, not found: act$"),
     ],
     ids=["class", "no reset_states", "empty class", "number"],
 )
-def test_what_is_no_policy(policy, message):
+def test_what_is_not_a_policy(policy, message):
     task = on("a...A")
     with pytest.raises(TypeError, match=message):
         evaluate({"mine": policy}, [task])
@@ -143,7 +143,7 @@ def test_collisions_are_the_share_of_prevented_moves():
 
 
 def test_agents_that_have_left_do_not_count():
-    # `a` leaves after a step, `b` drives into the wall in each of four steps.
+    # `a` disappears after a step, `b` moves into the wall in each of four steps.
     task = EvaluationTask("drawn", 2, {"max_steps": 4, "on_target": "finish"}, 1, instances=(drawn("aA\nBb"),))
     (episode,) = measured(Right(), task)
     assert episode["collisions"] == 4 / 5
@@ -181,7 +181,7 @@ def test_best_ratio_is_of_the_throughput():
     assert "best_ratio" not in episode
 
 
-def test_maps_of_different_sizes_in_one_trial():
+def test_maps_of_different_sizes_in_one_task():
     task = on("a...A", "a.A\n...", "a..A", "..a..A", "a...A")
     assert [episode["SoC"] for episode in measured(Right(), task)] == [4, 2, 3, 3, 4]
     assert [episode["SoC"] for episode in measured(Right(), task, [3, 1])] == [3, 2]
@@ -240,7 +240,7 @@ def test_an_episode_does_not_depend_on_those_before_it(name, task):
 
 
 def outcome(names, jobs):
-    done = evaluate(names, [DRAWN.but(episodes=9), SOLVED], jobs=jobs)
+    done = evaluate(names, [DRAWN.with_(episodes=9), SOLVED], jobs=jobs)
     assert [episode.key for episode in done] == [
         (name, task, agents, number)
         for task, agents, count in [("random 7 x 8", 6, 9), ("drawn", 2, 3)]

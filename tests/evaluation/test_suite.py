@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.evaluate.test_run import Right
 
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation import load_suite, suite_names
@@ -14,6 +13,7 @@ from mapf_pz.evaluation.policies import factory_for
 from mapf_pz.evaluation.rollout import run_episodes
 from mapf_pz.instance import Grid, Scenario
 from mapf_pz.instances import write_map, write_scenario
+from tests.evaluation.test_rollout import Right
 
 SHARED = Path(__file__).parents[3] / "shared"
 DATA = [SHARED / "mapf-benchmark", SHARED / "pogema-benchmark"]
@@ -58,8 +58,8 @@ def loaded(folder, *entries, **others):
     return load_suite(file)
 
 
-def told(folder, *entries):
-    """Return the one line that tells what is wrong, without the file's name."""
+def message_of(folder, *entries):
+    """Return the one-line error message, without the file's name."""
     with pytest.raises(FormatError) as caught:
         loaded(folder, *entries)
     message = str(caught.value)
@@ -95,7 +95,7 @@ def test_every_preset_of_training_is_evaluated_on_a_suite_that_needs_nothing():
 
 
 @pytest.mark.parametrize("name", sorted(set(suite_names()) - set(NEEDS_NOTHING)))
-def test_what_is_missing_is_told(name):
+def test_missing_files_are_named(name):
     with pytest.raises((FormatError, FileNotFoundError)) as caught:
         load_suite(name)
     assert str(caught.value).count("\n") == 0
@@ -139,7 +139,9 @@ def test_scenarios_are_instances_of_their_first_agents(folder, monkeypatch):
     monkeypatch.setenv("MAPF_PZ_BENCHMARK", str(folder))
     (named,) = loaded(folder, {"map": "named", "scenarios": ["random-1"], "num_agents": 2})
     assert named.instances[0].scenario.starts.tolist() == [[0, 0], [1, 0]]
-    assert "expected 3 agents, got 2" in told(folder, {"map": "named", "scenarios": ["random-1"], "num_agents": 3})
+    assert "expected 3 agents, got 2" in message_of(
+        folder, {"map": "named", "scenarios": ["random-1"], "num_agents": 3}
+    )
 
 
 def test_random_maps(folder):
@@ -167,7 +169,7 @@ def test_a_problem_of_the_league_of_robot_runners(folder):
     assert cardinal.instances[0].headings is None
 
 
-# What is wrong is told in one line.
+# Errors are one line.
 
 GOOD = {"random": [5, 5, 0.1], "num_agents": 2}
 
@@ -179,9 +181,9 @@ GOOD = {"random": [5, 5, 0.1], "num_agents": 2}
         (GOOD | {"num_agent": 3}, "task 0: expected one of map, scenarios, random, .*, got 'num_agent'"),
         ({"num_agents": 3}, "task 0: expected exactly one of map, random, pogema, lorr, got none"),
         (GOOD | {"map": "empty-8-8"}, "task 0: expected exactly one of .*, got map and random"),
-        ({"map": 5, "num_agents": 1}, "task 0: expected 'map' to be a line of text, got 5"),
+        ({"map": 5, "num_agents": 1}, "task 0: expected 'map' to be a single line of text, got 5"),
         ({"map": "nowhere", "num_agents": 1}, "task 0: no .map file is named 'nowhere'"),
-        ({"random": [5, 5], "num_agents": 1}, r"task 0: expected 'random' to be \[rows, columns, share of"),
+        ({"random": [5, 5], "num_agents": 1}, r"task 0: expected 'random' to be \[rows, columns, obstacle d"),
         ({"random": [5.5, 5, 0.1], "num_agents": 1}, "task 0: expected 'random' to be"),
         ({"random": [5, 5, 1], "num_agents": 1}, "task 0: expected 'random' to be"),
         ({"random": [50000, 50000, 0.1], "num_agents": 1}, "task 0: expected 'random' to be"),
@@ -190,16 +192,16 @@ GOOD = {"random": [5, 5, 0.1], "num_agents": 2}
         (GOOD | {"num_agents": []}, "task 0: expected 'num_agents' to be a whole number, 1 or more"),
         (GOOD | {"num_agents": [2, True]}, "task 0: expected 'num_agents' to be a whole number, 1 or more"),
         (GOOD | {"num_agents": 26}, "task 0: 26 agents fit on none of"),
-        (GOOD | {"num_agents": [2, 2]}, "expected tasks of different names .* got '2 agents on random .*' twice"),
-        ({"lorr": "problem.json", "num_agents": 2}, "task 0: expected 'num_agents', except beside 'lorr'"),
+        (GOOD | {"num_agents": [2, 2]}, "expected unique task names .* got '2 agents on random .*' twice"),
+        ({"lorr": "problem.json", "num_agents": 2}, "task 0: expected 'num_agents', except with 'lorr'"),
         (GOOD | {"max_steps": 0}, "task 0: expected 'max_steps' to be a whole number, 1 or more, got 0"),
         (GOOD | {"episodes": 2.5}, "task 0: expected 'episodes' to be a whole number, 1 or more, got 2.5"),
         (GOOD | {"seed": -1}, "task 0: expected 'seed' to be a whole number, 0 or more, got -1"),
         (GOOD | {"best": "3"}, "task 0: expected 'best' to be a number above 0, got '3'"),
         (GOOD | {"best": 0}, "task 0: expected 'best' to be a number above 0, got 0"),
-        (GOOD | {"name": "two\nlines"}, "task 0: expected 'name' to be a line of text"),
-        (GOOD | {"task": ""}, "task 0: expected 'name' to be a line of text"),
-        (GOOD | {"scenarios": ["random-1"]}, "task 0: expected 'scenarios' beside 'map' only"),
+        (GOOD | {"name": "two\nlines"}, "task 0: expected 'name' to be a single line of text"),
+        (GOOD | {"name": ""}, "task 0: expected 'name' to be a single line of text"),
+        (GOOD | {"scenarios": ["random-1"]}, "task 0: expected 'scenarios' only together with 'map'"),
         (SOURCES["map"] | {"scenarios": [], "num_agents": 1}, "task 0: expected 'scenarios' to be a list of"),
         (SOURCES["map"] | {"scenarios": [1], "num_agents": 1}, "task 0: expected 'scenarios' to be a list of"),
         (SOURCES["map"] | {"scenarios": "tiny.scen", "num_agents": 1}, "task 0: expected 'scenarios' to be a list of"),
@@ -211,19 +213,19 @@ GOOD = {"random": [5, 5, 0.1], "num_agents": 2}
     ids=str,
 )
 def test_wrong_entries(folder, entry, message):
-    assert re.match(message, told(folder, entry))
+    assert re.match(message, message_of(folder, entry))
 
 
 def test_the_largest_random_maps(folder, monkeypatch):
     monkeypatch.setattr("mapf_pz.evaluation.suite.MAX_CELLS", 30)
-    assert told(folder, {"random": [5, 7, 0.1], "num_agents": 1}).startswith("task 0: expected 'random' to be")
+    assert message_of(folder, {"random": [5, 7, 0.1], "num_agents": 1}).startswith("task 0: expected 'random' to be")
     assert len(loaded(folder, {"random": [5, 6, 0.1], "num_agents": 1})) == 1
 
 
-def test_the_trial_is_counted(folder):
-    assert told(folder, GOOD, GOOD | {"seed": "x"}).startswith("task 1: ")
-    same_name = "expected tasks of different names ('name'), got '2 agents on random 5 x 5, 10 % obstacles' twice"
-    assert told(folder, GOOD, GOOD) == same_name
+def test_the_error_has_the_number_of_the_task(folder):
+    assert message_of(folder, GOOD, GOOD | {"seed": "x"}).startswith("task 1: ")
+    same_name = "expected unique task names ('name'), got '2 agents on random 5 x 5, 10 % obstacles' twice"
+    assert message_of(folder, GOOD, GOOD) == same_name
     assert len(loaded(folder, GOOD, GOOD | {"task": "others"})) == 2
 
 
@@ -233,7 +235,7 @@ def test_wrong_files(folder):
         ("[]", "expected a JSON object"),
         ("{}", "expected 'tasks' to be a list"),
         ('{"tasks": []}', "expected 1 items in 'tasks', got 0"),
-        ('{"task": []}', "expected one of task_name, tasks, got 'task'"),
+        ('{"task": []}', "expected one of description, tasks, got 'task'"),
     ]:
         (folder / "mine.json").write_text(text)
         with pytest.raises(FormatError, match=message):
