@@ -1,4 +1,4 @@
-"""The command line, `mapf-pz`: finds a command by the first word, and loads no more than that command needs."""
+"""The command line `mapf-pz`, which imports only the modules that a command needs."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ import tyro
 from mapf_pz.interrupts import interrupts_deferred
 
 USAGE_ERROR, INTERRUPTED, BROKEN_PIPE = 2, 130, 141
-TOLD = (ValueError, TypeError, OSError, RuntimeError, MemoryError, ImportError)
-"""Errors that a user can cause, told in one line; any other is our mistake, and shows where."""
+USER_ERRORS = (ValueError, TypeError, OSError, RuntimeError, MemoryError, ImportError)
+"""Errors that a user can cause, which are reported in one line. Any other error is a bug and has a traceback."""
 
 
 class Command(NamedTuple):
     """A command."""
 
     function: str
-    """`module:function`. The module is loaded when the command is used; tyro reads the options off the function."""
+    """`module:function`. The module is imported when the command runs; the options are the function's parameters."""
     summary: str
-    """One line for `mapf-pz --help`."""
+    """One-line description in `mapf-pz --help`."""
 
 
 COMMANDS: dict[str, Command] = {
-    "benchmark": Command("mapf_pz.commands.benchmark:benchmark", "measure how fast environments step"),
+    "benchmark": Command("mapf_pz.commands.benchmark:benchmark", "measure the speed of environments"),
     "evaluate": Command(
         "mapf_pz.commands.evaluate:evaluate_policies", "compare policies and planners on the same instances"
     ),
     "maps": Command("mapf_pz.commands.maps:maps", "list the bundled maps, write them, or download the benchmark"),
-    "play": Command("mapf_pz.commands.play:play", "steer an agent with the keyboard, among others"),
-    "render": Command("mapf_pz.commands.render:render", "save an episode or a plan as page, film or picture"),
-    "solve": Command("mapf_pz.commands.solve:solve", "let a planner solve an instance, and write its plan"),
+    "play": Command("mapf_pz.commands.play:play", "control an agent with the keyboard"),
+    "render": Command("mapf_pz.commands.render:render", "save an episode or a plan as a web page, video or image"),
+    "solve": Command("mapf_pz.commands.solve:solve", "solve an instance with a planner, and write the plan"),
     "train": Command("mapf_pz.commands.train:train", "train a policy, and evaluate it"),
-    "validate": Command("mapf_pz.commands.validate:validate_plan", "check a plan file, and count its costs"),
+    "validate": Command("mapf_pz.commands.validate:validate_plan", "validate a plan file, and compute its costs"),
 }
 """The commands by name."""
 
@@ -46,20 +46,21 @@ COMMANDS: dict[str, Command] = {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return the exit status.
 
-    It is 0; 1 after an error, 2 for wrong usage, 130 after Ctrl-C, and 141 where the reader of the output is gone.
+    The status is 0, or 1 after an error, 2 after wrong usage, 130 after Ctrl-C, and 141 if the reader of the output has
+    exited.
 
     Args:
-        arguments: The words after `mapf-pz`; None takes those of the process.
+        arguments: the arguments after `mapf-pz`. None: those of the process.
 
     Raises:
-        SystemExit: A command's `--help` was asked for (0), or it has no such options (2).
+        SystemExit: after a command's `--help` (0), or if its options are invalid (2).
     """
     try:
         try:
             return _main(list(sys.argv[1:] if arguments is None else arguments))
         finally:
             sys.stdout.flush()
-    except BrokenPipeError:  # the reader, such as `head`, has seen enough
+    except BrokenPipeError:  # the reader, such as `head`, has exited
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes once more at exit
         return BROKEN_PIPE
 
@@ -70,7 +71,7 @@ def _main(words: list[str]) -> int:
         return 0 if words else USAGE_ERROR
     name = words[0]
     if name not in COMMANDS:
-        return _tell("mapf-pz", f"no command {name!r}, expected one of {', '.join(COMMANDS)}", USAGE_ERROR)
+        return _print_error("mapf-pz", f"no command {name!r}, expected one of {', '.join(COMMANDS)}", USAGE_ERROR)
     try:
         with warnings.catch_warnings():
             warnings.showwarning = partial(_show_warning, f"mapf-pz {name}")
@@ -78,17 +79,21 @@ def _main(words: list[str]) -> int:
     except BrokenPipeError:
         raise
     except KeyboardInterrupt:
-        return _tell(f"mapf-pz {name}", "interrupted", INTERRUPTED)
-    except TOLD as error:
-        return _tell(f"mapf-pz {name}", str(error) or type(error).__name__, 1)
+        return _print_error(f"mapf-pz {name}", "interrupted", INTERRUPTED)
+    except USER_ERRORS as error:
+        return _print_error(f"mapf-pz {name}", str(error) or type(error).__name__, 1)
     return 0
 
 
 def _run(name: str, words: list[str]) -> None:
     module, _, function = COMMANDS[name].function.partition(":")
+    if name == "train" and words and ":" in words[0]:  # package.module:Class, with the settings of `mappo`
+        words = ["mappo", "--algorithm", *words]
+    if "" not in sys.path:
+        sys.path.append("")  # parts that users plug in may be in the current folder, as with `python -m`
     config = (tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes)
     try:
-        with interrupts_deferred() as check:  # packages that are interrupted while they load may lose it
+        with interrupts_deferred() as check:  # packages may lose an interrupt during their import
             command = getattr(import_module(module), function)
             from mapf_pz.commands.env_flags import ENV_FLAGS
             from mapf_pz.core.jit import reporting_compilation
@@ -101,7 +106,7 @@ def _run(name: str, words: list[str]) -> None:
 
 
 def _report_compilation() -> None:
-    """Say why nothing seems to happen, if somebody is looking."""
+    """Print the reason for the delay on a terminal."""
     if sys.stderr.isatty():
         print("compiling kernels, which takes up to two minutes (once per machine and version) ...", file=sys.stderr)
 
@@ -109,14 +114,15 @@ def _report_compilation() -> None:
 def _overview() -> str:
     width = max(map(len, COMMANDS))
     lines = [f"  {name:{width}}  {command.summary}" for name, command in COMMANDS.items()]
-    return "\n".join(["usage: mapf-pz COMMAND [OPTIONS]", "", *lines, "", "mapf-pz COMMAND --help tells its options."])
+    hint = "Run mapf-pz COMMAND --help for the options of a command."
+    return "\n".join(["usage: mapf-pz COMMAND [OPTIONS]", "", *lines, "", hint])
 
 
-def _show_warning(who: str, message: Warning | str, *_place: object) -> None:
-    """Print a warning in one line, without the place in the code."""
-    _tell(f"{who}: warning", str(message), 0)
+def _show_warning(source: str, message: Warning | str, *_location: object) -> None:
+    """Print a warning in one line, without its location in the code."""
+    _print_error(f"{source}: warning", str(message), 0)
 
 
-def _tell(who: str, message: str, status: int) -> int:
-    print(f"{who}: {' '.join(message.split())}", file=sys.stderr)
+def _print_error(source: str, message: str, status: int) -> int:
+    print(f"{source}: {' '.join(message.split())}", file=sys.stderr)
     return status

@@ -1,4 +1,4 @@
-"""Bad input is told in one clear line."""
+"""Bad input raises an error with a clear one-line message."""
 
 import pickle
 import re

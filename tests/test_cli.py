@@ -13,7 +13,7 @@ from mapf_pz import cli
 from mapf_pz.benchmark import scaling
 from mapf_pz.benchmark.candidates import COPY, as_table
 from mapf_pz.benchmark.runs import Measurement, measure, timed
-from mapf_pz.benchmark.workload import Load
+from mapf_pz.benchmark.workload import Workload
 from mapf_pz.cli import COMMANDS, Command, main
 from mapf_pz.core.jit import jit, numba_config
 from mapf_pz.instance import Grid
@@ -273,9 +273,9 @@ def test_render_a_plan(capsys, tmp_path):
     assert (status, err) == (0, [])
     assert out[0].endswith(" steps, legal")
     assert '"legal": "yes"' in file.read_text()
-    told = json.loads(plan.read_text())
-    told["actualPaths"][0] = told["actualPaths"][0].replace("F", "W", 1)  # all that comes after is one cell off
-    plan.write_text(json.dumps(told))
+    data = json.loads(plan.read_text())
+    data["actualPaths"][0] = data["actualPaths"][0].replace("F", "W", 1)  # all that comes after is one cell off
+    plan.write_text(json.dumps(data))
     status, out, err = run(capsys, "render", file, "--plan", plan, "--map", "empty-8-8")
     assert (status, err) == (0, [])
     assert "steps, step " in out[0]
@@ -300,7 +300,7 @@ def test_render_is_reproducible(capsys, tmp_path, on_target):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["a.jpg"], "a.jpg: expected a file that ends in .html, .svg, .gif, .mp4, .png"),
+        (["a.jpg"], "a.jpg: expected a file name that ends in .html, .svg, .gif, .mp4, .png"),
         (["a.gif", "--plan", "nowhere.json"], "expected either --map or --problem"),
         (["a.gif", "--plan", "nowhere.json", "--map", "empty-8-8"], "nowhere.json: no such file"),
         (["a.gif", "--problem", "nowhere.json"], "--problem: expected --plan"),
@@ -342,11 +342,11 @@ def test_benchmark_on_random_maps_without_torchrl(capsys, monkeypatch):
     status, out, err = run(capsys, "benchmark", *SMALL, "--num-threads", 2)
     assert (status, err) == (0, [])
     text = "\n".join(out)
-    assert "TorchRL is left out" in text
+    assert "TorchRL is omitted" in text
     assert "PettingZooWrapper" not in text
 
 
-def test_benchmark_of_beginnings(capsys):
+def test_benchmark_of_startup(capsys):
     status, out, err = run(capsys, "benchmark", *SMALL, "--tables", "resets", "startup")
     assert (status, err) == (0, [])
     text = "\n".join(out)
@@ -367,18 +367,18 @@ def test_benchmark_along_axes(capsys, monkeypatch):
 
 
 def test_axes_change_one_thing():
-    load = Load(num_envs=16, num_agents=64)
+    workload = Workload(num_envs=16, num_agents=64)
     names = {"num_agents": "more_agents", "num_envs": "more_environments", "view_size": "larger_views"}
     names |= {"height": "larger_maps", "num_threads": "more_threads"}
     for field, axis in names.items():
-        loads = list(getattr(scaling, axis)(load).values())
-        values = [getattr(one, field) for one in loads]
+        workloads = list(getattr(scaling, axis)(workload).values())
+        values = [getattr(one, field) for one in workloads]
         assert values == sorted(set(values))
         if axis != "more_agents":
-            assert {replace(one, **{field: 0, "width": 0}) for one in loads} == {
-                replace(load, **{field: 0, "width": 0})
+            assert {replace(one, **{field: 0, "width": 0}) for one in workloads} == {
+                replace(workload, **{field: 0, "width": 0})
             }
-    density = {one.height * one.width / one.num_agents for one in scaling.more_agents(load).values()}
+    density = {one.height * one.width / one.num_agents for one in scaling.more_agents(workload).values()}
     assert density == {16}
 
 
@@ -450,7 +450,7 @@ def test_train_then_evaluate(tmp_path, capsys):
     assert len((tmp_path / "evaluation" / "episodes.csv").read_text().splitlines()) == 3
 
 
-def test_a_run_that_goes_on_is_evaluated_anew(tmp_path, capsys):
+def test_a_resumed_run_is_evaluated_again(tmp_path, capsys):
     pytest.importorskip("torchrl")
     image = pytest.importorskip("PIL.Image")
     grid = Grid(np.ones((7, 9), bool))
@@ -503,10 +503,10 @@ def test_compiling_is_announced_once_and_only_where_somebody_looks(terminal, cap
     monkeypatch.setattr(numba_config, "CACHE_DIR", str(tmp_path))
     monkeypatch.setitem(COMMANDS, "fresh", Command(f"{__name__}:compile_two_kernels", ""))
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
-    told = []
+    messages = []
     for _ in range(2):  # the second time, the kernels are in the cache
         assert main(["fresh"]) == 0
-        told.append(capsys.readouterr().err.splitlines())
-    first, second = told
+        messages.append(capsys.readouterr().err.splitlines())
+    first, second = messages
     assert [line.startswith("compiling kernels") for line in first] == [True] * terminal
     assert second == []

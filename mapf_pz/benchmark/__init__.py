@@ -1,1 +1,1 @@
-"""How fast environments step, beside a memory copy and beside others: what `mapf-pz benchmark` measures."""
+"""Measurements of the speed of environments, for `mapf-pz benchmark`."""

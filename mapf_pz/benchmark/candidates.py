@@ -1,7 +1,7 @@
-"""Contenders: our interfaces, the parts of the simulator, a memory copy of the same observations, and POGEMA.
+"""Candidates: the interfaces of this package, parts of the simulator, a memory copy of the observations, and POGEMA.
 
-Every run has one episode's length; the candidates take turns. POGEMA, the nearest peer, plays on the same map with as
-many agents and as large views, if it is at hand.
+Every run has the length of one episode; the candidates alternate. POGEMA, the most similar environment, runs on the
+same map with the same number of agents and the same view size, if it is available.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from rich.table import Table
 
 from mapf_pz.arrays import Ints
-from mapf_pz.benchmark.runs import Measurement, Played, Run, measure, timed
+from mapf_pz.benchmark.runs import Measurement, Timing, Run, measure, timed
 from mapf_pz.benchmark.workload import Workload
 from mapf_pz.environment import parallel_env
 
@@ -25,7 +25,7 @@ SIMULATOR, COPY, POGEMA = "simulator", "memory copy", "POGEMA"
 
 
 def simulator_run(workload: Workload) -> Run:
-    """Step the simulator alone: all agents observe after every step, and environments that are over begin anew."""
+    """Step the simulator: all agents observe after every step, and finished environments are reset."""
     simulator = workload.simulator()
     actions = _random_actions(workload, simulator.num_actions)
 
@@ -40,7 +40,7 @@ def simulator_run(workload: Workload) -> Run:
 
 
 def stepping_run(workload: Workload) -> Run:
-    """Step only, on and on, also when episodes are over."""
+    """Step without observations and resets, even after the end of an episode."""
     simulator = workload.simulator()
     actions = _random_actions(workload, simulator.num_actions)
 
@@ -53,7 +53,7 @@ def stepping_run(workload: Workload) -> Run:
 
 
 def observing_run(workload: Workload) -> Run:
-    """Observe only."""
+    """Observe without stepping."""
     simulator = workload.simulator()
 
     def play() -> int:
@@ -65,7 +65,7 @@ def observing_run(workload: Workload) -> Run:
 
 
 def copy_run(workload: Workload) -> Run:
-    """Copy what all agents observe, in place of computing it."""
+    """Copy the observations of all agents instead of computing them."""
     observation = workload.simulator().observe()
 
     def play() -> int:
@@ -78,7 +78,7 @@ def copy_run(workload: Workload) -> Run:
 
 
 def pettingzoo_run(workload: Workload) -> Run:
-    """Step one environment through its dictionaries."""
+    """Step one PettingZoo environment."""
     env = parallel_env(**workload.keywords())
     rng = np.random.default_rng(workload.seed)
     actions = rng.integers(env.simulator.num_actions, size=(workload.max_steps, workload.num_agents)).tolist()
@@ -95,7 +95,7 @@ def pettingzoo_run(workload: Workload) -> Run:
 
 
 def torchrl_run(workload: Workload) -> Run:
-    """Collect with TorchRL, by a random policy; raises `ImportError` without TorchRL."""
+    """Collect with TorchRL and a random policy; raises `ImportError` without TorchRL."""
     from mapf_pz.rl import BatchedMapfEnv
 
     env = BatchedMapfEnv(workload.num_envs, workload.num_threads, **workload.keywords())
@@ -104,7 +104,7 @@ def torchrl_run(workload: Workload) -> Run:
 
 
 def wrapper_run(workload: Workload) -> Run:
-    """Collect from the PettingZoo environment by TorchRL's own wrapper; raises `ImportError` without TorchRL."""
+    """Collect from the PettingZoo environment with TorchRL's wrapper; raises `ImportError` without TorchRL."""
     return _collector_run(parallel_env(**workload.keywords()), 1, workload)
 
 
@@ -120,11 +120,11 @@ def _collector_run(env: Any, num_envs: int, workload: Workload) -> Run:
 
 
 def pogema_run(python: str, integration: str | None, workload: Workload) -> Run:
-    """Play in POGEMA, in a process of its own for each run; raises `ValueError` for what POGEMA cannot do."""
+    """Run POGEMA in a separate process for each run; raises `ValueError` for workloads that it does not support."""
     grid = workload.source().grid
     if grid is None or workload.view_size[0] != workload.view_size[1] or workload.view_size[0] % 2 == 0:
         raise ValueError("pogema: expected one map for all episodes, and a square view with an odd number of rows")
-    asked = {
+    options = {
         "map": ["".join("." if free else "#" for free in row) for row in grid.free],
         "num_agents": workload.num_agents,
         "view_size": workload.view_size[0],
@@ -132,14 +132,14 @@ def pogema_run(python: str, integration: str | None, workload: Workload) -> Run:
         "seed": workload.seed,
         "integration": integration,
     }
-    command = [python, str(Path(__file__).with_name("pogema_player.py")), json.dumps(asked)]
+    command = [python, str(Path(__file__).with_name("pogema_player.py")), json.dumps(options)]
 
-    def run() -> Played:
+    def run() -> Timing:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
             reason = done.stderr.strip().rpartition("\n")[2]
-            raise ValueError(f"pogema: {python} failed, is POGEMA 1.4.0 installed there? {reason}")
-        return Played(*json.loads(done.stdout))
+            raise ValueError(f"pogema: {python} failed, is POGEMA 1.4.0 installed? {reason}")
+        return Timing(*json.loads(done.stdout))
 
     return run
 
@@ -159,11 +159,11 @@ PEERS: dict[str, Callable[[str, Workload], Run]] = {
     POGEMA: lambda python, workload: pogema_run(python, None, workload),
     "  its dictionaries": lambda python, workload: pogema_run(python, "PettingZoo", workload),
 }
-"""The nearest peer, by its own interface, and by the one that it calls PettingZoo's."""
+"""The most similar environment, with its own interface and with its PettingZoo interface."""
 
 
 def candidates(workload: Workload, pogema: str | None) -> dict[str, Run]:
-    """Return the runs of all that are at hand; `pogema` is a Python in which POGEMA is installed, or None."""
+    """Return the runs of all available candidates; `pogema` is a Python interpreter with POGEMA, or None."""
     makers = CANDIDATES | (TORCHRL_CANDIDATES if _has_torchrl() else {})
     runs = {name: make(workload) for name, make in makers.items()}
     if pogema is not None:
@@ -177,9 +177,9 @@ def candidate_table(workload: Workload, pogema: str | None, seconds: float) -> T
 
 
 def as_table(measured: dict[str, Measurement]) -> Table:
-    """Return a table with a row each; the last columns compare rates with those of the memory copy, and of POGEMA."""
-    left_out = None if _has_torchrl() else "TorchRL is left out: it needs the extra, pip install 'mapf-pz[train]'"
-    table = Table(title="thousands of agent steps, medians of runs", caption=left_out)
+    """Return a table with a row per candidate; the last columns compare it with the memory copy and with POGEMA."""
+    caption = None if _has_torchrl() else "TorchRL is omitted, as it is not installed: pip install 'mapf-pz[train]'"
+    table = Table(title="thousands of agent steps, medians of runs", caption=caption)
     table.add_column("")
     peers = [peer for peer in PEERS if peer in measured]
     for heading in ["per s", "per CPU s", "runs", "of copy"] + [f"x {peer.strip()}" for peer in peers]:

@@ -1,8 +1,9 @@
-"""Plays an episode in POGEMA 1.4.0, in a Python of its own, for `mapf-pz benchmark`: `pogema_player.py OPTIONS`.
+"""Run an episode in POGEMA 1.4.0 in a separate Python, for `mapf-pz benchmark`: `pogema_player.py OPTIONS`.
 
 OPTIONS is a JSON object: `map` (rows of `.` and `#`), `num_agents`, `view_size` (odd, square), `max_steps`, `seed`, and
-`integration` (null: its own interface, or `PettingZoo`). Actions are random; the reset counts. It writes the steps that
-agents took, the seconds and the CPU seconds, and needs nothing but POGEMA, whose dependencies clash with the project's.
+`integration` (null: its own interface, or `PettingZoo`). Actions are random, and the reset is included. It prints the
+number of agent steps, the seconds and the CPU seconds. It requires only POGEMA, the dependencies of which conflict with
+those of this project.
 """
 
 import json
@@ -14,7 +15,7 @@ from pogema import GridConfig, pogema_v0  # pyright: ignore[reportMissingImports
 
 
 def main() -> None:
-    """Play, and write what it took."""
+    """Run the episode, and print the measurement."""
     options = json.loads(sys.argv[1])
     config = GridConfig(
         map="\n".join(options["map"]),

@@ -1,4 +1,4 @@
-"""Bouts: candidates take turns, so that a slow spell of the machine meets all of them."""
+"""Alternating runs of candidates, so that changes in the machine's speed affect all of them."""
 
 from __future__ import annotations
 
@@ -11,66 +11,66 @@ from typing import NamedTuple
 MIN_RUNS = 5
 
 
-class Played(NamedTuple):
-    """What a candidate did in one run."""
+class Timing(NamedTuple):
+    """The measurement of one run."""
 
     steps: int
-    """Steps that agents took, or whatever else is counted."""
+    """Number of agent steps, or of other counted events."""
     wall: float
-    """Seconds."""
+    """Wall-clock time in seconds."""
     cpu: float
-    """CPU seconds of all threads."""
+    """CPU time of all threads in seconds."""
 
 
-Run = Callable[[], Played]
-"""Plays once."""
+Run = Callable[[], Timing]
+"""A function that runs a candidate once."""
 
 
 def timed(play: Callable[[], int]) -> Run:
-    """Make a run out of what returns how many steps agents took."""
+    """Return a run that measures a function, which returns its number of agent steps."""
 
-    def run() -> Played:
+    def run() -> Timing:
         wall, cpu = time.perf_counter(), time.process_time()
         steps = play()
-        # The processor's clock may tick so seldom that none of it passes.
+        # The CPU clock may be so coarse that it does not advance.
         spent = max(time.process_time() - cpu, time.get_clock_info("process_time").resolution)
-        return Played(steps, time.perf_counter() - wall, spent)
+        return Timing(steps, time.perf_counter() - wall, spent)
 
     return run
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """What came of a candidate's runs."""
+    """Summary of a candidate's runs."""
 
     name: str
-    """Who played."""
+    """Name of the candidate."""
     rate: float
-    """Agent steps per second, the median of all runs."""
+    """Median of the agent steps per second."""
     cpu_rate: float
-    """Agent steps per CPU second of all threads, the median of all runs."""
+    """Median of the agent steps per CPU second of all threads."""
     num_runs: int
-    """How many runs."""
+    """Number of runs."""
 
 
 def measure(runs: Mapping[str, Run], seconds: float) -> dict[str, Measurement]:
-    """Let all play in turns for about so many seconds in all, after one run each that does not count."""
+    """Alternate between all runs for about `seconds` in total, after one unmeasured run each."""
     for play in runs.values():
         play()
-    results: dict[str, list[Played]] = {name: [] for name in runs}
-    began = time.perf_counter()
+    results: dict[str, list[Timing]] = {name: [] for name in runs}
+    start = time.perf_counter()
     num_rounds = 0
-    while num_rounds < MIN_RUNS or time.perf_counter() - began < seconds:
+    while num_rounds < MIN_RUNS or time.perf_counter() - start < seconds:
         num_rounds += 1
         for name, play in runs.items():
             results[name].append(play())
-    return {name: _summary(name, played) for name, played in results.items()}
+    return {name: _summary(name, measured) for name, measured in results.items()}
 
 
-def _summary(name: str, played: list[Played]) -> Measurement:
+def _summary(name: str, runs: list[Timing]) -> Measurement:
     return Measurement(
         name,
-        rate=median(one.steps / one.wall for one in played),
-        cpu_rate=median(one.steps / one.cpu for one in played),
-        num_runs=len(played),
+        rate=median(run.steps / run.wall for run in runs),
+        cpu_rate=median(run.steps / run.cpu for run in runs),
+        num_runs=len(runs),
     )

@@ -1,4 +1,4 @@
-"""Scaling: how the time that an agent's step takes grows with the workload, along one axis after the other."""
+"""Scaling: the time per agent step as the workload grows along several axes."""
 
 from __future__ import annotations
 
@@ -16,34 +16,34 @@ CELLS_PER_AGENT = 16
 
 
 def more_agents(workload: Workload) -> dict[str, Workload]:
-    """Return loads of more and more agents on larger and larger maps, with as many agents in all."""
-    in_all = max(workload.num_envs * workload.num_agents, 4096)
-    loads = {}
+    """Return workloads with increasing numbers of agents and map sizes, and the same total number of agents."""
+    total = max(workload.num_envs * workload.num_agents, 4096)
+    workloads = {}
     for num_agents in (16, 64, 256, 1024, 4096):
         side = int((CELLS_PER_AGENT * num_agents) ** 0.5)
-        size = {"height": side, "width": side, "num_agents": num_agents, "num_envs": in_all // num_agents}
-        loads[f"{num_agents} agents on {side} x {side}"] = replace(workload, map=None, **size)
-    return loads
+        size = {"height": side, "width": side, "num_agents": num_agents, "num_envs": total // num_agents}
+        workloads[f"{num_agents} agents on {side} x {side}"] = replace(workload, map=None, **size)
+    return workloads
 
 
 def more_environments(workload: Workload) -> dict[str, Workload]:
-    """Return loads of more and more environments."""
+    """Return workloads with increasing numbers of environments."""
     return {f"{number} environments": replace(workload, num_envs=number) for number in (1, 8, 64, 512)}
 
 
 def larger_views(workload: Workload) -> dict[str, Workload]:
-    """Return loads with larger and larger views."""
+    """Return workloads with increasing view sizes."""
     return {f"views of {side} x {side}": replace(workload, view_size=(side, side)) for side in (5, 7, 11, 20)}
 
 
 def larger_maps(workload: Workload) -> dict[str, Workload]:
-    """Return loads on larger and larger maps."""
+    """Return workloads with increasing map sizes."""
     sides = (32, 64, 128, 256)
     return {f"maps of {side} x {side}": replace(workload, map=None, height=side, width=side) for side in sides}
 
 
 def more_threads(workload: Workload) -> dict[str, Workload]:
-    """Return loads on more and more threads, up to as many as there are processors."""
+    """Return workloads with increasing numbers of threads, up to the number of processors."""
     count = os.cpu_count() or 1
     numbers = sorted({min(2**k, count) for k in range(count.bit_length() + 1)})
     return {f"{number} threads": replace(workload, num_threads=number) for number in numbers}
@@ -59,16 +59,16 @@ AXES: tuple[Callable[[Workload], dict[str, Workload]], ...] = (
 
 
 def scaling_table(workload: Workload, seconds: float) -> Table:
-    """Measure the simulator along every axis: a row for each workload, a section for each axis."""
-    table = Table(title="the simulator's time for each agent step, medians of runs")
+    """Measure the simulator along every axis: a row per workload, a section per axis."""
+    table = Table(title="time of the simulator per agent step, medians of runs")
     table.add_column("")
     for heading in ("ns", "x first", "CPU ns", "x copy"):
         table.add_column(heading, justify="right")
     for axis in AXES:
-        loads = axis(workload)
-        runs = {name: simulator_run(one) for name, one in loads.items()}
-        copies = {_copy_of(name): copy_run(one) for name, one in loads.items()}
-        _add_rows(table, list(loads), measure(runs | copies, seconds / len(AXES)))
+        workloads = axis(workload)
+        runs = {name: simulator_run(one) for name, one in workloads.items()}
+        copies = {_copy_of(name): copy_run(one) for name, one in workloads.items()}
+        _add_rows(table, list(workloads), measure(runs | copies, seconds / len(AXES)))
     return table
 
 

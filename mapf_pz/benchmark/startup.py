@@ -1,4 +1,4 @@
-"""Beginnings: what a reset takes, and the first step of a program."""
+"""Measurements of resets, and of the import and first step of a program."""
 
 from __future__ import annotations
 
@@ -19,32 +19,32 @@ FIRST_STEP = (
     "from mapf_pz import parallel_env; env = parallel_env(); env.reset(seed=0);"
     " env.step({agent: 0 for agent in env.agents})"
 )
-TIMED = "import time; began = time.perf_counter(); {code}; print(time.perf_counter() - began)"
+TIMED = "import time; start = time.perf_counter(); {code}; print(time.perf_counter() - start)"
 
 
 def reset_table(workload: Workload, seconds: float) -> Table:
-    """Measure what a reset takes: on the map as it was, on new ones, and with the cost to go."""
+    """Measure resets: on the same map, on new maps, and with the cost to go."""
     settings = {
         "same map": replace(workload, new_maps=False, complete=False),
         "new map": replace(workload, map=None, new_maps=True, complete=False),
         "new map and cost to go": replace(workload, map=None, new_maps=True, complete=True),
     }
-    loads = {
+    workloads = {
         f"{number} agents, {name}": replace(setting, num_agents=number)
         for number in (8, 64)
         for name, setting in settings.items()
     }
-    table = Table(title="milliseconds for each reset, medians of runs")
+    table = Table(title="milliseconds per reset, medians of runs")
     table.add_column("")
     for heading in ("wall", "CPU"):
         table.add_column(heading, justify="right")
-    for one in measure({name: reset_run(one) for name, one in loads.items()}, seconds).values():
+    for one in measure({name: reset_run(one) for name, one in workloads.items()}, seconds).values():
         table.add_row(one.name, f"{1e3 / one.rate:.3f}", f"{1e3 / one.cpu_rate:.3f}")
     return table
 
 
 def reset_run(workload: Workload) -> Run:
-    """Begin a new episode in every environment; resets are counted."""
+    """Reset every environment; the counted events are resets."""
     simulator = workload.simulator()
 
     def play() -> int:
@@ -55,8 +55,8 @@ def reset_run(workload: Workload) -> Run:
 
 
 def startup_table() -> Table:
-    """Measure, in fresh processes, the import, and the first step with and without kernels compiled beforehand."""
-    table = Table(title="seconds in a fresh process")
+    """Measure, in new processes, the import, and the first step with and without cached kernels."""
+    table = Table(title="seconds in a new process")
     table.add_column("")
     table.add_column("wall", justify="right")
     table.add_row("import mapf_pz", f"{median(_seconds(IMPORT) for _ in range(MIN_RUNS)):.2f}")
@@ -68,8 +68,8 @@ def startup_table() -> Table:
 
 
 def _seconds(code: str, cache: str | None = None) -> float:
-    """Return how long it takes to run `code`, without the start of Python, with kernels kept in the folder `cache`."""
+    """Return the runtime of `code` without the start of Python, with kernels cached in the folder `cache`."""
     environment = os.environ | ({} if cache is None else {"NUMBA_CACHE_DIR": cache})
     command = [sys.executable, "-c", TIMED.format(code=code)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
-    return float(done.stdout)
+    process = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    return float(process.stdout)

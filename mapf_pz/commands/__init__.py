@@ -1,1 +1,1 @@
-"""The commands of `mapf-pz`, one a file; `mapf_pz.cli` finds them."""
+"""The commands of `mapf-pz`, one module each, which `mapf_pz.cli` loads."""

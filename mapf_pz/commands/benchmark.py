@@ -1,4 +1,4 @@
-"""The command `mapf-pz benchmark`: how fast environments step."""
+"""The command `mapf-pz benchmark`: measure the speed of environments."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from mapf_pz.benchmark.workload import Workload
 
 @dataclass(frozen=True)
 class BenchmarkOptions(Workload):
-    """What is stepped, and what is measured."""
+    """Options of `mapf-pz benchmark`."""
 
     tables: tuple[Literal["candidates", "scaling", "resets", "startup"], ...] = ("candidates",)
-    """`candidates`: our interfaces beside a memory copy of the same observations, and beside POGEMA; `scaling`: the
-    simulator with more agents, environments and threads, larger views and maps; `resets`; `startup`: import and first
-    step of a program."""
+    """Tables to print. `candidates`: the interfaces of this package, a memory copy of the same observations, and
+    POGEMA; `scaling`: the simulator with more agents, environments and threads, and larger views and maps; `resets`:
+    resets of the environment; `startup`: the import and first step of a program."""
     seconds: float = 10.0
-    """Length of the measurement for each table; five runs are played in any case."""
+    """Duration of the measurement per table in seconds; there are at least five runs."""
     pogema: str | None = None
-    """A Python in which POGEMA 1.4.0 is installed (`make bench-peers`); None leaves it out."""
+    """Python interpreter with POGEMA 1.4.0 (`make bench-peers`). None: POGEMA is omitted."""
 
 
 TABLES: dict[str, Callable[[BenchmarkOptions], Table]] = {
@@ -38,7 +38,7 @@ TABLES: dict[str, Callable[[BenchmarkOptions], Table]] = {
 
 
 def benchmark(options: BenchmarkOptions) -> None:
-    """Measure how fast environments step with random actions, and print tables."""
+    """Measure the speed of environments with random actions, and print tables."""
     console = Console()
     for name in options.tables:
         console.print(TABLES[name](options))

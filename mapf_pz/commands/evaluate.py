@@ -1,4 +1,4 @@
-"""The command `mapf-pz evaluate`: how policies and planners do on instances that they never saw."""
+"""The command `mapf-pz evaluate`: evaluate policies and planners on the same instances."""
 
 from __future__ import annotations
 
@@ -37,55 +37,57 @@ from mapf_pz.io.atomic import write_whole
 
 TABLE_FILE = "evaluation.md"
 DEFAULT_AGENTS = 10
-"""The number of agents on a map without scenarios."""
+"""Default number of agents on a map without scenarios."""
 
 Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
 class EvaluateOptions:
-    """Who is tried, and on what: suites, or one map."""
+    """Options of `mapf-pz evaluate`: policies, and suites or a map."""
 
     policy: Annotated[tuple[str, ...], UseAppendAction]
-    """Once or more: `random`; a planner (`pibt`, `epibt:depth=5,time_limit=0.1`); a trained policy, by its name if it
-    comes with the package or by its run's folder; that with `+pibt` after it: carried out by PIBT."""
+    """Policy to evaluate; may be given several times. `random`, a planner (`pibt`, `epibt:depth=5,time_limit=0.1`),
+    the name of a bundled trained policy, or the folder of a training run. With the suffix `+pibt`, PIBT executes the
+    preferences of a trained policy without collisions."""
     suite: Annotated[tuple[str, ...], UseAppendAction] = ()
-    """Once or more: the name of a suite, or the path of a suite's file; `standard` where neither is given nor a map."""
+    """Name of a suite, or path of a suite file; may be given several times. Default: `standard`, if there is no map."""
     map: str | None = None
-    """In place of suites: a map's name or the path of a `.map` file."""
+    """Name of a map, or path of a `.map` file, instead of suites."""
     scenario: Annotated[tuple[tuple[str, ...], ...], UseAppendAction] = ()
-    """Scenarios for that map, each played once: names, `.scen` files or patterns such as "tests/*.scen", several after
-    one option or the option several times. Without any, starts and goals are generated."""
+    """Scenarios for the map, with one episode each: names, `.scen` files or patterns such as "tests/*.scen"; several
+    values may be given. Without scenarios, starts and goals are random."""
     num_agents: Annotated[tuple[tuple[int, ...], ...], UseAppendAction] = ()
-    """The number of agents on that map, or several numbers to evaluate each of them. Default: all agents of the
-    scenarios, or 10."""
+    """Number of agents on the map, or several numbers to evaluate. Default: all agents of the scenarios, or 10 without
+    scenarios."""
     max_steps: int = 512
-    """Time limit on that map."""
+    """Maximum number of steps of an episode on the map."""
     action_model: ActionModel | None = None
-    """Whether agents turn and drive or step in four directions; None: as the suite or the policy has it."""
+    """`rotate`: agents turn and move forward; `cardinal`: agents move in four directions. None: the model of the suite
+    or policy."""
     episodes: int | None = None
-    """The number of episodes of each task, at most one for each scenario or instance. None: as the suite states, one
-    for each scenario, or 64 if starts and goals are generated."""
+    """Number of episodes of each task, at most one for each scenario or instance. None: the suite's number, one for
+    each scenario, or 64 if starts and goals are random."""
     seed: int | None = None
-    """Of the first episode; None: as the suite has it."""
+    """Random seed of the first episode, which increases by one per episode. None: the suite's seed."""
     policy_seed: int = 0
-    """Of the policies' draws."""
+    """Random seed of the policies."""
     deterministic: bool = False
-    """Trained policies take the likeliest action."""
+    """Whether trained policies take the most likely action instead of sampling one."""
     distance_bytes: int | None = None
-    """The most memory for cost-to-go tables of one process, in bytes; None: as the suite has it, or as much as is
-    needed, up to half of the machine's."""
+    """Maximum memory for cost-to-go tables per process in bytes. None: the suite's value, or as needed, up to half of
+    the machine's memory."""
     jobs: int | Literal["ray"] = 1
-    """How many processes; `ray`: as many as the Ray cluster has room for."""
+    """Number of processes; `ray`: run on a Ray cluster."""
     output: Path | None = None
-    """A folder for all episodes as CSV, the table in Markdown, and figures; what it has already is not done again."""
+    """Folder for the episodes (CSV), the table (Markdown) and figures; existing results are reused."""
 
     def tasks(self) -> tuple[EvaluationTask, ...]:
-        """Return the tasks that were asked for."""
+        """Return the tasks that the options select."""
         if self.map is not None and self.suite:
             raise ValueError("expected either --suite or --map")
         if self.map is None and self.scenario:
-            raise ValueError("expected --map beside --scenario")
+            raise ValueError("--scenario: expected --map, too")
         if self.episodes is not None and self.episodes < 1:
             raise ValueError(f"episodes={self.episodes}: expected 1 or more")
         if self.seed is not None and self.seed < 0:
@@ -97,16 +99,16 @@ class EvaluateOptions:
         return tuple(map(self._overridden, tasks))
 
     def _overridden(self, task: EvaluationTask) -> EvaluationTask:
-        """Return the task with the options that override its own."""
+        """Return the task with the settings that the options override."""
         if self.episodes is not None and task.instances and self.episodes > len(task.instances):
             instances = f"{task.label!r} has {len(task.instances)} instances"
-            raise ValueError(f"episodes={self.episodes}: {instances}, expected at most one episode for each")
+            raise ValueError(f"episodes={self.episodes}: {instances}, expected at most one episode per instance")
         given = {"action_model": self.action_model, "distance_bytes": self.distance_bytes}
         keywords = {name: value for name, value in given.items() if value is not None}
         return task.with_(keywords=task.keywords | keywords, episodes=self.episodes, seed=self.seed)
 
     def label(self, policy: str) -> str:
-        """Return what a policy is called in the results: it must tell apart what acts differently."""
+        """Return the label of a policy in the results, which is unique for different settings."""
         seed = f", seed {self.policy_seed}" if self.policy_seed else ""
         return policy + seed + (", deterministic" if self.deterministic and is_trained(policy) else "")
 
@@ -119,19 +121,19 @@ class EvaluateOptions:
                 EvaluationTask(Path(map).stem, count, keywords, episodes=64) for count in counts or [DEFAULT_AGENTS]
             ]
         grid, files = load_map(map), _files(names)
-        task_name = f"{grid.name}, {Path(files[0]).name if len(files) == 1 else f'{len(files)} scenarios'}"
-        return [_on_scenarios(task_name, grid, files, count, self.max_steps) for count in counts or [None]]
+        name = f"{grid.name}, {Path(files[0]).name if len(files) == 1 else f'{len(files)} scenarios'}"
+        return [_on_scenarios(name, grid, files, count, self.max_steps) for count in counts or [None]]
 
 
 def _joined(name: str, values: Sequence[Sequence[Value]]) -> list[Value]:
-    """Return the values of an option that was given several times."""
+    """Return the unique values of an option that may be given several times."""
     if not all(values):
-        raise ValueError(f"--{name}: expected one value or more, got none")
+        raise ValueError(f"--{name}: expected at least one value, got none")
     return list(dict.fromkeys(chain.from_iterable(values)))
 
 
 def _files(names: Sequence[str]) -> list[str]:
-    """Return the names of scenarios with the patterns among them replaced by the files that match, each only once."""
+    """Return the unique names of scenarios, with patterns replaced by the matching files."""
     files: list[str] = []
     for name in names:
         found = [name] if os.path.exists(name) or not has_magic(name) else sorted(glob(name))
@@ -142,18 +144,18 @@ def _files(names: Sequence[str]) -> list[str]:
 
 
 def _on_scenarios(
-    task_name: str, grid: Grid, files: Sequence[str], num_agents: int | None, max_steps: int
+    name: str, grid: Grid, files: Sequence[str], num_agents: int | None, max_steps: int
 ) -> EvaluationTask:
-    """Return a task with one episode for each scenario; the environment decides where agents look at the start."""
+    """Return a task with one episode for each scenario; the environment samples the initial headings."""
     instances = tuple(load_instance(grid, file, num_agents, action_model="cardinal") for file in files)
-    return EvaluationTask(task_name, instances[0].num_agents, {"max_steps": max_steps}, instances=instances)
+    return EvaluationTask(name, instances[0].num_agents, {"max_steps": max_steps}, instances=instances)
 
 
 def evaluate_policies(options: EvaluateOptions) -> None:
-    """Let policies and planners act in the same episodes, and print the table of results."""
+    """Evaluate policies and planners on the same episodes, and print a table of results."""
     if not options.policy:
-        raise ValueError("expected --policy, once or more")
-    # Networks this small take several times as long on two threads; torch, which is not loaded yet, reads this.
+        raise ValueError("expected --policy at least once")
+    # These small networks are several times slower with two threads. Set this before torch is imported.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     factories: dict[str, PolicyFactory | Policy | str] = {
         options.label(name): policy_factory(name, options.policy_seed, options.deterministic) for name in options.policy
@@ -167,7 +169,7 @@ def report(
     output: Path | None,
     jobs: int | str = 1,
 ) -> None:
-    """Evaluate, print the table, and write it and the figures to `output` if there is one."""
+    """Evaluate policies, print the table, and write the table and figures to `output`, if given."""
     with interruptible() as check, _progress_bar(check) as show:
         episodes = evaluate(policies, tasks, output, jobs, show)
     Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200).print(terminal_table(episodes))
@@ -178,7 +180,7 @@ def report(
     write_whole(output / TABLE_FILE, markdown_table(episodes).encode())
     print(f"table and episodes written to {output}")
     if find_spec("matplotlib") is None:
-        print("no figures: pip install 'mapf-pz[train]' has what draws them")
+        print("no figures: they require matplotlib, pip install 'mapf-pz[train]'")
         return
     from mapf_pz.evaluation.figures import draw_figures
 
@@ -188,7 +190,7 @@ def report(
 
 @contextmanager
 def _progress_bar(check: Callable[[], None]) -> Generator[Callable[[Episode | None, int], None]]:
-    """Show a bar; yield what moves it, and calls `check`."""
+    """Show a progress bar; yield the function that updates it and calls `check`."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     console = Console(stderr=True)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:

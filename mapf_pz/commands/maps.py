@@ -29,17 +29,17 @@ class GenerateMaps:
     """Write the files of the bundled maps."""
 
     folder: Positional[Path]
-    """Where to; it is made where it is missing."""
+    """Output folder, which is created if necessary."""
 
 
 @dataclass(frozen=True)
 class DownloadMaps:
-    """Download the MovingAI benchmark, whose maps and scenarios are known by their names from then on."""
+    """Download the MovingAI benchmark, so that its maps and scenarios are available by name."""
 
     scenarios: Literal["random", "even", "both"] = "both"
-    """Which scenarios: goals anywhere, goals at evenly distributed distances, or both."""
+    """Scenarios to download. `random`: random goals; `even`: evenly distributed distances; `both`."""
     folder: Path | None = None
-    """Where to, if not to the user's cache (or `MAPF_PZ_CACHE`); `MAPF_PZ_BENCHMARK` must name it then."""
+    """Output folder, to which `MAPF_PZ_BENCHMARK` must be set. None: the user's cache, or `MAPF_PZ_CACHE`."""
 
 
 def maps(
@@ -67,13 +67,13 @@ def _list() -> None:
 def _download(scenarios: Literal["random", "even", "both"], folder: Path) -> None:
     import pooch
 
-    pooch.get_logger().setLevel(logging.WARNING)  # the bar tells what it would tell
+    pooch.get_logger().setLevel(logging.WARNING)  # the progress bar shows the same
     names = ["maps", *(("random", "even") if scenarios == "both" else (scenarios,))]
     with interruptible() as check, _progress_bar() as show:
 
-        def show_and_check(name: str, here: int, total: int | None) -> None:
+        def show_and_check(name: str, done: int, total: int | None) -> None:
             check()
-            show(name, here, total)
+            show(name, done, total)
 
         written = download([ARCHIVES[name] for name in names], folder, show_and_check)
     print(f"{written} files written to {folder}" if written else f"all files are in {folder} already")
@@ -81,15 +81,15 @@ def _download(scenarios: Literal["random", "even", "both"], folder: Path) -> Non
 
 @contextmanager
 def _progress_bar() -> Generator[Show]:
-    """Show a bar for each archive; yield what feeds it."""
+    """Show a progress bar for each archive; yield the function that updates it."""
     columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TransferSpeedColumn())
     console = Console(stderr=True)
     tasks: dict[str, TaskID] = {}
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
 
-        def show(name: str, here: int, total: int | None) -> None:
+        def show(name: str, done: int, total: int | None) -> None:
             if name not in tasks:
                 tasks[name] = bar.add_task(name, total=total)
-            bar.update(tasks[name], completed=here)
+            bar.update(tasks[name], completed=done)
 
         yield show

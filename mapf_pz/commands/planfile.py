@@ -1,4 +1,4 @@
-"""Plan files with what they are for: a map and a scenario, or a problem of the League of Robot Runners."""
+"""Load plan files with their instances: a map and a scenario, or a problem of the League of Robot Runners."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from mapf_pz.plans.plan import reached
 
 
 class LoadedPlan(NamedTuple):
-    """A plan file, and what it is for."""
+    """A plan file and its instance."""
 
     file: PlanFile
     instance: Instance
     finished: int | None
-    """How many tasks it finishes where goals come one after the other, and that can be told."""
+    """Number of finished tasks if agents have several goals and the number is known."""
     has_goals: bool
-    """Whether the instance's goals are the agents': otherwise a schedule tells them."""
+    """Whether the instance contains the goals; otherwise they are in the schedule."""
 
 
 def load_plan(
@@ -39,14 +39,14 @@ def load_plan(
 
     Args:
         plan: the file.
-        map: a map's name or the path of a `.map` file.
-        scenario: the path of a `.scen` file for that map; None: starts, goals and tasks are as the plan file tells.
-        num_agents: the first agents of the scenario; None: as many as the plan has.
-        problem: the JSON file of a League of Robot Runners problem, in place of a map.
+        map: the name of a map, or the path of a `.map` file.
+        scenario: the path of a `.scen` file for the map. None: starts, goals and tasks are those of the plan file.
+        num_agents: number of agents, the first ones of the scenario. None: that of the plan.
+        problem: the JSON file of a League of Robot Runners problem, instead of a map.
 
     Raises:
-        ValueError: these do not go together.
-        FileNotFoundError, FormatError: a file is absent or malformed.
+        ValueError: the arguments are incompatible.
+        FileNotFoundError, FormatError: a file is missing or malformed.
     """
     if (map is None) == (problem is None):
         raise ValueError("expected either --map or --problem")
@@ -82,13 +82,13 @@ def _of_map(path: Path, name: str, scenario: str | None, num_agents: int | None)
             return LoadedPlan(file, Instance(grid, Scenario(plan.positions[0], file.goals), headings), None, True)
         finished = None if file.schedule is None else file.schedule.finished(plan)
         return LoadedPlan(file, _without_goals(grid, plan.positions[0], headings), finished, False)
-    everyone = load_instance(grid, scenario)
-    file = read_plan(path, Selection(everyone.scenario, num_agents, Path(scenario).stem))
+    all_agents = load_instance(grid, scenario)
+    file = read_plan(path, Selection(all_agents.scenario, num_agents, Path(scenario).stem))
     count = num_agents or file.plan.num_agents
     action_model = "cardinal" if file.plan.headings is None else "rotate"
     return LoadedPlan(file, load_instance(grid, scenario, count, action_model), None, True)
 
 
 def _without_goals(grid: Grid, starts: Ints, headings: Ints | None) -> Instance:
-    """Return a lifelong instance for a plan in which a schedule tells the goals: those here are asked of nobody."""
+    """Return a lifelong instance for a plan with goals in its schedule; the instance's goals are placeholders."""
     return Instance(grid, Scenario(starts, starts[:, None]), headings)

@@ -1,4 +1,4 @@
-"""The command `mapf-pz render`: play an episode, or take a plan file, and save it as page, film or picture."""
+"""The command `mapf-pz render`: save an episode or a plan as a web page, video or image."""
 
 from __future__ import annotations
 
@@ -22,43 +22,43 @@ from mapf_pz.wrappers import RecordEpisode
 
 @dataclass(frozen=True)
 class EpisodeOptions:
-    """Which episode or plan, and what becomes of it."""
+    """Options of `mapf-pz render`: an episode or a plan, and the output file."""
 
     output: Positional[Path]
-    """The file: `.html` is a page to play, step and look closely; `.svg`, `.gif` and `.mp4` move; `.png` shows the
-    end."""
+    """Output file. `.html`: an interactive page; `.svg`, `.gif`, `.mp4`: an animation; `.png`: an image of the last
+    state."""
     policy: str = "random"
-    """`random`, a planner, or a trained policy: its name, if it comes with the package, or the folder of a run."""
+    """Policy: `random`, a planner, the name of a bundled trained policy, or the folder of a training run."""
     map: str | None = None
-    """A map's name or the path of a `.map` file; None: an empty map."""
+    """Name of a map, or path of a `.map` file. None: an empty map."""
     scenario: str | None = None
-    """A `.scen` file of the map, or a League of Robot Runners or POGEMA problem file, which names its own map. None:
-    starts and goals are sampled, or are those of the plan."""
+    """Scenario: a `.scen` file for the map, or a League of Robot Runners or POGEMA problem file, which includes the
+    map. None: starts and goals are random, or are those of the plan."""
     num_agents: int | None = None
-    """The number of agents. None: all of the plan or the scenario, otherwise 4."""
+    """Number of agents. None: all agents of the plan or scenario, otherwise 4."""
     max_steps: int = EnvConfig.max_steps
-    """The episode is truncated after this many steps."""
+    """Maximum number of steps; the episode is then truncated."""
     action_model: ActionModel | None = None
-    """Whether agents turn and drive or step in four directions; None: as the policy does."""
+    """`rotate`: agents turn and move forward; `cardinal`: agents move in four directions. None: the policy's model."""
     collision_system: CollisionSystem = EnvConfig.collision_system
-    """How conflicting moves are settled."""
+    """How conflicting moves are resolved."""
     on_target: OnTarget = EnvConfig.on_target
     """What an agent does at its goal."""
     edge_weights: WeightsName = "uniform"
-    """The guidance graph; pages show it."""
+    """Guidance graph, which the interactive page can show."""
     distance_bytes: int | None = None
-    """The most memory for cost-to-go tables, in bytes; None: as much as is needed, up to half of the machine's."""
+    """Maximum memory for cost-to-go tables in bytes. None: as needed, up to half of the machine's memory."""
     seed: int = 0
-    """Decides the episode."""
+    """Random seed."""
     plan: Path | None = None
-    """A plan file, in place of a policy: League of Robot Runners JSON, MAPF tracker CSV, text of PIBT and LaCAM."""
+    """Plan file, instead of a policy: League of Robot Runners JSON, MAPF tracker CSV, or text of PIBT or LaCAM."""
     problem: Path | None = None
-    """The League of Robot Runners problem that the plan is for, in place of a map."""
+    """File of the League of Robot Runners problem of the plan, instead of a map."""
     fps: float = 4
     """Steps per second."""
 
     def keywords(self) -> dict[str, Any]:
-        """Return the keywords of `parallel_env` that are set."""
+        """Return the keyword arguments of `parallel_env` that are set."""
         names = (
             *("map", "scenario", "num_agents", "max_steps", "action_model"),
             *("collision_system", "on_target", "edge_weights", "distance_bytes"),
@@ -67,7 +67,7 @@ class EpisodeOptions:
 
 
 def render(episode: EpisodeOptions) -> None:
-    """Play an episode, or take a plan file, and save it as page, film or picture."""
+    """Run an episode or read a plan file, and save it as a web page, video or image."""
     check_output(episode.output, episode.fps)
     if episode.plan is not None:
         _save_plan(episode, episode.plan)
@@ -79,12 +79,12 @@ def render(episode: EpisodeOptions) -> None:
 
 
 def save_episode(env: AnyEnv, policy: Policy, seed: int, output: Path, fps: float, who: str) -> None:
-    """Play an episode of `env`, save it to `output`, and print its metrics; `who` is the policy's name."""
+    """Run an episode of `env`, save it to `output`, and print its metrics; `who` is the policy's name."""
     recording = _record(env, policy, seed)
-    metrics = {name: f"{value:.4g}" for name, value in env.metrics().items()}
+    metrics = {metric: f"{value:.4g}" for metric, value in env.metrics().items()}
     facts = {"policy": who, "seed": str(seed)} | metrics
     _save(replace(recording, title=f"{who}: {recording.title}", facts=facts), output, fps)
-    print(f"{output}: {env.step_count} steps, {', '.join(f'{name} {value}' for name, value in metrics.items())}")
+    print(f"{output}: {env.step_count} steps, {', '.join(f'{metric} {value}' for metric, value in metrics.items())}")
 
 
 def _save_plan(episode: EpisodeOptions, plan: Path) -> None:
@@ -102,10 +102,10 @@ def _save(recording: Recording, output: Path, fps: float) -> None:
 
 
 def _record(env: AnyEnv, policy: Policy, seed: int) -> Recording:
-    """Play an episode with a bar of progress, and return what happened."""
+    """Run an episode with a progress bar, and return its recording."""
     console, recorded = Console(stderr=True), RecordEpisode(env)
     steps = play(recorded, policy, seed)
     hidden = not console.is_terminal
-    for _ in track(steps, "Playing", env.config.max_steps + 1, console=console, transient=True, disable=hidden):
+    for _ in track(steps, "Running", env.config.max_steps + 1, console=console, transient=True, disable=hidden):
         pass
     return recorded.recording

@@ -1,4 +1,4 @@
-"""The command `mapf-pz solve`: let a planner solve an instance, and write its plan."""
+"""The command `mapf-pz solve`: solve an instance with a planner, and write the plan."""
 
 from __future__ import annotations
 
@@ -18,49 +18,50 @@ from mapf_pz.plans.files import About, check_format, write_plan
 
 @dataclass(frozen=True)
 class SolveOptions:
-    """Which instance, who solves it, and where the plan goes."""
+    """Options of `mapf-pz solve`: the output file, a planner, and an instance."""
 
     output: Positional[Path]
-    """The plan: `.json` (League of Robot Runners), `.csv` (MAPF tracker, cardinal agents) or `.txt` (PIBT, LaCAM)."""
+    """Output file: `.json` (League of Robot Runners), `.csv` (MAPF tracker, cardinal agents), `.txt` (PIBT, LaCAM)."""
     planner: str = "pibt"
-    """The planner's name."""
+    """Name of the planner."""
     map: str = "empty-8-8"
-    """A map's name or the path of a `.map` file."""
+    """Name of a map, or path of a `.map` file."""
     scenario: str | None = None
-    """The path of a `.scen` file for that map; None draws starts and goals."""
+    """Path of a `.scen` file for the map. None: starts and goals are random."""
     num_agents: int | None = None
-    """The first agents of the scenario; None: all."""
+    """Number of agents, the first ones of the scenario. None: all agents."""
     action_model: ActionModel = "rotate"
-    """Whether agents turn and drive or step in four directions. Those that turn face east at the start."""
+    """`rotate`: agents turn and move forward, and face east at the start; `cardinal`: agents move in four
+    directions."""
     edge_weights: WeightsName = "uniform"
-    """The guidance graph that the planner follows; costs are counted in steps all the same."""
+    """Guidance graph of the planner. The reported costs are in steps regardless."""
     time_limit: float = 10.0
-    """Seconds."""
+    """Time limit in seconds."""
     max_steps: int = 1000
-    """The longest plan that is allowed."""
+    """Maximum number of steps of the plan."""
     distance_bytes: int | None = None
-    """The most memory for cost-to-go tables, in bytes; None: as much as is needed, up to half of the machine's."""
+    """Maximum memory for cost-to-go tables in bytes. None: as needed, up to half of the machine's memory."""
     seed: int = 0
-    """Of whatever is drawn."""
+    """Random seed."""
 
 
 def solve(options: SolveOptions) -> None:
-    """Solve an instance, check the plan, write it, and print what it costs; exit status 1 where there is no plan."""
+    """Solve an instance, validate and write the plan, and print its costs. The exit status is 1 if there is no plan."""
     if options.planner not in PLANNERS:
         raise ValueError(f"planner {options.planner!r}: expected one of {', '.join(PLANNERS)}")
     check_format(options.output, options.action_model)
     instance = load_instance(options.map, options.scenario, options.num_agents, options.action_model, seed=options.seed)
     planner = PLANNERS[options.planner](seed=options.seed)
     planner.compile(options.action_model)
-    began = time.perf_counter()
+    start = time.perf_counter()
     plan = planner.solve(instance, options.time_limit, options.max_steps, options.edge_weights, options.distance_bytes)
-    seconds = time.perf_counter() - began
+    seconds = time.perf_counter() - start
     if plan is None:
         limits = f"{options.time_limit:g} seconds and {options.max_steps} steps"
         raise RuntimeError(f"{options.planner} found no plan for {instance.num_agents} agents within {limits}")
     violation = validate(instance, plan)
     if violation is not None:
-        raise RuntimeError(f"{options.planner} made a plan that is not legal: {violation}")
+        raise RuntimeError(f"{options.planner} returned an illegal plan: {violation}")
     options.output.parent.mkdir(parents=True, exist_ok=True)
     scenario = "" if options.scenario is None else Path(options.scenario).stem
     write_plan(plan, options.output, instance, About(scenario, options.planner, seconds))
@@ -73,6 +74,6 @@ def solve(options: SolveOptions) -> None:
 
 
 def lower_bound(instance: Instance, distance_bytes: int | None = None) -> int:
-    """Return the sum of the steps that agents with one goal each need where they are alone."""
+    """Return the sum of the shortest path lengths of agents with one goal each."""
     simulator = simulator_of(instance, max_steps=1, edge_weights="uniform", seed=0, distance_bytes=distance_bytes)
-    return int(simulator.distance_to_go(0).sum())
+    return int(simulator.cost_to_go(0).sum())

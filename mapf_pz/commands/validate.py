@@ -1,4 +1,4 @@
-"""The command `mapf-pz validate`: whether a plan file is legal, what it costs, and whether it tells the truth."""
+"""The command `mapf-pz validate`: validate a plan file, compute its costs, and check its claims."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from mapf_pz.plans.plan import Plan, validate
 
 @dataclass(frozen=True)
 class ValidateOptions:
-    """A plan file, and what it is for: a map and a scenario, or a problem of the League of Robot Runners."""
+    """Options of `mapf-pz validate`: a plan file, and its map and scenario or its problem."""
 
     plan: Positional[Path]
-    """League of Robot Runners JSON, MAPF tracker CSV, or text of the PIBT and LaCAM tools."""
+    """Plan file: League of Robot Runners JSON, MAPF tracker CSV, or text of the PIBT and LaCAM tools."""
     map: str | None = None
-    """A map's name or the path of a `.map` file."""
+    """Name of a map, or path of a `.map` file."""
     scenario: str | None = None
-    """The path of a `.scen` file for that map; None: starts, goals and tasks are as the plan file tells."""
+    """Path of a `.scen` file for the map. None: starts, goals and tasks are those of the plan file."""
     num_agents: int | None = None
-    """The first agents of the scenario; None: as many as the plan has."""
+    """Number of agents, the first ones of the scenario. None: that of the plan."""
     problem: Path | None = None
-    """The JSON file of a League of Robot Runners problem, in place of a map."""
+    """JSON file of a League of Robot Runners problem, instead of a map."""
 
 
 def validate_plan(options: ValidateOptions) -> None:
-    """Tell whether a plan is legal: its costs, or in one line, with exit status 1, the first violation.
+    """Validate a plan, and print its costs. If it is illegal, print the first violation, with exit status 1.
 
-    Costs and finished tasks are counted by replaying the plan, and compared with what the file says. Where agents get
-    one task after the other, every step of every agent counts as cost, as in the League of Robot Runners.
+    Costs and finished tasks are counted in a replay of the plan, and compared with the values in the file. In lifelong
+    plans, every step of every agent counts as cost, as in the League of Robot Runners.
     """
     file, instance, finished, _ = load_plan(
         options.plan, options.map, options.scenario, options.num_agents, options.problem
@@ -46,12 +46,12 @@ def validate_plan(options: ValidateOptions) -> None:
 
 
 def print_findings(found: Mapping[str, int | None], claims: Mapping[str, int]) -> None:
-    """Print what was counted (None: could not be), and whether the file says the same."""
+    """Print the counted values (None: unknown), and whether they agree with the file."""
     for name, value in found.items():
         claim = claims.get(name)
         if value is None:
-            said = "" if claim is None else f"; the file says {claim}"
-            print(f"{name}: unknown, as the file does not tell who was given which task{said}")
+            suffix = "" if claim is None else f"; the file says {claim}"
+            print(f"{name}: unknown, as the file does not contain the assigned tasks{suffix}")
         elif claim is None:
             print(f"{name}: {value}")
         else:
@@ -59,7 +59,7 @@ def print_findings(found: Mapping[str, int | None], claims: Mapping[str, int]) -
 
 
 def _findings(plan: Plan, instance: Instance, finished: int | None) -> dict[str, int | None]:
-    """Return the costs and the number of tasks finished: one for each agent, if it has one goal (the plan is legal)."""
+    """Return the costs and the number of finished tasks of a legal plan; with one goal each, all agents finish one."""
     if instance.scenario.goals.ndim == 2:
         return {"sum of costs": plan.sum_of_costs, "makespan": plan.makespan, "tasks finished": plan.num_agents}
     cost = plan.num_steps * plan.num_agents

@@ -1,4 +1,4 @@
-"""Untrusted JSON files: an object and its members, refused in one line."""
+"""Untrusted JSON files: parse an object and its members, with one-line errors."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from typing import Any, TypeGuard
 from mapf_pz.errors import FormatError
 
 MAX_LISTS = 4_000_000
-"""Files with more lists and objects are refused: an empty list takes some thirty times its text's memory."""
+"""Maximum number of lists and objects in a file: an empty list takes about thirty times the memory of its text."""
 MAX_NUMBER = 2**30
-"""Larger whole numbers are refused."""
+"""Maximum of whole numbers."""
 MAX_NAME = 1000
-"""Names of more characters are refused."""
+"""Maximum number of characters of a name."""
 
 JsonObject = dict[str, Any]
 
 
 def parse_object(text: str, origin: str | Path) -> JsonObject:
-    """Parse the text of a JSON file that came from `origin`; raises `FormatError` unless it holds one object."""
+    """Parse the text of a JSON file; raises `FormatError` with the name `origin` unless it holds an object."""
     data = parse_json(text, origin)
     if not isinstance(data, dict):
         raise FormatError(origin, f"expected a JSON object, got {shortened(data)}", 1)
@@ -29,7 +29,7 @@ def parse_object(text: str, origin: str | Path) -> JsonObject:
 
 
 def parse_json(text: str, origin: str | Path) -> Any:
-    """Parse the text of a JSON file that came from `origin`; raises `FormatError` where it is none, or too large."""
+    """Parse the text of a JSON file; raises `FormatError` with the name `origin` if it is malformed or too large."""
     if text.count("[") + text.count("{") > MAX_LISTS:
         raise FormatError(origin, f"expected at most {MAX_LISTS} lists and objects")
     try:
@@ -39,7 +39,7 @@ def parse_json(text: str, origin: str | Path) -> Any:
     except RecursionError:
         raise FormatError(origin, "expected JSON that is not nested deeply") from None
     except ValueError:
-        raise FormatError(origin, "expected JSON, got a number of thousands of digits") from None
+        raise FormatError(origin, "expected JSON, got a number with thousands of digits") from None
 
 
 def whole_number(data: JsonObject, name: str, origin: str | Path, least: int = 0) -> int:
@@ -59,7 +59,7 @@ def text_member(data: JsonObject, name: str, origin: str | Path) -> str:
 
 
 def list_member(data: JsonObject, name: str, origin: str | Path, least: int = 0) -> list[Any]:
-    """Return the member `name`; raises `FormatError` unless it is a list of `least` items or more."""
+    """Return the member `name`; raises `FormatError` unless it is a list of at least `least` items."""
     value = data.get(name)
     if not isinstance(value, list):
         raise FormatError(origin, f"expected {name!r} to be a list, got {shortened(value)}")
@@ -69,19 +69,19 @@ def list_member(data: JsonObject, name: str, origin: str | Path, least: int = 0)
 
 
 def is_whole(value: Any) -> TypeGuard[int]:
-    """Tell whether a JSON value is a whole number: true and false are none, though Python counts them as such."""
+    """Return whether a JSON value is a whole number; true and false are not, although Python treats them as such."""
     return isinstance(value, int) and not isinstance(value, bool)
 
 
 def are_whole(values: Any) -> TypeGuard[list[int]]:
-    """Tell whether a JSON value is a list of whole numbers from 0 to `MAX_NUMBER`."""
+    """Return whether a JSON value is a list of whole numbers from 0 to `MAX_NUMBER`."""
     return isinstance(values, list) and all(is_whole(value) and 0 <= value <= MAX_NUMBER for value in values)
 
 
-def named_file(told: str, name: str, folder: Path, origin: str | Path) -> Path:
-    """Return the file that the member `name` tells; raises `FormatError` where it leads out of the JSON's folder."""
-    inside = told.isprintable() and len(told) <= MAX_NAME
-    # A link could lead out, too: only where the path really ends counts.
-    if not inside or not Path(os.path.realpath(folder / told)).is_relative_to(os.path.realpath(folder)):
-        raise FormatError(origin, f"expected {name!r} to be a file in the folder of the JSON, got {shortened(told)}")
-    return folder / told
+def named_file(file: str, name: str, folder: Path, origin: str | Path) -> Path:
+    """Return the path of the `file` in the member `name`; raises `FormatError` if it is outside the JSON's folder."""
+    is_name = file.isprintable() and len(file) <= MAX_NAME
+    # Resolve symbolic links, which could lead out of the folder.
+    if not is_name or not Path(os.path.realpath(folder / file)).is_relative_to(os.path.realpath(folder)):
+        raise FormatError(origin, f"expected {name!r} to be a file in the folder of the JSON, got {shortened(file)}")
+    return folder / file

@@ -1,4 +1,4 @@
-"""Untrusted text files: read whole, up to a limit, and refused in one line."""
+"""Untrusted text files, which are read up to a size limit, with one-line errors."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from pathlib import Path
 from mapf_pz.errors import FormatError
 
 MAX_FILE_BYTES = 64 * 2**20
-"""Larger files are refused."""
+"""Maximum size of a file."""
 
 
 def read_text(path: str | Path, max_bytes: int | None = None) -> str:
-    """Return the text of a UTF-8 file, without a byte order mark and with its line ends as they are.
+    """Return the text of a UTF-8 file, without a byte order mark and with its original line endings.
 
     Args:
-        path: The file.
-        max_bytes: How large it may be; None: `MAX_FILE_BYTES`.
+        path: the file.
+        max_bytes: maximum size. None: `MAX_FILE_BYTES`.
 
     Raises:
-        FileNotFoundError: There is no such file.
-        FormatError: It is a folder or device, is too large, or is not UTF-8.
+        FileNotFoundError: the file does not exist.
+        FormatError: the path is a folder or device, or the file is too large or not UTF-8.
     """
     limit = MAX_FILE_BYTES if max_bytes is None else max_bytes
-    # A device or pipe could block or never end.
+    # A device or pipe could block or be endless.
     if not os.path.isfile(path):
         if os.path.exists(path):
             raise FormatError(path, "expected a file, got a folder or device")

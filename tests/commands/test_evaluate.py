@@ -8,11 +8,11 @@ import sys
 
 import numpy as np
 import pytest
-from tests.evaluate.test_jobs import children_of, is_alive, wait_for
 
 from mapf_pz.cli import main
 from mapf_pz.evaluation.results import COLUMNS
 from mapf_pz.instances import load_map, place, write_scenario
+from tests.evaluation.test_parallel import children_of, is_alive, wait_for
 
 SMALL = ["--map", "empty-8-8", "--num-agents", 3, "--max-steps", 20, "--episodes", 4]
 
@@ -57,8 +57,8 @@ def test_policies_on_a_suite_in_processes(capsys, suite, tmp_path):
     words = ["--policy", "pibt", "--policy", "random", "--suite", suite, "--jobs", 2, "--output", output]
     status, out, err = run(capsys, *words)
     assert (status, err) == (0, [])
-    told = f"table and episodes written to {output}"
-    assert told in out
+    message = f"table and episodes written to {output}"
+    assert message in out
     table = [line for line in out if line.startswith("│")]
     assert [tuple(re.split(r"\s*│\s*", line)[1:5]) for line in table] == [
         (task_name, agents, policy, "3")
@@ -89,7 +89,7 @@ def test_figures_where_there_are_several_numbers_of_agents(capsys, suite, tmp_pa
 def test_without_what_draws_figures(capsys, suite, tmp_path, monkeypatch):
     monkeypatch.setattr("mapf_pz.commands.evaluate.find_spec", lambda name: None)
     _, out, _ = run(capsys, "--policy", "pibt", "--suite", suite, "--output", tmp_path / "out")
-    assert out[-1].startswith("no figures: pip install")
+    assert out[-1].startswith("no figures: they require matplotlib, pip install")
 
 
 def test_nothing_is_written_without_a_folder(capsys, tmp_path, monkeypatch):
@@ -129,7 +129,7 @@ def test_a_scenario_is_one_episode(capsys, tmp_path):
     assert (row["task"], row["num_agents"]) == ("empty-8-8, 0.scen", "5")
     assert bounds(tmp_path / "out") == [cost(5)]
     status, _, err = run(capsys, *words, "--episodes", 2)
-    message = "episodes=2: '5 agents on empty-8-8, 0.scen' has 1 instances, expected at most one episode for each"
+    message = "episodes=2: '5 agents on empty-8-8, 0.scen' has 1 instances, expected at most one episode per instance"
     assert (status, err) == (1, [f"mapf-pz evaluate: {message}"])
 
 
@@ -170,7 +170,7 @@ def test_several_suites(capsys, suite, tmp_path):
         ("1", "0"),
     ]
     status, _, err = run(capsys, "--policy", "pibt", "--suite", suite, "--suite", suite)
-    expected = "mapf-pz evaluate: two tasks are called '2 agents on empty-8-8': expected different names"
+    expected = "mapf-pz evaluate: two tasks are named '2 agents on empty-8-8': expected unique names"
     assert (status, err) == (1, [expected])
 
 
@@ -198,18 +198,18 @@ def test_what_acts_differently_has_another_name(capsys, tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ([], "expected --policy, once or more"),
+        ([], "expected --policy at least once"),
         (["--policy", "nobody"], "policy 'nobody': expected random, a planner (pibt, epibt, "),
-        (["--policy", "pibt:depth=3"], "option 'depth=3': PIBT has none"),
+        (["--policy", "pibt:depth=3"], "option 'depth=3': PIBT has no options"),
         (["--policy", "pibt", "--suite", "nothing"], "suite 'nothing': expected a .json file, or one of "),
         (["--policy", "pibt", "--suite", "no.json"], "no.json: no such file"),
         (["--policy", "pibt", "--suite", "quickstart", *SMALL], "expected either --suite or --map"),
-        (["--policy", "pibt", "--scenario", "a.scen"], "expected --map beside --scenario"),
+        (["--policy", "pibt", "--scenario", "a.scen"], "--scenario: expected --map, too"),
         (["--policy", "pibt", "--map", "nowhere"], "no .map file is named 'nowhere'"),
         (["--policy", "pibt", *SMALL[:4], "--scenario", "a.scen"], "a.scen: no such file"),
         (["--policy", "pibt", *SMALL[:4], "--scenario", "a*.scen"], "--scenario a*.scen: no file matches this pattern"),
-        (["--policy", "pibt", *SMALL[:4], "--scenario"], "--scenario: expected one value or more, got none"),
-        (["--policy", "pibt", *SMALL[:2], "--num-agents"], "--num-agents: expected one value or more, got none"),
+        (["--policy", "pibt", *SMALL[:4], "--scenario"], "--scenario: expected at least one value, got none"),
+        (["--policy", "pibt", *SMALL[:2], "--num-agents"], "--num-agents: expected at least one value, got none"),
         (["--policy", "pibt", *SMALL[:2], "--num-agents", 0], "num_agents=0: "),
         (["--policy", "pibt", *SMALL[:2], "--num-agents", 65], "65 agents do not fit"),
         (["--policy", "pibt", *SMALL[:2], "--max-steps", 0], "max_steps=0: "),
@@ -239,13 +239,13 @@ def test_a_trained_policy_is_refused_where_actions_are_others(capsys):
     pytest.importorskip("torch")
     status, _, err = run(capsys, "--policy", "mappo", *SMALL, "--action-model", "cardinal")
     assert status == 1
-    assert err == ["mapf-pz evaluate: policy 'mappo' acts with action_model='rotate', not 'cardinal'"]
+    assert err == ["mapf-pz evaluate: policy 'mappo' requires action_model='rotate', got 'cardinal'"]
 
 
 def test_another_evaluation_in_the_folder(capsys, tmp_path):
     assert run(capsys, "--policy", "pibt", *SMALL, "--output", tmp_path)[0] == 0
     status, _, err = run(capsys, "--policy", "pibt", *SMALL, "--output", tmp_path, "--seed", 3)
-    message = "holds an evaluation of other tasks; expected another folder"
+    message = "contains an evaluation of other tasks; expected another folder"
     assert (status, err) == (1, [f"mapf-pz evaluate: {tmp_path}: {message}"])
 
 
@@ -255,7 +255,7 @@ def test_interrupted_and_called_again(capsys, tmp_path, jobs):
     words = ["--policy", "pibt", *SMALL[:-1], 1_000_000, "--jobs", jobs, "--output", tmp_path]
     command = [sys.executable, "-m", "mapf_pz", "evaluate", *map(str, words)]
     file = tmp_path / "episodes.csv"
-    # A session of its own, so that all of its processes get the signal, as they do in a terminal.
+    # A separate session, so that all of its processes get the signal, as in a terminal.
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True) as running:
         wait_for(lambda: file.exists() and file.read_bytes().count(b"\n") > 20)
         workers = children_of(running.pid)

@@ -1,4 +1,4 @@
-"""`mapf-pz play`, with keys that nobody presses."""
+"""`mapf-pz play` with simulated keys."""
 
 import re
 
@@ -35,7 +35,7 @@ def test_keys_are_steps(capsys, keyboard):
     status, out = play(capsys, "--num-agents", "3", "--policy", "random")
     assert status == 0
     titles = [title for _, title in shown]
-    assert titles[0] == "arrows: drive, space: wait, r: anew, escape: end"
+    assert titles[0] == "arrows: move, space: wait, r: restart, escape: quit"
     assert [int(re.match(r"step (\d)", title)[1]) for title in titles[1:]] == [1, 2, 3, 4, 4]
     assert out.startswith("4 steps, your rewards ")
     assert not np.array_equal(shown[0][0], shown[1][0])
@@ -44,15 +44,15 @@ def test_keys_are_steps(capsys, keyboard):
 def test_turning_left_and_right_is_nothing_and_costs(capsys, keyboard):
     shown = keyboard("left", "right")
     play(capsys, "--num-agents", "1", "--map", "empty-8-8")
-    (first, _), (turned, told), (back, _) = shown
+    (first, _), (turned, message), (back, _) = shown
     assert not np.array_equal(first, turned)
     np.testing.assert_array_equal(first, back)
-    assert "reward -" in told or "reward +" in told
+    assert "reward -" in message or "reward +" in message
 
 
 @pytest.mark.parametrize(("key", "step"), [("up", (-1, 0)), ("down", (1, 0)), ("left", (0, -1)), ("right", (0, 1))])
 def test_cardinal_keys(capsys, keyboard, key, step):
-    """Where the ring is tells where one's agent is."""
+    """The frame marks the position of the controlled agent."""
     shown = keyboard(key)
     play(capsys, "--num-agents", "1", "--map", "empty-16-16", "--action-model", "cardinal", "--seed", "2")
     ring = [np.argwhere((picture == (20, 22, 28)).all(axis=2)).min(axis=0) for picture, _ in shown]
@@ -67,8 +67,8 @@ def test_a_new_episode(capsys, keyboard):
     assert shown[3][1].startswith("step 1")
 
 
-def test_after_the_end_any_key_begins_anew(capsys, keyboard):
+def test_after_the_end_any_key_restarts(capsys, keyboard):
     shown = keyboard("space", "space", "up")
     play(capsys, "--num-agents", "2", "--policy", "random", "--max-steps", "2")
-    assert "the end" in shown[2][1]
+    assert "episode over" in shown[2][1]
     assert shown[3][1].startswith("arrows")

@@ -5,7 +5,7 @@ from mapf_pz.cli import main
 from mapf_pz.commands.solve import lower_bound
 from mapf_pz.instances import load_instance
 from mapf_pz.planners import PLANNERS, Plan, Planner
-from mapf_pz.planners.base import waiting
+from mapf_pz.planners.base import wait_action
 from tests.helpers.text_instances import drawn
 
 
@@ -51,12 +51,12 @@ def test_lower_bound():
 
 
 class Idle(Planner):
-    """A planner that leaves everybody where they are, or has no plan."""
+    """A planner in which all agents wait, or that has no plan."""
 
     plan = None
 
     def decide(self, simulator):
-        return np.full(simulator.num_agents, waiting(simulator))
+        return np.full(simulator.num_agents, wait_action(simulator))
 
     def solve(self, instance, time_limit=10.0, max_steps=1000, edge_weights="uniform", distance_bytes=None):
         return self.plan
@@ -80,7 +80,7 @@ def test_a_wrong_plan_is_not_written(capsys, tmp_path, idle, monkeypatch):
     monkeypatch.setattr(idle, "plan", Plan(instance.scenario.starts[None], instance.headings[None]))
     status, out, err = run(capsys, "solve", tmp_path / "plan.txt", "--planner", "idle", "--num-agents", 2)
     assert (status, out, len(err)) == (1, [], 1)
-    assert err[0].startswith("mapf-pz solve: idle made a plan that is not legal: step 0: agent 0 at ")
+    assert err[0].startswith("mapf-pz solve: idle returned an illegal plan: step 0: agent 0 at ")
     assert not list(tmp_path.iterdir())
 
 
@@ -88,8 +88,8 @@ def test_a_wrong_plan_is_not_written(capsys, tmp_path, idle, monkeypatch):
     ("words", "message"),
     [
         (["a.txt", "--planner", "none"], "planner 'none': expected one of "),
-        (["a.gif", "--num-agents", "2"], "a.gif: expected a file that ends in .json, .csv, .txt"),
-        (["a.csv", "--num-agents", "2"], "a.csv: a tracker CSV file holds no headings, expected action"),
+        (["a.gif", "--num-agents", "2"], "a.gif: expected a file name that ends in .json, .csv, .txt"),
+        (["a.csv", "--num-agents", "2"], "a.csv: a tracker CSV file cannot hold headings, expected act"),
         (["a.txt"], "num_agents: expected a number, as there is no scenario"),
         (["a.txt", "--num-agents", "65"], "65 agents do not fit on the 64 cells"),
         (["a.txt", "--map", "nowhere", "--num-agents", "2"], "no .map file is named 'nowhere'"),

@@ -39,12 +39,12 @@ def files(tmp_path):
 def test_a_legal_plan(capsys, files, ending):
     plan = files / f"plan.{ending}"
     write_plan(Plan(CELLS), plan, Instance(GRID, SCENARIO))
-    told = {"json": ", as the file says", "csv": "", "txt": ", as the file says"}[ending]
+    makespan = {"json": ", as the file says", "csv": "", "txt": ", as the file says"}[ending]
     finished = {"json": ", as the file says", "csv": "", "txt": ""}[ending]
     expected = [
         f"{plan}: legal, 2 agents, 2 steps",
         "sum of costs: 4, as the file says",
-        f"makespan: 2{told}",
+        f"makespan: 2{makespan}",
         f"tasks finished: 2{finished}",
     ]
     options = [plan, "--map", files / "small.map", "--scenario", files / "small.scen"]
@@ -53,14 +53,14 @@ def test_a_legal_plan(capsys, files, ending):
 
 
 @pytest.mark.parametrize("ending", ["json", "txt"])
-def test_starts_and_goals_as_the_file_tells(capsys, files, ending):
+def test_starts_and_goals_of_the_file(capsys, files, ending):
     plan = files / f"plan.{ending}"
     write_plan(Plan(CELLS), plan, Instance(GRID, SCENARIO))
     status, out, err = run(capsys, plan, "--map", files / "small.map")
     assert (status, out[1:3], err) == (0, ["sum of costs: 4, as the file says", "makespan: 2, as the file says"], [])
 
 
-def test_a_plan_that_is_not_legal(capsys, files):
+def test_an_illegal_plan(capsys, files):
     cells = CELLS.copy()
     cells[1, 1] = 1, 0
     write_plan(Plan(cells[[0, 0, 0]]), files / "plan.txt", Instance(GRID, SCENARIO))
@@ -72,7 +72,7 @@ def test_a_plan_that_is_not_legal(capsys, files):
     assert err == [f"mapf-pz validate: {files}/plan.txt: not legal: {violation}"]
 
 
-def test_claims_that_are_not_true(capsys, files):
+def test_wrong_claims(capsys, files):
     plan = files / "plan.json"
     write_plan(Plan(CELLS), plan, Instance(GRID, SCENARIO))
     plan.write_text(plan.read_text().replace('"sumOfCost": 4', '"sumOfCost": 3'))
@@ -108,7 +108,7 @@ def test_tasks_of_2024(capsys, files):
     plan.write_text(json.dumps(data))
     assert run(capsys, plan, "--problem", files / "2024.json")[1][3] == "tasks finished: 2, as the file says"
     plan.write_text(json.dumps({name: value for name, value in data.items() if name != "actualSchedule"}))
-    unknown = "tasks finished: unknown, as the file does not tell who was given which task; the file says 2"
+    unknown = "tasks finished: unknown, as the file does not contain the assigned tasks; the file says 2"
     assert run(capsys, plan, "--problem", files / "2024.json")[1][3] == unknown
 
 
@@ -133,7 +133,7 @@ def test_errors(capsys, files, monkeypatch, options, message):
     assert message in err[0]
 
 
-def test_a_plan_for_others(capsys, files):
+def test_a_plan_for_other_agents(capsys, files):
     write_plan(Plan(CELLS, EAST), files / "plan.txt", Instance(GRID, SCENARIO))
     status, _, err = run(capsys, files / "plan.txt", "--problem", files / "2023.json")
     assert (status, err) == (1, ["mapf-pz validate: plan: 2 agents, but the instance has 1"])

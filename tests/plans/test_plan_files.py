@@ -65,9 +65,9 @@ def any_plan(draw, turning):
     headings = np.zeros((num_steps + 1, num_agents), np.int64)
     headings[0] = rng.integers(4, size=num_agents)
     for step in range(num_steps):
-        towards = headings[step] if turning else rng.integers(5, size=num_agents)
+        directions = headings[step] if turning else rng.integers(5, size=num_agents)
         turns = rng.choice([-1, 0, 0, 0, 1], num_agents) if turning else np.zeros(num_agents, int)
-        ahead = np.clip(cells[step] + STEPS[towards], 0, np.array(GRID.shape) - 1)
+        ahead = np.clip(cells[step] + STEPS[directions], 0, np.array(GRID.shape) - 1)
         cells[step + 1] = np.where((turns == 0)[:, None], ahead, cells[step])
         headings[step + 1] = (headings[step] + turns) % 4
     return Plan(cells, headings if turning else None)

@@ -97,7 +97,7 @@ def test_it_scrubs_to_the_right_positions(open_page):
         assert state(page)["positions"] == POSITIONS[step].tolist()
         for agent in (0, 2):
             row, col = POSITIONS[step, agent]
-            # Beside the mark of its heading, which is in the middle.
+            # Next to the mark of its heading, which is in the center.
             shown = [color_at(page, row + 0.5 + r, col + 0.5 + c) for r in (-0.25, 0.25) for c in (-0.25, 0.25)]
             assert np.rint(agent_colors(3)[agent]).tolist() in shown
     assert page.locator("#step").inner_text() == "1 / 3"
@@ -151,7 +151,7 @@ def test_an_agent_is_chosen_by_a_click_and_described(open_page):
     assert state(page)["chosen"] == -1
 
 
-def test_a_followed_agent_stays_in_the_middle(open_page):
+def test_a_followed_agent_stays_centered(open_page):
     page = open_page()
     page.fill("#agent", "0")
     page.check("#follow")

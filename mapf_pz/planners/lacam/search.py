@@ -175,7 +175,7 @@ def _open(
 def _inherit(goals: Array, node: int, nodes: Nodes) -> None:
     """Set the order of a node's agents: first those away from their goals, in the parent's order, then the others.
 
-    Thus an agent's priority grows with the time that it is away. The others keep the order of the first node.
+    So an agent's priority grows with the time that it is away. The others keep the order of the first node.
     """
     parent, cells, order = nodes.parent[node], nodes.cells[node], nodes.order[node]
     position = 0
