@@ -1,4 +1,4 @@
-"""Wrappers of the environment: one class a file."""
+"""Wrappers of the environment."""
 
 from mapf_pz.action_modes import ACTION_MODES, ActionMode
 from mapf_pz.wrappers.centralized import CentralizedEnv, TeamReward, centralized_env

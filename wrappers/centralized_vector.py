@@ -1,4 +1,4 @@
-"""`CentralizedVectorEnv`: B teams that are stepped together, each as one agent of Gymnasium."""
+"""`CentralizedVectorEnv`: a Gymnasium vector environment of B teams."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ Infos = dict[str, NDArray[Any]]
 
 
 class CentralizedVectorEnv(VectorEnv[TeamObservation, ArrayLike, NDArray[Any]]):
-    """The batch of `CentralizedEnv`s: Gymnasium's `SyncVectorEnv` of B of them gives the same episodes, to the bit.
+    """A batch of `CentralizedEnv`s, with bit-identical episodes to Gymnasium's `SyncVectorEnv` of B of them.
 
-    Environment `b` of a batch that is seeded with `s` is the single one seeded with `s + b`. One that is over is reset
-    by the step after (`AutoresetMode.NEXT_STEP`), in which its action does not count and it earns nothing.
+    Environment `b` of a batch with the seed `s` equals a single environment with the seed `s + b`. An environment whose
+    episode is over is reset by the next step (`AutoresetMode.NEXT_STEP`), which ignores its action and gives no reward.
 
-    `gymnasium.make_vec("mapf_pz:Mapf-Centralized-v0", num_envs=B, ...)` makes it.
+    `gymnasium.make_vec("mapf_pz:Mapf-Centralized-v0", num_envs=B, ...)` creates it.
     """
 
     def __init__(
@@ -37,16 +37,16 @@ class CentralizedVectorEnv(VectorEnv[TeamObservation, ArrayLike, NDArray[Any]]):
         num_threads: int = 1,
         **keywords: Any,
     ) -> None:
-        """Make the environments.
+        """Create the environments.
 
         Args:
-            num_envs: B.
+            num_envs: number of environments B.
             action_mode: as in `ContinuousActions`.
             team_reward: `sum` or `mean`.
-            num_threads: threads of the kernels.
-            **keywords: those of `parallel_env`, which raise as there.
+            num_threads: number of threads of the kernels.
+            **keywords: keyword arguments of `parallel_env`, with the same errors.
 
-        Raises `ValueError` where there is no such mode or team reward.
+        Raises `ValueError` if the mode or team reward is unknown.
         """
         self._decode, self._team_reward = decoder(action_mode), team_reward_function(team_reward)
         self.simulator = Simulator(EnvConfig.from_keywords(**keywords), num_envs, num_threads)
@@ -60,24 +60,25 @@ class CentralizedVectorEnv(VectorEnv[TeamObservation, ArrayLike, NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._rngs = [np.random.default_rng() for _ in range(num_envs)]
         self._over = np.zeros(num_envs, np.bool_)
-        self._metric_names: tuple[str, ...] = ()  # there are none before the first reset
+        self._metric_names: tuple[str, ...] = ()  # empty before the first reset
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[TeamObservation, Infos]:
-        """Begin new episodes everywhere.
+        """Start new episodes in all environments.
 
         Args:
-            seed: the first environment's, the others' follow; or one for each, None for those that go on.
-            options: there are none.
+            seed: the seed of the first environment, which increases by one per environment; or one seed per
+                environment, None for those that keep their generators.
+            options: not supported.
 
-        Raises `ValueError` for options, and for a wrong number of seeds.
+        Raises `ValueError` for any options, or for a wrong number of seeds.
         """
         if options:
             raise ValueError(f"options={options!r}: expected none")
         seeds = [None if seed is None else seed + b for b in range(self.num_envs)] if _is_one(seed) else list(seed)
         if len(seeds) != self.num_envs:
-            raise ValueError(f"seed: expected {self.num_envs} of them, got {len(seeds)}")
+            raise ValueError(f"seed: expected {self.num_envs} seeds, got {len(seeds)}")
         given = {b: int(number) for b, number in enumerate(seeds) if number is not None}
         for b, number in given.items():
             self._rngs[b] = generator(number)
@@ -90,7 +91,7 @@ class CentralizedVectorEnv(VectorEnv[TeamObservation, ArrayLike, NDArray[Any]]):
         """Take one step with values (B, N, A).
 
         Returns observations, rewards (B,) float64, terminated and truncated (B,) bool, infos. Raises `ValueError` for
-        another shape or values that are not numbers, `RuntimeError` before `reset()`.
+        another shape or NaN, and `RuntimeError` before `reset()`.
         """
         if not self._metric_names:
             raise RuntimeError("call reset() before step()")
@@ -98,18 +99,18 @@ class CentralizedVectorEnv(VectorEnv[TeamObservation, ArrayLike, NDArray[Any]]):
         if values.shape != self.action_space.shape:
             raise ValueError(f"actions: expected the shape {self.action_space.shape}, got {values.shape}")
         if np.isnan(values).any():
-            raise ValueError("actions: expected numbers, got some that are none")
-        again, simulator = self._over, self.simulator
+            raise ValueError("actions contain NaN")
+        needs_reset, simulator = self._over, self.simulator
         self.simulator.step(self._decoded(values.clip(-1, 1)))
-        if again.any():
-            self.simulator.reset(np.flatnonzero(again).tolist())
-        rewards = self._team_reward(simulator.agents["reward"].astype(np.float64), axis=1)  # the reset makes them 0
-        terminated, truncated = simulator.terminated.copy(), simulator.truncated.copy()  # never both
+        if needs_reset.any():
+            self.simulator.reset(np.flatnonzero(needs_reset).tolist())
+        rewards = self._team_reward(simulator.agents["reward"].astype(np.float64), axis=1)  # 0 after a reset
+        terminated, truncated = simulator.terminated.copy(), simulator.truncated.copy()  # never both True
         self._over = terminated | truncated
         return self._observed(), rewards, terminated, truncated, self._infos(self._over)
 
     def _decoded(self, values: Floats) -> Ints:
-        """Return the actions (B, N); draws are each environment's own, for the agents that are left."""
+        """Return the actions (B, N), sampled with each environment's generator, for its active agents."""
         active = self.simulator.agents["active"]
         numbers = np.zeros(values.shape[:2], np.int64)
         for b in np.flatnonzero(~self._over):
@@ -117,7 +118,7 @@ class CentralizedVectorEnv(VectorEnv[TeamObservation, ArrayLike, NDArray[Any]]):
         return numbers
 
     def _observed(self) -> TeamObservation:
-        """Return images (B, N * K, h, w) and, where there are any, features (B, N * F), in new arrays."""
+        """Return images (B, N * K, h, w) and, if there are any, features (B, N * F), in new arrays."""
         seen = self.simulator.observe()
         image = seen.image.reshape(self.num_envs, -1, *seen.image.shape[-2:])
         if not self.simulator.layout.num_features:
@@ -125,12 +126,12 @@ class CentralizedVectorEnv(VectorEnv[TeamObservation, ArrayLike, NDArray[Any]]):
         return {"image": image, "features": seen.features.reshape(self.num_envs, -1)}
 
     def _infos(self, over: Bools) -> Infos:
-        """Return the infos of `CentralizedEnv`, each with a mask of the environments that tell it: all do."""
-        told = {name: np.zeros(self.num_envs) for name in self._metric_names}
+        """Return the infos of `CentralizedEnv`, each with a mask, which is True for all environments."""
+        metrics = {name: np.zeros(self.num_envs) for name in self._metric_names}
         for b in np.flatnonzero(over):
             for name, value in self.simulator.metrics(b).items():
-                told[name][b] = value
-        infos: Infos = {"is_success": self.simulator.terminated & over, **told}
+                metrics[name][b] = value
+        infos: Infos = {"is_success": self.simulator.terminated & over, **metrics}
         return infos | {f"_{name}": np.ones(self.num_envs, np.bool_) for name in infos}
 
 

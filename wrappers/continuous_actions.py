@@ -1,4 +1,4 @@
-"""`ContinuousActions`: agents that act by real numbers, as continuous-control algorithms want it."""
+"""`ContinuousActions`: a continuous action space, for continuous-control algorithms."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from mapf_pz.environment import AgentInfo, AgentObservation, MapfEnv, StepResult
 
 
 class ContinuousActions(BaseParallelWrapper[str, AgentObservation, Any]):
-    """Each agent acts by `Box(-1, 1, (A,), float32)`, a value per action, in place of `Discrete(A)`.
+    """The action space of each agent is `Box(-1, 1, (A,), float32)`, a value per action, instead of `Discrete(A)`.
 
-    `action_mode`, a name in `ACTION_MODES`, says how values become an action. Values outside [-1, 1] count as the
-    nearest bound. What is drawn comes from a generator of this wrapper: `reset(seed)` seeds it too, so that the seed
-    and the values given decide the episode; without a seed it goes on.
+    `action_mode`, a name in `ACTION_MODES`, determines how values are decoded into an action. Values are clipped to
+    [-1, 1]. Actions are sampled with a separate generator, which `reset(seed)` seeds, so that the seed and the values
+    determine the episode; without a seed, the generator keeps its state.
     """
 
     def __init__(self, env: ParallelEnv[str, AgentObservation, Any], action_mode: ActionMode = "argmax") -> None:
         """Wrap `env`.
 
         Args:
-            env: A `MapfEnv`, or a wrapper of one, with discrete actions.
+            env: a `MapfEnv`, or a wrapper of one, with discrete actions.
             action_mode: `argmax`, `affine`, `sigmoid` or `softmax`.
 
         Raises:
-            TypeError: `env` is something else.
-            ValueError: There is no such mode.
+            TypeError: `env` is not such an environment.
+            ValueError: the mode is unknown.
         """
         discrete = _discrete_space(env)
         self._decode = decoder(action_mode)
@@ -42,21 +42,21 @@ class ContinuousActions(BaseParallelWrapper[str, AgentObservation, Any]):
         self.action_spaces = dict.fromkeys(env.possible_agents, spaces.Box(-1, 1, (self.num_actions,), np.float32))
 
     def action_space(self, agent: str) -> spaces.Space[Any]:
-        """Return the space of the agent's actions: the same object for all agents and calls."""
+        """Return the action space of an agent, which is the same object for all agents and calls."""
         return self.action_spaces[agent]
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, AgentObservation], dict[str, AgentInfo]]:
-        """Begin an episode, as `MapfEnv.reset`."""
+        """Start an episode, as `MapfEnv.reset` does."""
         if seed is not None:
             self._rng = generator(seed)
         return self.env.reset(seed=seed, options=options)
 
     def step(self, actions: dict[str, ArrayLike]) -> StepResult:
-        """Take one step with A values for each of `self.agents`, as `MapfEnv.step`.
+        """Take one step with A values for each of `self.agents`, as `MapfEnv.step` does.
 
-        Raises `ValueError` also for values that are not A numbers.
+        It also raises `ValueError` for another shape or NaN.
         """
         acting = [agent for agent in self.env.agents if agent in actions]
         values = [self._values(agent, actions[agent]) for agent in acting]
@@ -64,7 +64,7 @@ class ContinuousActions(BaseParallelWrapper[str, AgentObservation, Any]):
         return self.env.step({**actions, **dict(zip(acting, numbers.tolist(), strict=True))})
 
     def _values(self, agent: str, action: ArrayLike) -> Floats:
-        """Return the values (A,) float64 within their bounds; raises `ValueError`."""
+        """Return the values (A,) float64, clipped to the bounds; raises `ValueError`."""
         values = np.asarray(action, np.float64)
         if values.shape != (self.num_actions,):
             raise ValueError(f"action of {agent!r}: expected the shape ({self.num_actions},), got {values.shape}")
@@ -74,19 +74,19 @@ class ContinuousActions(BaseParallelWrapper[str, AgentObservation, Any]):
 
 
 def decoder(action_mode: ActionMode) -> Decoder:
-    """Return the decoder of this name; raises `ValueError`."""
+    """Return the decoder of this name; raises `ValueError` if it is unknown."""
     if action_mode not in ACTION_MODES:
         raise ValueError(f"action_mode={action_mode!r}: expected one of {', '.join(map(repr, ACTION_MODES))}")
     return ACTION_MODES[action_mode]
 
 
 def generator(seed: int) -> np.random.Generator:
-    """Return what actions are drawn from: another stream than the simulator's, which is seeded with the same number."""
+    """Return a generator for sampling actions, which is independent of the simulator's with the same seed."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
 
 
 def _discrete_space(env: object) -> spaces.Discrete:
-    """Return the action space of the agents of `env`; raises `TypeError` where it is not a discrete `MapfEnv`."""
+    """Return the action space of the agents of `env`; raises `TypeError` unless `env` is a discrete `MapfEnv`."""
     if not isinstance(env, ParallelEnv) or not isinstance(env.unwrapped, MapfEnv):
         raise TypeError(f"env: expected a MapfEnv or a wrapper of one, got {type(env).__name__}")
     space = env.action_space(env.possible_agents[0])

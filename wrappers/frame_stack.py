@@ -1,4 +1,4 @@
-"""`FrameStack`: agents that also observe what they observed before."""
+"""`FrameStack`: observations that include previous observations."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from mapf_pz.wrappers.stacking import StackingWrapper, stacked
 
 
 class FrameStack(StackingWrapper):
-    """Each agent observes its last `num_frames` observations as one, oldest first, the present one last.
+    """Stacks the last `num_frames` observations of each agent, from the oldest to the current one.
 
-    An image (K, h, w) becomes (num_frames * K, h, w), features (F,) become (num_frames * F,). What the episode began
-    with stands for what was before it, as in TorchRL's `CatFrames`.
+    An image (K, h, w) becomes (num_frames * K, h, w), features (F,) become (num_frames * F,). At the start of an
+    episode, the first observation is repeated, as in TorchRL's `CatFrames`.
     """
 
     def __init__(self, env: ParallelEnv[str, AgentObservation, Any], num_frames: int) -> None:
@@ -26,14 +26,14 @@ class FrameStack(StackingWrapper):
         self.num_frames = num_frames
         self._frames: dict[str, deque[AgentObservation]] = {}
 
-    def _begin(self, observations: dict[str, AgentObservation]) -> None:
-        """Let all frames show what the episode began with."""
+    def _start(self, observations: dict[str, AgentObservation]) -> None:
+        """Fill the frames with the first observations of the episode."""
         self._frames = {
             agent: deque([seen] * self.num_frames, maxlen=self.num_frames) for agent, seen in observations.items()
         }
 
     def _stack(self, observations: dict[str, AgentObservation]) -> dict[str, AgentObservation]:
-        """Return the frames of each agent that observes, the latest among them."""
+        """Append the observations to the frames, and return the stacked frames."""
         for agent, seen in observations.items():
             self._frames[agent].append(seen)
         return {agent: stacked(self._frames[agent]) for agent in observations}

@@ -1,4 +1,4 @@
-"""`RecordEpisode`: an environment whose episodes can be looked at afterwards."""
+"""`RecordEpisode`: record episodes for rendering."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from mapf_pz.environment import AgentInfo, AgentObservation, MapfEnv, StepResult
 from mapf_pz.render.recording import Recording
 
 MAX_OBSERVED_BYTES = 2**23
-"""Of the observations that are kept by default: those of the first agents, as many as fit."""
+"""Default maximum size of the recorded observations, which are those of the first agents."""
 
 
 class RecordEpisode(BaseParallelWrapper[str, AgentObservation, Any]):
-    """Keeps what happens in an episode: `recording` can be saved by `mapf_pz.render.save_recording`."""
+    """Records the current episode: `recording` can be saved with `mapf_pz.render.save_recording`."""
 
     def __init__(self, env: ParallelEnv[str, AgentObservation, Any], observed: int | None = None) -> None:
         """Wrap `env`, a `MapfEnv` or a wrapper of one.
 
         Args:
             env: the environment.
-            observed: of how many agents, the first ones, observations are kept; None: as many as fit into 8 MiB.
+            observed: number of agents, the first ones, with recorded observations. None: as many as fit into 8 MiB.
 
-        Raises `ValueError` where `observed` is negative.
+        Raises `ValueError` if `observed` is negative.
         """
         if observed is not None and observed < 0:
             raise ValueError(f"observed={observed}: expected 0 or more")
@@ -41,38 +41,38 @@ class RecordEpisode(BaseParallelWrapper[str, AgentObservation, Any]):
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, AgentObservation], dict[str, AgentInfo]]:
-        """Begin an episode, and its recording."""
+        """Start an episode and its recording."""
         result = super().reset(seed, options)
         self._steps = []
-        self._note()
+        self._record_state()
         return result
 
     def step(self, actions: dict[str, Any]) -> StepResult:
-        """Take a step, and note what came of it."""
+        """Take a step, and record the new state."""
         result = super().step(actions)
-        self._note()
+        self._record_state()
         return result
 
     @property
     def recording(self) -> Recording:
-        """The episode until now; raises `RuntimeError` before the first reset."""
+        """Recording of the episode so far; raises `RuntimeError` before the first reset."""
         if not self._steps:
             raise RuntimeError("call reset() first")
-        told: dict[str, Any] = {name: np.stack([step[name] for step in self._steps]) for name in self._steps[0]}
+        arrays: dict[str, Any] = {name: np.stack([step[name] for step in self._steps]) for name in self._steps[0]}
         simulator = self._inner.simulator
         return Recording(
             free=self._inner.grid,
             weights=None if self._inner.config.edge_weights == "uniform" else simulator.edge_weights(0),
             planes=self._planes,
             title=f"{simulator.grid(0).name}, {len(self.possible_agents)} agents",
-            **told,
+            **arrays,
         )
 
-    def _note(self) -> None:
+    def _record_state(self) -> None:
         env, agents = self._inner, self._inner.simulator.agents[0]
-        # Not what agents are given, which wrappers may have changed, but what they see at this moment.
+        # The unmodified observations of the environment, without the effects of wrappers.
         seen = env.simulator.observe().image[0, : self._num_observed]
-        told: dict[str, NDArray[Any]] = {
+        state: dict[str, NDArray[Any]] = {
             "positions": env.positions,
             "goals": env.goals,
             "active": agents["active"].astype(np.bool_),
@@ -80,14 +80,14 @@ class RecordEpisode(BaseParallelWrapper[str, AgentObservation, Any]):
             "observed": np.rint(127 * seen).astype(np.int8),
         }
         if env.config.action_model == "rotate":
-            told["headings"] = env.headings
-        self._steps.append(told)
+            state["headings"] = env.headings
+        self._steps.append(state)
 
 
 def _plane_names(env: MapfEnv) -> tuple[str, ...]:
     """Return a name for each plane of the image."""
     names: list[str] = []
-    for given, channel in zip(env.config.channels, env.simulator.layout.channels, strict=True):
-        name, planes = given if isinstance(given, str) else "channel", channel.planes
+    for requested, channel in zip(env.config.channels, env.simulator.layout.channels, strict=True):
+        name, planes = requested if isinstance(requested, str) else "channel", channel.planes
         names += [name] if planes == 1 else [f"{name} {k + 1}" for k in range(planes)]
     return tuple(names)

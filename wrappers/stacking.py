@@ -1,4 +1,4 @@
-"""Several observations as one, stacked along the planes and features: what several wrappers do."""
+"""Base class of wrappers that stack several observations along the planes and features."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mapf_pz.environment import AgentInfo, AgentObservation, StepResult
 
 
 class StackingWrapper(BaseParallelWrapper[str, AgentObservation, Any]):
-    """Gives each agent `number` observations as one."""
+    """Stacks `number` observations for each agent."""
 
     def __init__(self, env: ParallelEnv[str, AgentObservation, Any], number: int) -> None:
         """Wrap `env`."""
@@ -24,32 +24,32 @@ class StackingWrapper(BaseParallelWrapper[str, AgentObservation, Any]):
         self.observation_spaces = dict.fromkeys(env.possible_agents, space)
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
-        """Return the space of the agent's observations: the same object for all agents and calls."""
+        """Return the observation space of an agent, which is the same object for all agents and calls."""
         return self.observation_spaces[agent]
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, AgentObservation], dict[str, AgentInfo]]:
-        """Begin an episode, as `MapfEnv.reset`."""
+        """Start an episode, as `MapfEnv.reset` does."""
         observations, infos = self.env.reset(seed=seed, options=options)
-        self._begin(observations)
+        self._start(observations)
         return self._stack(observations), infos
 
     def step(self, actions: dict[str, Any]) -> StepResult:
-        """Take one step, as `MapfEnv.step`."""
+        """Take one step, as `MapfEnv.step` does."""
         observations, rewards, terminations, truncations, infos = self.env.step(actions)
         return self._stack(observations), rewards, terminations, truncations, infos
 
-    def _begin(self, observations: dict[str, AgentObservation]) -> None:
-        """Prepare for an episode that begins with these observations."""
+    def _start(self, observations: dict[str, AgentObservation]) -> None:
+        """Prepare for an episode, given its first observations."""
 
     @abstractmethod
     def _stack(self, observations: dict[str, AgentObservation]) -> dict[str, AgentObservation]:
-        """Return what each agent that observes gets, in new arrays."""
+        """Return the stacked observations, in new arrays."""
 
 
 def stacked(parts: Sequence[Any]) -> Any:
-    """Join arrays along their first axis into a new one; of dictionaries, the arrays of each key."""
+    """Concatenate arrays along their first axis; for dictionaries, the arrays of each key."""
     if isinstance(parts[0], dict):
         return {key: stacked([part[key] for part in parts]) for key in parts[0]}
     return np.concatenate(parts)
@@ -64,7 +64,7 @@ def stacked_space(space: spaces.Space[Any], number: int) -> spaces.Space[Any]:
 
 
 def zeros(space: spaces.Space[Any]) -> Any:
-    """Return an observation of `space`, a Box or a Dict of them, that is all zeros."""
+    """Return an observation of `space`, a Box or a Dict of them, with all zeros."""
     if isinstance(space, spaces.Dict):
         return {key: zeros(part) for key, part in space.items()}
     return np.zeros(space.shape or (), np.float32)

@@ -175,7 +175,7 @@ def test_success_in_the_last_step_terminates():
     assert (terminated, truncated, info["is_success"]) == (True, False, True)
 
 
-def test_agents_that_have_left_observe_zeros_and_earn_nothing():
+def test_agents_that_have_disappeared_observe_zeros_and_get_no_reward():
     env = make_two(on_target="finish", team_reward="mean")
     env.reset(seed=0)
     observation, reward, *_ = env.step(rows(Action.FORWARD, Action.ROTATE_LEFT))

@@ -90,7 +90,7 @@ def test_what_is_refused():
     envs = CentralizedVectorEnv(2, **SMALL)
     with pytest.raises(RuntimeError, match=r"call reset\(\) before step"):
         envs.step(envs.action_space.sample())
-    with pytest.raises(ValueError, match="seed: expected 2 of them, got 1"):
+    with pytest.raises(ValueError, match="seed: expected 2 seeds, got 1"):
         envs.reset(seed=[1])
     with pytest.raises(ValueError, match="options="):
         envs.reset(options={"instance": 3})
