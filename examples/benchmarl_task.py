@@ -1,6 +1,6 @@
-"""A BenchMARL task, and MAPPO on it. It needs an older TorchRL than `mapf_pz.rl`: give it a virtual environment.
+"""A BenchMARL task, trained with MAPPO. It requires an older TorchRL than `mapf_pz.rl`: use a separate environment.
 
-`pip install -r examples/benchmarl-requirements.txt -e .`; where torchvision cannot load beside torch's CPU build,
+`pip install -r examples/benchmarl-requirements.txt -e .`. If torchvision fails to import with torch's CPU build,
 uninstall it. CSR was 0.96 and 0.90 in the last two of 30 iterations, which took eleven minutes on a busy core.
 """
 # pyright: reportMissingImports=false, reportUntypedBaseClass=false
@@ -23,25 +23,25 @@ from mapf_pz.instances import RandomObstacles
 
 @dataclass(frozen=True)
 class Example:
-    """Two agents on small random maps; `collection_CSR.csv` tells how they learn."""
+    """Two agents on small random maps; `collection_CSR.csv` contains the learning curve."""
 
     iterations: int = 30
-    """How often to collect 2,000 steps of the team and to learn from them."""
+    """Number of iterations, each of which collects 2,000 environment steps and learns from them."""
     output: Path = Path("runs/example-benchmarl")
-    """Where BenchMARL writes what it logs."""
+    """Folder of BenchMARL's logs."""
 
 
 class Mapf(PettingZooClass):
-    """A task; its configuration are the keywords of `parallel_env`."""
+    """A task, whose configuration is the keyword arguments of `parallel_env`."""
 
     def get_env_fun(self, num_envs: int, continuous_actions: bool, seed: int | None, device: Any) -> Any:
-        """Return what makes one environment; BenchMARL's networks take vectors."""
+        """Return a function that creates an environment with flat observations, as BenchMARL's networks require."""
         flatten = partial(FlattenObservation, -3, -1, in_keys=[("agent", "observation", "image")])
         wrap = partial(PettingZooWrapper, categorical_actions=True, seed=seed, device=device)
         return lambda: TransformedEnv(wrap(mapf_pz.parallel_env(**self.config)), flatten())
 
     def supports_discrete_actions(self) -> bool:
-        """Say so: `Discrete(4)`."""
+        """Return True: the action space is `Discrete(4)`."""
         return True
 
     def max_steps(self, env: Any) -> int:
@@ -50,12 +50,12 @@ class Mapf(PettingZooClass):
 
     @staticmethod
     def log_info(batch: Any) -> dict[str, float]:
-        """Return the share of episodes that ended with all agents on their goals."""
+        """Return the fraction of episodes that ended with all agents at their goals."""
         return {"collection/CSR": batch["next", "terminated"][batch["next", "done"]].float().mean().item()}
 
 
 def main(example: Example) -> None:
-    """Train."""
+    """Train the policy."""
     maps = RandomObstacles(height=6, width=6, density=0.1, num_agents=2)
     seen = {"channels": ("view", "cost_to_go", "others_next"), "features": ("action_advantage",)}
     task = Mapf("mapf", {"source": maps, "max_steps": 32, "reward": "progress", **seen})

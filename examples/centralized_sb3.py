@@ -1,4 +1,4 @@
-"""The report's own library, Stable-Baselines3, on the centralized environment: `pip install stable-baselines3`."""
+"""Stable-Baselines3, the report's library, on the centralized environment: `pip install stable-baselines3`."""
 
 from dataclasses import dataclass
 
@@ -13,18 +13,18 @@ from mapf_pz.wrappers import CentralizedEnv, centralized_env
 
 @dataclass(frozen=True)
 class Example:
-    """Two agents on small random maps; observations are flattened, as `MultiInputPolicy` does with `float32` images."""
+    """Two agents on small random maps; `MultiInputPolicy` flattens `float32` images."""
 
     steps: int = 200_000
-    """Environment steps of training."""
+    """Length of training in environment steps."""
     episodes: int = 50
-    """How many episodes to evaluate."""
+    """Number of evaluation episodes."""
     seed: int = 0
-    """Decides weights, exploration and instances."""
+    """Random seed of weights, exploration and instances."""
 
 
 def make_env() -> CentralizedEnv:
-    """Return the environment: the cost to go is in sight, and every bit of the way is rewarded."""
+    """Return the environment, with the cost to go in the observations and rewards for progress."""
     return centralized_env(
         source=RandomObstacles(height=6, width=6, density=0.1, num_agents=2),
         max_steps=32,
@@ -35,7 +35,7 @@ def make_env() -> CentralizedEnv:
 
 
 def main(example: Example) -> None:
-    """Train and evaluate."""
+    """Train and evaluate the policy."""
     envs = make_vec_env(make_env, n_envs=8, seed=example.seed)
     model = PPO("MultiInputPolicy", envs, n_steps=128, batch_size=256, gamma=0.98, seed=example.seed, device="cpu")
     model.learn(example.steps)

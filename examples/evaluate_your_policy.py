@@ -1,4 +1,4 @@
-"""A policy of your own beside PIBT and random agents, on the same episodes."""
+"""Evaluate your own policy, PIBT and a random policy on the same episodes."""
 
 from typing import Any
 
@@ -7,19 +7,19 @@ from mapf_pz.instances import RandomObstacles
 
 
 class Greedy:
-    """Takes the action that brings most, as if the agent were alone."""
+    """Takes the action with the lowest cost to go, as if the agent were alone."""
 
-    env_kwargs = {  # noqa: RUF012 (what the environment must show: for each action, how much worse than the best)
+    env_kwargs = {  # noqa: RUF012 (required observations: for each action, its cost relative to the best one)
         "view_size": (1, 1),
         "features": ("action_advantage",),
     }
 
     def act(self, observations: dict[str, Any]) -> dict[str, int]:
-        """Return an action for each agent."""
+        """Return an action for each agent in `observations`."""
         return {agent: int(seen["features"].argmax()) for agent, seen in observations.items()}
 
     def reset_states(self) -> None:
-        """Forget the episode: nothing is remembered."""
+        """Reset all per-episode state, of which there is none."""
 
 
 suite = [

@@ -1,4 +1,4 @@
-"""Gymnasium's vector environments: teams that are stepped together, as one batch, one by one, or in processes."""
+"""Gymnasium's vector environments: several teams as one batch, sequentially, or in processes."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -12,20 +12,20 @@ METRICS = ("CSR", "ISR", "ep_length")
 
 @dataclass(frozen=True)
 class Example:
-    """A team of agents that acts at random."""
+    """A team of agents with random actions."""
 
     num_envs: int = 4
-    """Environments that are stepped together."""
+    """Number of environments."""
     steps: int = 500
-    """Steps of each of them; an episode that ends begins anew by itself."""
+    """Number of steps of each environment, which resets itself after an episode."""
     vectorization_mode: Literal["vector_entry_point", "sync", "async"] = "vector_entry_point"
-    """The batch of this package, which is the fastest; one after the other; or each in a process of its own."""
+    """`vector_entry_point`: the batch of this package, which is the fastest; `sync`: sequential; `async`: processes."""
     seed: int = 0
-    """Decides instances and actions."""
+    """Random seed of instances and actions."""
 
 
 def main(example: Example) -> None:
-    """Play, and print the means over the episodes that ended."""
+    """Run the environments, and print means over the finished episodes."""
     envs = gymnasium.make_vec(
         "mapf_pz:Mapf-Centralized-v0",
         num_envs=example.num_envs,

@@ -1,4 +1,4 @@
-"""Agents that take random legal actions, and what comes of it."""
+"""Run an episode with random legal actions, and print its metrics."""
 
 import mapf_pz
 

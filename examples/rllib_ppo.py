@@ -1,6 +1,6 @@
-"""One policy of RLlib for every agent, on its current API: `pip install 'ray[rllib]' torch`, in a virtual environment.
+"""Train a shared policy with RLlib's current API: `pip install 'ray[rllib]' torch`, in a separate virtual environment.
 
-RLlib fixes Gymnasium's version. With ray 2.60.0, gymnasium 1.2.2, pettingzoo 1.27.0 and torch 2.13.0 it printed
+RLlib pins Gymnasium's version. With ray 2.60.0, gymnasium 1.2.2, pettingzoo 1.27.0 and torch 2.13.0 it printed
 `CSR on 50 unseen maps: 0.82` after nine minutes on a busy core.
 """
 
@@ -24,20 +24,20 @@ class Example:
     """Two agents on small random maps."""
 
     iterations: int = 20
-    """How often to collect 2,000 steps of the team and to learn from them."""
+    """Number of iterations, each of which collects 2,000 environment steps and learns from them."""
     episodes: int = 50
-    """How many episodes to evaluate."""
+    """Number of evaluation episodes."""
 
 
 def make_env() -> mapf_pz.MapfEnv:
-    """Return the environment: each agent sees the cost to go, and what each action brings."""
+    """Return the environment, with the cost to go and the action advantages in the observations."""
     maps = RandomObstacles(height=6, width=6, density=0.1, num_agents=2)
     seen = {"channels": ("view", "cost_to_go", "others_next"), "features": ("action_advantage",)}
     return mapf_pz.parallel_env(source=maps, max_steps=32, reward="progress", **seen)
 
 
 def main(example: Example) -> None:
-    """Train and evaluate."""
+    """Train and evaluate the policy."""
     register_env("mapf", lambda _: ParallelPettingZooEnv(make_env()))
     config = PPOConfig().environment("mapf").env_runners(num_env_runners=0).debugging(seed=0)
     config.multi_agent(policies={"shared"}, policy_mapping_fn=lambda *_, **__: "shared")
@@ -51,10 +51,10 @@ def main(example: Example) -> None:
     policy: Any = algorithm.get_module("shared")
     for episode in range(example.episodes):
         seen: Any = env.reset(seed=1_000_000 + episode)[0]
-        while env.agents:  # flattened as the connector does it, by the names' order
+        while env.agents:  # flattened as by the connector, in the order of the keys
             rows = [np.append(seen[agent]["features"], seen[agent]["image"]) for agent in env.agents]
-            told = policy.forward_inference({"obs": torch.from_numpy(np.stack(rows))})
-            seen = env.step(dict(zip(env.agents, told["action_dist_inputs"].argmax(-1).tolist(), strict=True)))[0]
+            outputs = policy.forward_inference({"obs": torch.from_numpy(np.stack(rows))})
+            seen = env.step(dict(zip(env.agents, outputs["action_dist_inputs"].argmax(-1).tolist(), strict=True)))[0]
         solved.append(env.metrics()["CSR"])
     print(f"CSR on {example.episodes} unseen maps: {np.mean(solved):.2f}")
 

@@ -1,6 +1,6 @@
-"""One policy of Stable-Baselines3 for every agent, by way of SuperSuit: `pip install stable-baselines3 supersuit`.
+"""Train a shared policy with Stable-Baselines3 and SuperSuit: `pip install stable-baselines3 supersuit`.
 
-SuperSuit needs agents that end together, as they do with `on_target="nothing"`.
+SuperSuit requires that the episodes of all agents end at the same time, as with `on_target="nothing"`.
 """
 
 from dataclasses import dataclass
@@ -21,26 +21,26 @@ class Example:
     """Two agents on small random maps."""
 
     steps: int = 200_000
-    """Agent steps of training: steps of all agents together."""
+    """Length of training in agent steps."""
     episodes: int = 50
-    """How many episodes to evaluate."""
+    """Number of evaluation episodes."""
     seed: int = 0
-    """Decides weights, exploration and instances."""
+    """Random seed of weights, exploration and instances."""
 
 
 def make_env() -> mapf_pz.MapfEnv:
-    """Return the environment: the cost to go is in sight, and every bit of the way is rewarded."""
+    """Return the environment, with the cost to go in the observations and rewards for progress."""
     maps = RandomObstacles(height=6, width=6, density=0.1, num_agents=2)
     seen = {"channels": ("view", "cost_to_go", "others_next"), "features": ("action_advantage",)}
     return mapf_pz.parallel_env(source=maps, max_steps=32, reward="progress", **seen)
 
 
 def main(example: Example) -> None:
-    """Train and evaluate."""
+    """Train and evaluate the policy."""
     agents: Any = supersuit.pettingzoo_env_to_vec_env_v1(make_env())
     envs: Any = supersuit.concat_vec_envs_v1(agents, 8, base_class="stable_baselines3")
-    envs.venv.reset(seed=example.seed)  # all eight are copies of one, and would draw the same instances
-    set_random_seed(example.seed)  # PPO(seed=...) asks for a method that SuperSuit's environments do not have
+    envs.venv.reset(seed=example.seed)  # all eight are copies, which would otherwise generate the same instances
+    set_random_seed(example.seed)  # PPO(seed=...) calls a method that SuperSuit's environments lack
     model = PPO("MultiInputPolicy", envs, n_steps=128, batch_size=256, gamma=0.98, device="cpu")
     model.learn(example.steps)
 

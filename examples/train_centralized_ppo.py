@@ -1,4 +1,4 @@
-"""The report's experiment: one policy sees what all agents see, and acts for all of them with a matrix."""
+"""Train a centralized policy, which observes and acts for all agents, as in the report's experiment."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,24 +18,24 @@ class Example:
     """Four agents on random 8 x 8 maps."""
 
     agent_steps: int = 1_000_000
-    """Length of the training: steps of all agents together."""
+    """Length of training in agent steps."""
     episodes: int = 100
-    """How many episodes to evaluate."""
+    """Number of evaluation episodes."""
     credit_the_team: bool = False
-    """One advantage for all agents, as in the report, instead of one for each: it learns more slowly."""
+    """Whether all agents share one advantage, as in the report, which learns more slowly."""
     output: Path = Path("runs/example-central-ppo")
-    """Where the run goes."""
+    """Folder of the run."""
 
 
 def configuration(example: Example) -> TrainConfig:
-    """Return the preset with what the example changes."""
+    """Return the preset with the changes of the example."""
     preset = PRESETS["central-ppo"]
     credit = "team" if example.credit_the_team else "agent"
     return replace(preset, agent_steps=example.agent_steps, ppo=replace(preset.ppo, credit=credit))
 
 
 def main(example: Example) -> None:
-    """Train, evaluate, and print the share of episodes in which all agents reached their goals."""
+    """Train, evaluate, and print the fraction of episodes in which all agents reached their goals."""
     train(
         configuration(example),
         example.output,

@@ -1,4 +1,4 @@
-"""Train agents one by one with IPPO, each with a critic of its own view, and send many more of them to a larger map."""
+"""Train agents with IPPO, whose critic uses local observations, and evaluate more agents on a larger map."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,18 +15,18 @@ from mapf_pz.rl.presets import PRESETS
 
 @dataclass(frozen=True)
 class Example:
-    """Eight agents in training, more afterwards."""
+    """Eight agents in training, and up to 32 in the evaluation."""
 
     agent_steps: int = 1_000_000
-    """Length of the training: steps of all agents together."""
+    """Length of training in agent steps."""
     episodes: int = 50
-    """How many episodes to evaluate with each number of agents."""
+    """Number of evaluation episodes for each number of agents."""
     output: Path = Path("runs/example-ippo")
-    """Where the run goes."""
+    """Folder of the run."""
 
 
 def main(example: Example) -> None:
-    """Train, and print the share of agents that reach their goals as the map fills up."""
+    """Train, and print the fraction of agents that reach their goals for increasing numbers of agents."""
     config = replace(PRESETS["quickstart"], algorithm="ippo", agent_steps=example.agent_steps)
     train(config, example.output, on_progress=lambda row: print(f"{row['agent_steps']:9.0f} ISR {row['ISR']:.2f}"))
 

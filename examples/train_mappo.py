@@ -1,4 +1,4 @@
-"""Train agents to route themselves with MAPPO, and see how they do on maps that they never saw."""
+"""Train decentralized agents with MAPPO, and evaluate them on unseen maps."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,15 +16,15 @@ class Example:
     """Eight agents on random maps."""
 
     agent_steps: int = 1_000_000
-    """Length of the training: steps of all agents together."""
+    """Length of training in agent steps."""
     episodes: int = 100
-    """How many episodes to evaluate."""
+    """Number of evaluation episodes."""
     output: Path = Path("runs/example")
-    """Where the run goes."""
+    """Folder of the run."""
 
 
 def main(example: Example) -> float:
-    """Train, evaluate, and return the share of episodes in which all agents reached their goals."""
+    """Train, evaluate, and return the fraction of episodes in which all agents reached their goals."""
     mixture = MapMixture(height=12, width=12, density=0.15)
     task = TaskConfig(replace(TRAINING_ENV, num_agents=8, max_steps=96), mixture)
     config = replace(TrainConfig(), task=task, agent_steps=example.agent_steps)

@@ -1,6 +1,6 @@
-"""A training run that Weights & Biases logs: `pip install wandb`.
+"""Log a training run with Weights & Biases: `pip install wandb`.
 
-Every run writes TensorBoard files anyway: `tensorboard --logdir RUN`. This ran with wandb 0.31.0.
+Every run also writes TensorBoard files: `tensorboard --logdir RUN`. Tested with wandb 0.31.0.
 """
 # pyright: reportMissingImports=false
 
@@ -17,18 +17,18 @@ from mapf_pz.rl.presets import PRESETS
 
 @dataclass(frozen=True)
 class Example:
-    """The preset of `make train`, with a budget of your own."""
+    """The preset of `make train`, with a custom length."""
 
     agent_steps: int = 1_000_000
-    """Length of the training: steps of all agents together."""
+    """Length of training in agent steps."""
     mode: Literal["offline", "online"] = "offline"
-    """Offline, the log stays in `OUTPUT/wandb` until `wandb sync`; online, it needs `wandb login`."""
+    """`offline`: the log stays in `OUTPUT/wandb` until `wandb sync`; `online`: requires `wandb login`."""
     output: Path = Path("runs/example-wandb")
-    """Where the run goes."""
+    """Folder of the run."""
 
 
 def main(example: Example) -> None:
-    """Train, and log every row of progress with the agent steps as its axis."""
+    """Train, and log every row of progress by agent steps."""
     config = replace(PRESETS["quickstart"], agent_steps=example.agent_steps)
     example.output.mkdir(parents=True, exist_ok=True)
     with wandb.init(project="mapf_pz", mode=example.mode, dir=example.output, config=asdict(config)) as run:

@@ -1,1 +1,1 @@
-"""Programs behind the documentation's results; they are not part of the package."""
+"""Programs that produce the results and figures of the documentation; not part of the package."""

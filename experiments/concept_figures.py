@@ -28,19 +28,19 @@ SYSTEMS: tuple[CollisionSystem, ...] = ("soft", "priority", "block_both")
 
 @dataclass(frozen=True)
 class Case:
-    """Agents by number on a drawing, and what they want."""
+    """A drawing with numbered agents, and their intended actions."""
 
     title: str
     drawing: tuple[str, ...]
     wants: tuple[CardinalAction, ...]
 
     def starts(self) -> list[tuple[int, int]]:
-        """Return where the agents stand, in their order."""
+        """Return the agents' starts, in order."""
         cells = {char: (r, c) for r, row in enumerate(self.drawing) for c, char in enumerate(row) if char.isdigit()}
         return [cells[name] for name in sorted(cells)]
 
     def moved(self, system: CollisionSystem) -> list[bool]:
-        """Return who moves, as the environment has it."""
+        """Return which agents move in the environment."""
         height, width = len(self.drawing), len(self.drawing[0])
         free = np.ones((height, width), np.bool_)
         agents = Scenario(np.array(self.starts()), np.zeros((len(self.wants), 2), np.int32) + (0, width - 1))
@@ -62,7 +62,7 @@ CASES = (
 
 
 def draw_conflicts() -> None:
-    """Draw what becomes of conflicting moves: a row for each collision system, a column for each case."""
+    """Draw the results of conflicting moves: a row for each collision system, a column for each case."""
     figure = Figure(figsize=(1.75 * len(CASES) + 0.6, 1.75 * len(SYSTEMS) + 0.7), layout="constrained")
     axes = figure.subplots(len(SYSTEMS), len(CASES), squeeze=False)
     for row, system in zip(axes, SYSTEMS, strict=True):
@@ -83,7 +83,7 @@ def _draw_case(axis: Axes, case: Case, moved: list[bool]) -> None:
         color = WAITS if want == WAIT else MOVES if moves else STAYS
         down, right = STEPS[want]
         if want != WAIT:
-            x, y = col - 0.09 * down, row + 0.09 * right  # two that face each other point past each other
+            x, y = col - 0.09 * down, row + 0.09 * right  # offset, so that opposite arrows do not overlap
             style = {"arrowstyle": "-|>", "color": color, "lw": 2.2, "shrinkA": 0, "shrinkB": 0}
             axis.annotate("", (x + 0.78 * right, y + 0.78 * down), (x, y), arrowprops=style, zorder=3)
         axis.add_patch(Circle((col, row), 0.25, facecolor=color, zorder=2))
@@ -133,7 +133,7 @@ def _draw_edges(axis: Axes, free: Bools, graph: GuidanceGraph) -> None:
     for heading, row, col in np.argwhere(np.isfinite(graph.move)):
         down, right = HEADING_STEPS[heading]
         cheap = graph.move[heading, row, col] < 1
-        # The two directions of an edge lie side by side.
+        # The two directions of an edge are drawn side by side.
         x, y = col + 0.18 * right - 0.14 * down, row + 0.18 * down + 0.14 * right
         style = {"arrowstyle": "-|>", "color": "#1f5fbf" if cheap else "#b0b0b0", "lw": 1.8 if cheap else 0.7}
         axis.annotate("", (x + 0.64 * right, y + 0.64 * down), (x, y), arrowprops=style)

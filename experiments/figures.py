@@ -1,7 +1,6 @@
-"""Draw the pictures of the documentation: `make figures`.
+"""Draw the figures of the documentation: `make figures`.
 
-Maps that are not bundled are read from the folder that `MAPF_PZ_BENCHMARK` names; without it, their pictures are left
-out.
+Maps that are not bundled are read from the folder `MAPF_PZ_BENCHMARK`. If it is not set, their figures are omitted.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ def draw_episode_starts() -> None:
 
 
 def draw_observation() -> None:
-    """Draw the map with one agent's view on it, and the planes that this agent observes."""
+    """Draw the map with the view of one agent, and the planes of its observation."""
     env = mapf_pz.parallel_env(
         source=RandomObstacles(12, 12, 0.15, 8),
         channels=("view", "goal", "orientation", "edge_weights", "cost_to_go"),
@@ -56,7 +55,7 @@ def draw_observation() -> None:
         view="centered",
         render_mode="rgb_array",
     )
-    observations, agent = _reset_to_a_telling_one(env)
+    observations, agent = _reset_to_informative_view(env)
     figure = Figure(figsize=(12, 4.6), layout="constrained")
     left, right = np.ravel(np.array(figure.subfigures(1, 2, width_ratios=(1, 1.7))))
     _draw_map(left.subplots(), env, agent)
@@ -68,8 +67,8 @@ def draw_observation() -> None:
     figure.savefig(IMAGES / "observation.png", dpi=110)
 
 
-def _reset_to_a_telling_one(env: MapfEnv) -> tuple[dict[str, np.ndarray], int]:
-    """Reset until some agent sees its goal and at least three others; return the observations and that agent."""
+def _reset_to_informative_view(env: MapfEnv) -> tuple[dict[str, np.ndarray], int]:
+    """Reset until an agent observes its goal and at least three others; return the observations and the agent."""
     for seed in range(10_000):
         observations: dict[str, np.ndarray] = env.reset(seed=seed)[0]  # pyright: ignore[reportAssignmentType]
         for agent in range(env.max_num_agents):
@@ -77,7 +76,7 @@ def _reset_to_a_telling_one(env: MapfEnv) -> tuple[dict[str, np.ndarray], int]:
             inside = (env.positions[agent] >= 3).all() and (env.positions[agent] <= 8).all()
             if inside and image[1].any() and (image[0] == 0.5).sum() >= 3:
                 return observations, agent
-    raise RuntimeError("no agent sees its goal and three others")
+    raise RuntimeError("no agent observes its goal and three others")
 
 
 def _draw_map(axis: Axes, env: MapfEnv, agent: int) -> None:

@@ -1,4 +1,4 @@
-"""What the report's published code did besides, as transforms of our environment: its flaws, for the reproduction."""
+"""Flaws of the report's published code, as transforms of the environment, for the reproduction."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ GOAL, OTHER_GOALS = 1, 7
 
 
 class Flaw(Transform):
-    """What the published code does and the report does not say."""
+    """A behavior of the published code that the report does not mention."""
 
 
-class Seen(Flaw):
-    """Changes each agent's image, wherever it is shown."""
+class ImageFlaw(Flaw):
+    """Base class of flaws that change each agent's image."""
 
     def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
         return self._step(tensordict, tensordict_reset)
@@ -29,27 +29,27 @@ class Seen(Flaw):
         key: NestedKey = ("agents", "observation")
         if not isinstance(next_tensordict[key], Tensor):
             key = ("agents", "observation", "image")
-        next_tensordict[key] = self.show(next_tensordict[key])
+        next_tensordict[key] = self.change_image(next_tensordict[key])
         return next_tensordict
 
-    def show(self, image: Tensor) -> Tensor:
-        """Return what becomes of `image` (B, N, K, h, w)."""
+    def change_image(self, image: Tensor) -> Tensor:
+        """Return the changed `image` (B, N, K, h, w)."""
         raise NotImplementedError
 
 
-class Bytes(Seen):
-    """Observations declared as `uint8`: fractions are cut off, -1 becomes 255, and the network divides by 255."""
+class Bytes(ImageFlaw):
+    """Observations declared as `uint8`: fractions are truncated, -1 becomes 255, and the network divides by 255."""
 
-    def show(self, image: Tensor) -> Tensor:
-        """Return the same as bytes, divided by 255."""
+    def change_image(self, image: Tensor) -> Tensor:
+        """Return the image as bytes, divided by 255."""
         return image.trunc().remainder(256) / 255
 
 
-class AllGoals(Seen):
-    """An agent cannot tell its own goal from those of the agents in view; in the report, from any goal in view."""
+class AllGoals(ImageFlaw):
+    """Agents cannot distinguish their own goals from those of agents in view (in the report: from any goal in view)."""
 
-    def show(self, image: Tensor) -> Tensor:
-        """Return the image with all goals in the goal's plane."""
+    def change_image(self, image: Tensor) -> Tensor:
+        """Return the image with all goals in the plane of the own goal."""
         image = image.clone()
         image[..., GOAL, :, :] = torch.maximum(image[..., GOAL, :, :], image[..., OTHER_GOALS, :, :])
         image[..., OTHER_GOALS, :, :] = 0
@@ -57,10 +57,10 @@ class AllGoals(Seen):
 
 
 class Freeze(Flaw):
-    """An agent that has reached its goal never acts again, in later episodes neither."""
+    """Agents that have reached their goals never act again, not even in later episodes."""
 
     def __init__(self) -> None:
-        """Freeze nobody yet."""
+        """Start without frozen agents."""
         super().__init__(in_keys_inv=[("agents", "action")], out_keys_inv=[("agents", "action")])
         self._frozen = torch.zeros(0, dtype=torch.bool)
 
@@ -89,5 +89,5 @@ class FlawedPPO(CentralPPO):
         super().__init__(config)
 
     def transforms(self, seed: int) -> list[Transform]:
-        """Return the flaws, and the step to the centralized form."""
+        """Return the transforms of the flaws and of the centralized form."""
         return [*(flaw() for flaw in self._flaws), *super().transforms(seed)]

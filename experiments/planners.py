@@ -1,6 +1,7 @@
-"""Figures of docs/benchmark.md that `mapf-pz evaluate` does not give: `PYTHONPATH=. python experiments/planners.py COMMAND`.
+"""Measure the numbers of docs/benchmark.md that `mapf-pz evaluate` does not provide.
 
-`tracker` reads the benchmarks' files in the folders that the variable `MAPF_PZ_BENCHMARK` names.
+`PYTHONPATH=. python experiments/planners.py COMMAND`. The command `tracker` reads benchmark files from the folders in
+`MAPF_PZ_BENCHMARK`.
 """
 
 from __future__ import annotations
@@ -38,14 +39,14 @@ def tracker(
     time_limits: tuple[float, ...] = (0.0, 1.0, 30.0),
     jobs: int = 1,
 ) -> None:
-    """Print LaCAM's sum of costs (cardinal agents) over the best that the MAPF tracker knows.
+    """Print LaCAM's sum of costs (cardinal agents) divided by the best known one of the MAPF tracker.
 
     Args:
-        map: its name.
-        num_agents: the numbers of agents.
-        scenarios: of the `random` ones.
-        time_limits: seconds; 0: the first solution.
-        jobs: processes.
+        map: name of the map.
+        num_agents: numbers of agents.
+        scenarios: numbers of `random` scenarios.
+        time_limits: time limits in seconds; 0: the first solution.
+        jobs: number of processes.
     """
     known = _known(map)
     tasks = [(n, k) for n in num_agents for k in scenarios]
@@ -73,7 +74,7 @@ def tracker(
 
 
 def _known(map: str) -> dict[tuple[int, int], tuple[float, float]]:
-    """Return lower bound and best cost of the `random` scenarios, by scenario and number of agents."""
+    """Return the lower bound and best known cost of `random` scenarios, by scenario and number of agents."""
     with benchmark_file(f"costs/tracker-bounds-{map}.csv").open(newline="", encoding="utf-8-sig") as file:
         return {
             (int(row["type_id"]), int(row["agents"])): (
@@ -88,25 +89,25 @@ def _known(map: str) -> dict[tuple[int, int], tuple[float, float]]:
 def _solve(
     map: str, time_limits: Sequence[float], task: tuple[int, int]
 ) -> tuple[int, int, dict[float, tuple[int, float]]]:
-    """Return the number of agents, the scenario, and cost and time by the time limit."""
+    """Return the number of agents, the scenario, and the cost and time for each time limit."""
     num_agents, scenario = task
     instance = load_instance(map, f"{map}-random-{scenario}", num_agents, action_model="cardinal")
     costs: dict[float, tuple[int, float]] = {}
     for limit in time_limits:
-        began = time.perf_counter()
+        start = time.perf_counter()
         plan = LaCAM(anytime=limit > 0).solve(instance, time_limit=limit or 30.0, max_steps=10_000)
         if plan is not None:
             if (violation := validate(instance, plan)) is not None:
                 raise AssertionError(f"scenario {scenario}, {num_agents} agents: {violation}")
-            costs[limit] = plan.sum_of_costs, time.perf_counter() - began
+            costs[limit] = plan.sum_of_costs, time.perf_counter() - start
     return num_agents, scenario, costs
 
 
 def speed(num_agents: tuple[int, ...] = (100, 200, 400), steps: int = 100, runs: int = 5) -> None:
-    """Print the time of a step, lifelong on random-32-32-20, beside that of the same planner in plain Python.
+    """Print the time per lifelong step on random-32-32-20, and that of the same planner in plain Python.
 
-    Both plan the same steps one after the other and decide the same. Times are medians over the steps of the best run,
-    in milliseconds.
+    Both plan the same steps, with identical decisions. Times are medians over the steps of the best run in
+    milliseconds.
     """
     grid = load_map("random-32-32-20")
     world = World(grid.free)
@@ -120,32 +121,32 @@ def speed(num_agents: tuple[int, ...] = (100, 200, 400), steps: int = 100, runs:
             times = [_race(FixedMap(grid, n), world, make(), make_slow(), steps) for _ in range(runs)]
             ours, slow = min(ours for ours, _ in times), min(slow for _, slow in times)
             rows.append([name, n, f"{ours:.3f}", f"{slow:.2f}", f"{slow / ours:.1f}"])
-    print_table(["planner", "agents", "ms a step", "plain Python", "ratio"], rows)
+    print_table(["planner", "agents", "ms per step", "plain Python", "ratio"], rows)
 
 
 def _race(source: FixedMap, world: World, planner: Planner, slow: Any, steps: int) -> tuple[float, float]:
-    """Return the median milliseconds of a step of both."""
+    """Return the median milliseconds per step of both planners."""
     simulator = Simulator(EnvConfig(source=source, on_target="restart", max_steps=steps, view_size=(1, 1)))
     simulator.reset(seeds={0: 0})
-    agents = simulator.state.agents[0]
+    agents = simulator.agents[0]
     ours, theirs = np.zeros(steps), np.zeros(steps)
     seen = []
     for step in range(steps):
-        simulator.require_distances()
-        began = time.perf_counter_ns()
+        simulator.require_cost_to_go()
+        start = time.perf_counter_ns()
         actions = planner.decide(simulator)
-        ours[step] = time.perf_counter_ns() - began
+        ours[step] = time.perf_counter_ns() - start
         goals = list(map(tuple, simulator.goals(0).tolist()))
-        places = simulator.positions(0).tolist()
-        states = [(*cell, heading) for cell, heading in zip(places, agents["heading"].tolist(), strict=True)]
+        positions = simulator.positions(0).tolist()
+        states = [(*cell, heading) for cell, heading in zip(positions, agents["heading"].tolist(), strict=True)]
         seen.append((states, goals, actions.tolist()))
         simulator.step(actions[None])
     for step, (states, goals, actions) in enumerate(seen):
         for goal in goals:
             world.to_go(goal)
-        began = time.perf_counter_ns()
+        start = time.perf_counter_ns()
         letters = slow.decide(states, goals)
-        theirs[step] = time.perf_counter_ns() - began
+        theirs[step] = time.perf_counter_ns() - start
         if actions != [ACTION[letter] for letter in letters]:
             raise AssertionError(f"step {step}: the planners decide differently")
     return float(np.median(ours)) / 1e6, float(np.median(theirs)) / 1e6

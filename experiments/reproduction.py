@@ -1,9 +1,9 @@
-"""Reproduce the report's experiment, and take it apart: `make reproduction`.
+"""Reproduce and analyze the report's experiment: `make reproduction`.
 
-It begins with the report's setting as its published code has it, takes away one cause of its failure after the other,
-and then adds what makes it learn, and the report's ideas for future work. The task is always the same: 4 agents on
-random 8 x 8 maps with 10 % obstacles, at most 64 steps. Every variation is trained with three seeds. Finished runs are
-kept; the table and the figure are made of all that there are.
+It starts with the setting of the report's published code, removes the causes of its failure one at a time, and then
+adds changes that improve learning, and the report's ideas for future work. The task is always the same: 4 agents on
+random 8 x 8 maps with 10 % obstacles, at most 64 steps. Every variation is trained with three seeds. Existing runs are
+reused; the table and the figure include all of them.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ AS_CODED = TrainConfig(
     ),
     algorithm="central-ppo",
     model=FULL.model,
-    # What its training script hands to Stable-Baselines3, but for batches: there of 512 steps, and minibatches of 128.
+    # As in its training script for Stable-Baselines3, except for batches (512 steps there) and minibatches (128 there).
     ppo=PPOConfig(
         num_envs=64,
         steps_per_batch=32,
@@ -69,10 +69,10 @@ class Variation:
     config: TrainConfig
     flaws: tuple[type[Flaw], ...] = ()
 
-    def but(self, name: str, without: type[Flaw] | None = None, **changes: Any) -> Variation:
-        """Return a variation of this one; `changes` are of the parts of the configuration: `ppo={"gamma": 0.9}`.
+    def with_(self, name: str, without: type[Flaw] | None = None, **changes: Any) -> Variation:
+        """Return a changed variation; `changes` are by part of the configuration, such as `ppo={"gamma": 0.9}`.
 
-        `env` is the part of the task that is an environment.
+        `env` refers to the environment of the task.
         """
         if "env" in changes:
             changes["task"] = {"env": replace(self.config.task.env, **changes.pop("env"))} | changes.get("task", {})
@@ -81,67 +81,67 @@ class Variation:
 
 
 def variations() -> Iterator[Variation]:
-    """Yield the rows in their order."""
+    """Yield the rows in order."""
     now = Variation("as coded", AS_CODED, (Bytes, AllGoals, Freeze))
-    yield Variation("as printed", AS_CODED).but(
+    yield Variation("as printed", AS_CODED).with_(
         "as printed", task={"action_mode": "sigmoid"}, env={"reward": RewardConfig()}
     )
     yield now
-    yield (now := now.but("- observations as bytes", without=Bytes))
-    yield (now := now.but("- reward for driving into walls", env={"reward": RewardConfig()}))
-    yield (now := now.but("- actions drawn from the matrix: argmax", task={"action_mode": "argmax"}))
-    yield (now := now.but("- agents that freeze", without=Freeze))
-    yield (now := now.but("- all goals alike", without=AllGoals))
+    yield (now := now.with_("- observations as bytes", without=Bytes))
+    yield (now := now.with_("- reward for driving into walls", env={"reward": RewardConfig()}))
+    yield (now := now.with_("- actions drawn from the matrix: argmax", task={"action_mode": "argmax"}))
+    yield (now := now.with_("- agents that freeze", without=Freeze))
+    yield (now := now.with_("- all goals alike", without=AllGoals))
     ours = replace(now.config, ppo=replace(FULL.ppo, credit="team"))
     yield (now := Variation("+ PPO's settings of this project", ours))
-    yield (now := now.but("+ reward for progress", env={"reward": REWARDS["progress"], "edge_weights": "uniform"}))
-    yield (now := now.but("+ credit for each agent", ppo={"credit": "agent"}))
+    yield (now := now.with_("+ reward for progress", env={"reward": REWARDS["progress"], "edge_weights": "uniform"}))
+    yield (now := now.with_("+ credit for each agent", ppo={"credit": "agent"}))
     seen = now.config.task.env.channels
-    yield (now := now.but("+ idea 3: goal and own location", env={"features": ("goal_vector", "location")}))
+    yield (now := now.with_("+ idea 3: goal and own location", env={"features": ("goal_vector", "location")}))
     known = {"channels": (*seen, "cost_to_go"), "features": ("goal_vector", "location", "action_advantage")}
-    yield (now := now.but("+ idea 2: cost to go", env=known))
+    yield (now := now.with_("+ idea 2: cost to go", env=known))
     past = {"features": (*now.config.task.env.features, "last_actions"), "num_last_actions": 2}
-    yield (now := now.but("+ idea 5: past actions", env=past))
+    yield (now := now.with_("+ idea 5: past actions", env=past))
     full = Variation("central-ppo", replace(AS_CODED, task=FULL.task, model=FULL.model, ppo=FULL.ppo))
     yield full
     yield from ideas(full)
-    yield full.but("central-ppo: credit for the team", ppo={"credit": "team"})
+    yield full.with_("central-ppo: credit for the team", ppo={"credit": "team"})
     for mode in ("affine", "softmax"):
-        yield full.but(f"central-ppo: actions drawn: {mode}", task={"action_mode": mode})
+        yield full.with_(f"central-ppo: actions drawn: {mode}", task={"action_mode": mode})
 
 
 def ideas(full: Variation) -> Iterator[Variation]:
-    """Yield the report's ideas for future work that `central-ppo` does not have, each added to it alone."""
+    """Yield the report's ideas for future work that `central-ppo` lacks, each added to it separately."""
     features = full.config.task.env.features
-    yield full.but("central-ppo: idea 1: edge weights, crisscross", env={"edge_weights": "crisscross"})
-    yield full.but(
+    yield full.with_("central-ppo: idea 1: edge weights, crisscross", env={"edge_weights": "crisscross"})
+    yield full.with_(
         "central-ppo: idea 3: goal and own location", env={"features": (*features, "goal_vector", "location")}
     )
     for kind in ("rnd", "inverse-dynamics"):
-        yield full.but(f"central-ppo: idea 4: curiosity, {kind}", curiosity={"kind": kind})
-    yield full.but("central-ppo: idea 5: three frames", task={"num_frames": 3})
-    yield full.but("central-ppo: idea 5: a GRU", model={"recurrent": 64})
-    yield full.but(
+        yield full.with_(f"central-ppo: idea 4: curiosity, {kind}", curiosity={"kind": kind})
+    yield full.with_("central-ppo: idea 5: three frames", task={"num_frames": 3})
+    yield full.with_("central-ppo: idea 5: a GRU", model={"recurrent": 64})
+    yield full.with_(
         "central-ppo: idea 6: residual network", model={"encoder": "residual", "conv_channels": (32,), "num_blocks": 1}
     )
 
 
 @dataclass(frozen=True)
 class Options:
-    """Reproduce the report."""
+    """Options of the reproduction."""
 
     output: Path = Path("runs/reproduction")
-    """The folder of all runs."""
+    """Folder of all runs."""
     jobs: int = 2
-    """Trainings side by side."""
+    """Number of parallel trainings."""
     agent_steps: int = 500_000
-    """Length of each training."""
+    """Length of each training in agent steps."""
     seeds: tuple[int, ...] = (0, 1, 2)
-    """Of the trainings."""
+    """Random seeds of the trainings."""
 
 
 def main(options: Options) -> None:
-    """Train what is not trained yet, and write the table and the figure."""
+    """Train the missing runs, and write the table and the figure."""
     with ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool:
         pending = [pool.submit(learn, row, seed, options) for seed in options.seeds for row in variations()]
         for run in pending:
@@ -158,7 +158,7 @@ def folder(options: Options, row: Variation, seed: int) -> Path:
 
 
 def learn(row: Variation, seed: int, options: Options) -> None:
-    """Train a variation, unless that was done before."""
+    """Train a variation, unless its run exists."""
     output = folder(options, row, seed)
     if (output / PROGRESS).exists() and curve(output)[-1][0] > 0.95 * options.agent_steps:
         return
@@ -174,7 +174,7 @@ Curve = list[tuple[float, float, float]]
 
 
 def curve(run: Path) -> Curve:
-    """Read what a run's validations measured."""
+    """Read the validation results of a run."""
     with (run / PROGRESS).open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["validation_CSR"] != "nan"]
     return [(float(row["agent_steps"]), float(row["validation_CSR"]), float(row["validation_ISR"])) for row in rows]
@@ -190,7 +190,7 @@ changes `central-ppo` only."""
 
 
 def write_table(results: dict[str, list[Curve]]) -> None:
-    """Write means and ranges over the seeds of the last validation as Markdown."""
+    """Write the means and ranges of the last validation over the seeds as Markdown."""
     lines = [*INTRODUCTION.splitlines(), "", "| setting | CSR | ISR |", "| --- | --- | --- |"]
     for name, curves in results.items():
         last = np.array([runs[-1] for runs in curves])
@@ -200,7 +200,7 @@ def write_table(results: dict[str, list[Curve]]) -> None:
 
 
 def draw_curves(results: dict[str, list[Curve]]) -> None:
-    """Draw the means over the seeds: the causes of failure on the left, the rest on the right."""
+    """Plot the means over the seeds: the sequence of changes on the left, changes of `central-ppo` on the right."""
     names = list(results)
     full = names.index("central-ppo")
     columns = {"taken apart, and put together": names[: full + 1], "central-ppo, with one change": names[full:]}

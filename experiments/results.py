@@ -6,8 +6,8 @@ Every table is a file `docs/results/SUITE.json` and blocks of Markdown, which na
     ...
     <!-- end of table -->
 
-`measure` plays the episodes and writes both; it resumes where it was stopped. `write` writes the blocks. `check` plays
-some episodes of each table again, and compares.
+`measure` runs the episodes and writes both; it can be resumed. `write` writes the blocks. `check` runs some episodes of
+each table again, and compares the results.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ MEASURED = "measured.json"
 TIMES = ("runtime", "step_ms", "agent_us")
 """Metrics that depend on the machine."""
 QUICK = 1.0
-"""Episodes in which the policy took no more seconds than this are played again by `check`."""
+"""Maximum runtime of the policy, in seconds, of the episodes that `check` repeats."""
 BLOCK = re.compile(r"(<!-- table: (\w+) ([\w-]+)((?: \w+)*) -->\n).*?(<!-- end of table -->)", re.S)
 DECIDES = ("core", "instances", "planners", "rl", "simulator.py", "observation.py", "environment.py", "metrics.py")
-"""The parts of the package on which results depend."""
+"""Parts of the package that affect results."""
 
 
 def code_digest() -> str:
-    """Return a checksum of the code and the trained policies that decide what happens in an episode."""
+    """Return a hash of the code and the trained policies that affect episodes."""
     digest = hashlib.sha256()
     for part in DECIDES:
         path = ROOT / "mapf_pz" / part
@@ -60,13 +60,13 @@ def code_digest() -> str:
 
 
 def measure(suites: tuple[str, ...] = (), jobs: int = 2) -> None:
-    """Play the episodes of result tables and write them; takes hours for all.
+    """Run the episodes of result tables, and write the tables. All tables take hours.
 
-    Episodes that were played by another version of the code are kept if some of them, played again, are the same.
+    Existing episodes of another version of the code are kept if a sample of them has the same results when repeated.
 
     Args:
-        suites: which tables; all without any.
-        jobs: processes.
+        suites: suites of the tables. Default: all.
+        jobs: number of processes.
     """
     unknown = set(suites) - {table.suite for table in TABLES}
     if unknown:
@@ -86,7 +86,7 @@ def measure(suites: tuple[str, ...] = (), jobs: int = 2) -> None:
 
 
 def as_json(results: Results) -> str:
-    """Return results as JSON, with the items of its lists in a line each."""
+    """Return results as JSON, with each list item on a separate line."""
     members = [
         f"{json.dumps(name)}: [\n{lines}\n]" if isinstance(value, list) else f"{json.dumps(name)}: {json.dumps(value)}"
         for name, value in results.items()
@@ -96,13 +96,13 @@ def as_json(results: Results) -> str:
 
 
 def write() -> None:
-    """Write the tables into the pages that name them."""
+    """Write the tables into the pages with their blocks."""
     for page in pages():
         write_whole(page, with_tables(page.read_text("utf-8")).encode())
 
 
 def check() -> None:
-    """Fail where a page differs from the results, or an episode that is played again differs from its result."""
+    """Fail if a page differs from the results, or if a repeated episode differs from its result."""
     stale = [str(page) for page in pages() if with_tables(page.read_text("utf-8")) != page.read_text("utf-8")]
     if stale:
         raise SystemExit(f"{', '.join(stale)}: run python -m experiments.results write")
@@ -113,7 +113,7 @@ def check() -> None:
 
 
 def differences(table: ResultTable) -> Iterator[str]:
-    """Play the table's quick samples again; yield a line for each whose result is another."""
+    """Repeat the fast samples of a table; yield a line for each difference."""
     results = load_results(table.suite)
     tasks = {(task.name, task.num_agents): task for task in load_suite(table.suite)}
     for sample in results["samples"]:
@@ -121,25 +121,25 @@ def differences(table: ResultTable) -> Iterator[str]:
             continue
         policy, number = sample["policy"], sample["episode"]
         task = tasks[sample["task"], sample["num_agents"]]
-        metrics = _comparable(_play(policy, task, number).metrics)
+        metrics = _comparable(_run(policy, task, number).metrics)
         if metrics != sample["metrics"]:
             yield f"{policy}, {task.label}, episode {number}: {metrics} instead of {sample['metrics']}"
 
 
 def load_results(suite: str) -> Results:
-    """Return the results of a suite; raises `FileNotFoundError` where it was not measured."""
+    """Return the results of a suite; raises `FileNotFoundError` if it was not measured."""
     return json.loads((FILES / f"{suite}.json").read_text("utf-8"))
 
 
-def _play(policy: str, task: EvaluationTask, number: int) -> Episode:
-    """Play one episode of a task."""
+def _run(policy: str, task: EvaluationTask, number: int) -> Episode:
+    """Run one episode of a task."""
     instance = task.instance(number)
-    alone = task.with_(seed=task.seed + number, episodes=1, instances=None if instance is None else (instance,))
-    return evaluate([policy], [alone])[0]
+    single = task.with_(seed=task.seed + number, episodes=1, instances=None if instance is None else (instance,))
+    return evaluate([policy], [single])[0]
 
 
 def _source(table: ResultTable, folder: Path) -> dict[str, Any]:
-    """Return what the results in `folder` come from; empty it where that was other code, which decides otherwise."""
+    """Return the origin of the results in `folder`; delete them if they are of code with different decisions."""
     file = folder / MEASURED
     code = code_digest()
     if file.exists():
@@ -171,13 +171,13 @@ def _summary(table: ResultTable, episodes: Sequence[Episode]) -> dict[str, Any]:
 
 
 def _mean(values: Sequence[float]) -> dict[str, float]:
-    """Return the mean and its 95 % interval, with six digits."""
+    """Return the mean and its 95 % interval, rounded to six digits."""
     low, high = interval(values)
     return {name: float(f"{v:.6g}") for name, v in (("mean", np.mean(values)), ("low", low), ("high", high))}
 
 
 def _samples(episodes: Sequence[Episode]) -> list[dict[str, Any]]:
-    """Return the first episode of each task and policy, where it does not depend on the machine."""
+    """Return the first episode of each task and policy, if it does not depend on the machine."""
     return [
         {
             "policy": episode.policy,
@@ -193,7 +193,7 @@ def _samples(episodes: Sequence[Episode]) -> list[dict[str, Any]]:
 
 
 def is_reproducible(policy: str) -> bool:
-    """Tell whether what a policy does depends on its seed alone, and not on the machine's speed."""
+    """Return whether a policy depends only on its seed, and not on the machine's speed."""
     return "time_limit" not in policy and (policy.partition(":")[0] not in ("lacam", "prioritized") or ":any" in policy)
 
 
@@ -202,7 +202,7 @@ def _comparable(metrics: dict[str, float]) -> dict[str, float]:
 
 
 def _published(table: ResultTable) -> list[dict[str, Any]]:
-    """Return the means of the published results on the suite's instances, which must be possible there."""
+    """Return the means of the published results on the suite's instances; checks that they are possible."""
     if table.published is None:
         return []
     tasks = load_suite(table.suite)
@@ -240,17 +240,17 @@ def pages() -> list[Path]:
 
 
 def with_tables(text: str) -> str:
-    """Return a page's text with each table as the results have it."""
+    """Return the text of a page with updated tables."""
 
     def table(found: re.Match[str]) -> str:
-        begin, layout, suite, metrics, end = found.groups()
-        return f"{begin}\n{markdown(layout, load_results(suite), metrics.split())}\n\n{end}"
+        start, layout, suite, metrics, end = found.groups()
+        return f"{start}\n{markdown(layout, load_results(suite), metrics.split())}\n\n{end}"
 
     return BLOCK.sub(table, text)
 
 
 def _show(episode: Episode | None, left: int) -> None:
-    """Print how many episodes are left, from time to time."""
+    """Print the number of remaining episodes at intervals."""
     if left % 100 == 0 and episode is not None:
         print(f"{left} episodes left of {episode.task}", file=sys.stderr, flush=True)
 

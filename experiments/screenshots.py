@@ -1,6 +1,6 @@
-"""Takes the documentation's pictures of the page that `mapf-pz render` writes: `python experiments/screenshots.py`.
+"""Take the documentation's screenshots of the page of `mapf-pz render`: `python experiments/screenshots.py`.
 
-Needs Chromium, and PyPI's playwright to drive it.
+It requires Chromium and the package playwright.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-background-networking", "--
 
 
 def take(page: Page, theme: str) -> None:
-    """Follow an agent on its way, and take a picture."""
+    """Follow an agent, and take a screenshot."""
     page.evaluate("player.zoom(2.2, player.box.width / 2, player.box.height / 2); player.choose(0); player.seek(40)")
     page.check("#follow")
     page.wait_for_timeout(300)
@@ -27,7 +27,7 @@ def take(page: Page, theme: str) -> None:
 
 
 def run() -> None:
-    """Write the page, and take a picture of it in light and in dark."""
+    """Write the page, and take screenshots with the light and the dark theme."""
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         file = Path(folder) / "episode.html"
         if main(["render", str(file), *EPISODE.split()]):

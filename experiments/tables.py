@@ -1,4 +1,4 @@
-"""Result tables: which policies play which suites, and how their results become Markdown."""
+"""Result tables: the policies and suites, and the conversion of results to Markdown."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ LEARNED = ("mappo-cardinal", "mappo-cardinal+pibt")
 
 @dataclass(frozen=True)
 class ResultTable:
-    """The policies that play a suite's episodes."""
+    """A suite and the policies that are evaluated on it."""
 
     suite: str
-    """The suite's name, which is also that of the results file."""
+    """Name of the suite and of the results file."""
     policies: tuple[str, ...]
-    """Names as `mapf-pz evaluate --policy` takes them."""
+    """Names for `mapf-pz evaluate --policy`."""
     published: str | None = None
-    """The set of POGEMA's benchmark whose published results are compared, such as `01-random`."""
+    """Set of POGEMA's benchmark with published results to compare, such as `01-random`."""
     figure: bool = False
-    """Whether a figure is drawn, too."""
+    """Whether there is a figure, too."""
 
     @property
     def command(self) -> str:
-        """The command that plays all episodes."""
+        """The command that runs all episodes."""
         policies = " ".join(f"--policy {policy}" for policy in self.policies)
         return f"mapf-pz evaluate {policies} --suite {self.suite} --output runs/results/{self.suite}"
 
@@ -57,9 +57,9 @@ TABLES = (
 
 
 def by_agents(results: Results, metrics: Sequence[str]) -> list[list[str]]:
-    """Return a table with a row for each policy, ours in bold and first, and a column for each number of agents.
+    """Return a table with a row for each policy and a column for each number of agents.
 
-    Policies without any of the metrics are left out.
+    Policies of this package come first, in bold. Policies without any of the metrics are omitted.
     """
     counts = sorted({row["num_agents"] for row in results["rows"]})
     body: list[list[str]] = []
@@ -88,7 +88,7 @@ def by_policy(results: Results, metrics: Sequence[str]) -> list[list[str]]:
 
 
 def source(results: Results, _: Sequence[str]) -> list[str]:
-    """Return the lines that tell the command, the commit and the code that the results come from."""
+    """Return lines with the command, the commit and the code of the results."""
     return [
         "```sh",
         f"{results['command']}  # commit {results['commit'][:7]}, code {results['code']}",

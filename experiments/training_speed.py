@@ -1,4 +1,4 @@
-"""Measure how many agent steps a second are trained on: `python -m experiments.training_speed --device cuda`."""
+"""Measure the speed of training in agent steps per second: `python -m experiments.training_speed --device cuda`."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.train import train
 
 SMALL, LARGE = (256, 64), (2048, 256)
-"""Minibatch size, and environments stepped together."""
+"""Minibatch size and number of environments."""
 CONV = ModelConfig(conv_channels=(64, 64), hidden=256, head=(256,))
 RESIDUAL = ModelConfig(encoder="residual", conv_channels=(64, 64), num_blocks=2, hidden=512, head=(512,))
 
 
 def configs() -> dict[str, TrainConfig]:
-    """Return the runs that are measured: the preset `mappo`, with larger minibatches, batches and networks."""
+    """Return the configurations: the preset `mappo`, and variants with larger minibatches, batches and networks."""
     preset = PRESETS["mappo"]
 
     def changed(model: ModelConfig, minibatch_size: int, num_envs: int) -> TrainConfig:
@@ -36,12 +36,12 @@ def configs() -> dict[str, TrainConfig]:
 
 
 def measure(device: DeviceName = "auto", updates: int = 5, runs: tuple[str, ...] = ()) -> None:
-    """Train a few updates of each run, and print the rate from the second update on.
+    """Train each run for a few updates, and print the rate from the second update on.
 
     Args:
-        device: where the networks compute.
-        updates: how many, at least 3.
-        runs: the names of some runs; all without any.
+        device: device of the networks.
+        updates: number of updates, at least 3.
+        runs: names of the runs. Default: all.
     """
     for name, config in configs().items():
         if runs and name not in runs:
@@ -50,12 +50,12 @@ def measure(device: DeviceName = "auto", updates: int = 5, runs: tuple[str, ...]
         moments: list[float] = []
         rows: list[dict[str, float]] = []
 
-        def note(row: dict[str, float], moments: list[float] = moments, rows: list[dict[str, float]] = rows) -> None:
+        def record(row: dict[str, float], moments: list[float] = moments, rows: list[dict[str, float]] = rows) -> None:
             moments.append(time.perf_counter())
             rows.append(row)
 
         with TemporaryDirectory() as folder:
-            train(config, Path(folder) / "run", note)
+            train(config, Path(folder) / "run", record)
         rate = config.steps_per_update * (updates - 1) / (moments[-1] - moments[0])
         shares = ", ".join(f"{part} {rows[-1][f'{part}_share']:.2f}" for part in ("collecting", "acting", "learning"))
         print(f"{name}: {rate:,.0f} agent steps per second; {shares}", flush=True)
