@@ -32,8 +32,13 @@ class Example:
 def make_env() -> mapf_pz.MapfEnv:
     """Return the environment, with the cost to go and the action advantages in the observations."""
     maps = RandomObstacles(height=6, width=6, density=0.1, num_agents=2)
-    seen = {"channels": ("view", "cost_to_go", "others_next"), "features": ("action_advantage",)}
-    return mapf_pz.parallel_env(source=maps, max_steps=32, reward="progress", **seen)
+    return mapf_pz.parallel_env(
+        source=maps,
+        max_steps=32,
+        reward="progress",
+        channels=("view", "cost_to_go", "others_next"),
+        features=("action_advantage",),
+    )
 
 
 def main(example: Example) -> None:

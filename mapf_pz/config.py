@@ -86,8 +86,9 @@ class EnvConfig:
     `package.module:name`."""
     initial_heading: HeadingName | ArrayLike = "random"
     """`random`, `east`, or N headings; an instance that has headings keeps them. Cardinal agents always face north."""
-    source: InstanceSource | None = None
-    """Where episodes come from, in place of `map` and `scenario`; `num_agents`, if given, must be the source's."""
+    source: InstanceSource | str | None = None
+    """Source of episodes, instead of `map` and `scenario`; an object or `package.module:name`. `num_agents`, if given,
+    must be the source's."""
     distance_bytes: int | None = None
     """The most memory for cost-to-go tables, in bytes. Default: 1 GiB, or as much as the goals of all agents need, up
     to half of the machine's memory."""
@@ -111,8 +112,8 @@ class EnvConfig:
         for name in ("num_agents", "distance_bytes"):
             if getattr(self, name) is not None:
                 _positive(name, getattr(self, name))
-        if self.source is not None:
-            self._check_source(self.source)
+        if self.resolved_source is not None:
+            self._check_source(self.resolved_source)
         view, frame = self.resolved_view, self.resolved_frame
         if self.action_model == "cardinal" and (view, frame) != ("centered", "map"):
             raise ValueError("action_model='cardinal': agents have no front, so view='centered' and frame='map' only")
@@ -172,6 +173,11 @@ class EnvConfig:
         if self.scenario is None:
             return ()
         return self.scenario if isinstance(self.scenario, tuple) else (self.scenario,)
+
+    @property
+    def resolved_source(self) -> InstanceSource | None:
+        """The source, also where `source` is `package.module:name`; None if there is none."""
+        return import_object("source", self.source) if isinstance(self.source, str) else self.source
 
     @property
     def resolved_view(self) -> View:

@@ -17,6 +17,7 @@ from mapf_pz.arrays import Bools, Ints
 from mapf_pz.config import EnvConfig
 from mapf_pz.global_state import STATE_PLANES, global_state
 from mapf_pz.instance import Instance, Scenario
+from mapf_pz.signatures import with_fields_of
 from mapf_pz.simulator import Simulator
 
 AgentObservation: TypeAlias = "NDArray[np.float32] | dict[str, NDArray[np.float32]]"
@@ -289,16 +290,21 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         return int(self.simulator.steps[0])
 
 
+@with_fields_of(EnvConfig)
 def parallel_env(**keywords: Any) -> MapfEnv:
-    """Make the environment; the keywords, their defaults and meanings are the fields of `EnvConfig`.
+    """Create the environment; the keywords are the fields of `EnvConfig`, which documents each.
 
-    Raises `TypeError` for an unknown keyword, `ValueError` for a value that is not allowed, and `FormatError` or
-    `FileNotFoundError` for files.
+    Raises:
+        TypeError: A keyword is unknown.
+        ValueError: A value is not allowed, or the values do not fit together.
+        FileNotFoundError: A file does not exist.
+        FormatError: A file is malformed.
     """
     return MapfEnv(EnvConfig.from_keywords(**keywords))
 
 
+@with_fields_of(EnvConfig)
 def env(**keywords: Any) -> AECEnv[str, AgentObservation, SupportsIndex | None]:
-    """Make the environment in its AEC form, where agents act one after the other; keywords as in `parallel_env`."""
+    """Create the environment in its AEC form, in which agents act sequentially; keywords as in `parallel_env`."""
     # Its annotation asks for an environment that takes None for an action: only the AEC form does.
     return parallel_to_aec(parallel_env(**keywords))  # pyright: ignore[reportArgumentType]

@@ -43,3 +43,11 @@ def import_object(field: str, path: str) -> Any:
         return getattr(import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
         raise ValueError(f"{field}={path!r}: {' '.join(str(error).split())}") from None
+
+
+def import_subclass(field: str, path: str, base: type[Part]) -> type[Part]:
+    """Return the subclass of `base` at `package.module:Class`; raises `ValueError` if there is none."""
+    part = import_object(field, path)
+    if not isinstance(part, type) or not issubclass(part, base):
+        raise ValueError(f"{field}={path!r}: expected a subclass of {base.__name__}, got {part!r}")
+    return part

@@ -25,10 +25,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from signal import Signals
 
-from tests.evaluation.test_parallel import children_of, is_alive, wait_for
-
 from mapf_pz.cli import main
 from mapf_pz.evaluation.results import COLUMNS, EPISODES_FILE
+from tests.evaluation.test_parallel import children_of, is_alive, wait_for
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 TIMES = {"runtime", "step_ms", "agent_us"}

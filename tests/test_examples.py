@@ -44,6 +44,14 @@ def test_training(tmp_path, name, told):
     assert (tmp_path / "policy.safetensors").exists()
 
 
+@pytest.mark.parametrize("algorithm", ["mappo", "ippo", "central-ppo"])
+def test_custom_parts(tmp_path, algorithm):
+    output = run(
+        "custom_parts.py", "--algorithm", algorithm, "--agent-steps", "4000", "--output", str(tmp_path / "run")
+    )
+    assert output.splitlines()[-1] == "custom_parts:Pooled"
+
+
 def test_stable_baselines():
     pytest.importorskip("stable_baselines3")
     assert "CSR on 2 unseen maps" in run("centralized_sb3.py", "--steps", "2048", "--episodes", "2")

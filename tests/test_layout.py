@@ -23,6 +23,7 @@ ORDER = [
     "guidance",
     "action_modes",
     "plugins",
+    "signatures",
     "core",
     "transition",
     "config",

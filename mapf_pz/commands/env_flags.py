@@ -8,7 +8,8 @@ from typing import Annotated, Any
 from tyro.conf import Suppress
 from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
 
-from mapf_pz.config import EnvConfig, HeadingName, RewardConfig, WeightsName
+from mapf_pz.config import EnvConfig, HeadingName, WeightsName
+from mapf_pz.core.reward import RewardConfig
 
 _TYPED: dict[str, Any] = {
     "map": str | None,
@@ -16,7 +17,9 @@ _TYPED: dict[str, Any] = {
     "edge_weights": WeightsName,
     "initial_heading": HeadingName,
     "reward": RewardConfig,
-    "source": Annotated[None, Suppress],
+    "source": str | None,
+    "channels": tuple[str, ...],
+    "features": tuple[str, ...],
     "render_mode": Annotated[None, Suppress],
 }
 """Fields that are typed as something else than they may be in Python."""
@@ -28,6 +31,31 @@ ENV_FLAGS = ConstructorRegistry()
 @dataclass(frozen=True, kw_only=True)
 class _Fields(EnvConfig):
     """The same fields under another type, which has tyro's own rule for dataclasses."""
+
+
+@dataclass(frozen=True)
+class _Terms(RewardConfig):
+    """The terms of a reward under another type, for the same purpose."""
+
+
+_REWARD_HELP = "Reward by name (`report`, `progress`) or as `package.module:name`, instead of the terms below."
+
+
+@ENV_FLAGS.struct_rule
+def _reward_flags(info: StructTypeInfo) -> StructConstructorSpec | None:
+    """Return the flags of a reward: its name, or its terms."""
+    if info.type is not RewardConfig:
+        return None
+    spec = ConstructorRegistry.get_struct_spec(replace(info, type=_Terms))
+    if not isinstance(spec, StructConstructorSpec):
+        raise TypeError(f"tyro cannot read {RewardConfig.__name__}: {spec}")
+    name_type: Any = str | None
+    name = StructFieldSpec(name="reward", type=name_type, default=None, helptext=_REWARD_HELP)
+    return StructConstructorSpec(_reward, (name, *spec.fields))
+
+
+def _reward(reward: str | None, **terms: Any) -> str | RewardConfig:
+    return RewardConfig(**terms) if reward is None else reward
 
 
 @ENV_FLAGS.struct_rule

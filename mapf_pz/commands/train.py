@@ -21,6 +21,7 @@ from mapf_pz.evaluation.results import EPISODES_FILE, discard
 from mapf_pz.interrupts import interruptible
 from mapf_pz.rl import load_policy
 from mapf_pz.rl import train as train_policy
+from mapf_pz.rl.algorithms import algorithm_of
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
 from mapf_pz.rl.presets import PRESETS
@@ -118,7 +119,7 @@ def _check_fits(config: TrainConfig, evaluation: EvaluationTask) -> None:
     advice = "choose another suite with --evaluate, or --evaluate none"
     if action_model != expected:
         raise ValueError(f"action_model={action_model!r}: {evaluation.label!r} needs {expected!r}; {advice}")
-    if config.algorithm == "central-ppo" and task.num_agents != evaluation.num_agents:
+    if algorithm_of(config.algorithm).centralized and task.num_agents != evaluation.num_agents:
         raise ValueError(f"num_agents={task.num_agents}: {evaluation.label!r} needs {evaluation.num_agents}; {advice}")
 
 

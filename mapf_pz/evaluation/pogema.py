@@ -17,8 +17,8 @@ from pettingzoo.utils import BaseParallelWrapper
 
 from mapf_pz.actions import CardinalAction
 from mapf_pz.arrays import Bools, Floats, Ints
-from mapf_pz.config import CollisionSystem, OnTarget
-from mapf_pz.environment import MapfEnv, parallel_env
+from mapf_pz.config import CollisionSystem, EnvConfig, OnTarget
+from mapf_pz.environment import MapfEnv
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.evaluation.rollout import AnyEnv, Policy, PolicyFactory, simulator_of
 from mapf_pz.instance import Grid, Instance, Scenario
@@ -226,5 +226,5 @@ def pogema_policy(policy: PogemaPolicy, **options: Any) -> PolicyFactory:
 
 
 def _make(policy: PogemaPolicy, options: dict[str, Any], keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:
-    env = parallel_env(**({"action_model": "cardinal"} | Planner.env_kwargs | keywords))
+    env = MapfEnv(EnvConfig.from_keywords(**({"action_model": "cardinal"} | Planner.env_kwargs | keywords)))
     return env, FromPogema(policy, env, **options)

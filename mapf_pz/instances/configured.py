@@ -19,8 +19,9 @@ def make_source(config: EnvConfig) -> InstanceSource:
 
     Raises as `load_map` and `load_instances` do.
     """
-    if config.source is not None:
-        return config.source
+    source = config.resolved_source
+    if source is not None:
+        return source
     if config.scenarios:
         return InstanceList(load_instances(config.scenarios, config.map, config.num_agents, goals_per_agent(config)))
     grid = load_map(DEFAULT_MAP if config.map is None else config.map)

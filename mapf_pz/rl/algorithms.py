@@ -6,7 +6,7 @@ No loops live here: `mapf_pz.rl.train` runs the same loop for all algorithms.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import torch
 from tensordict import NestedKey
@@ -18,6 +18,7 @@ from torchrl.envs import InitTracker, TensorDictPrimer, Transform
 from torchrl.modules import IndependentNormal, ProbabilisticActor
 from torchrl.objectives import ClipPPOLoss, IPPOLoss, MAPPOLoss, PPOLoss, ValueEstimators
 
+from mapf_pz.plugins import import_subclass
 from mapf_pz.rl.centralize import Centralize
 from mapf_pz.rl.config import AlgorithmName, PPOConfig, TrainConfig
 from mapf_pz.rl.networks import Actor, LocalCritic, TeamActor, TeamCritic, TeamValue, with_memory
@@ -30,7 +31,11 @@ class Algorithm(ABC):
     reward_key: NestedKey
     """Where the reward is that the loss learns from."""
     parameters: ClassVar[list[NestedKey]]
-    """Where what the network says of the distribution of actions is."""
+    """Keys of the parameters of the action distribution."""
+    action_key: ClassVar[NestedKey] = ("agents", "action")
+    """Key of the discrete action that each agent took."""
+    centralized: ClassVar[bool] = False
+    """Whether one policy acts for exactly the agents that it is trained with, not each agent for itself."""
 
     def __init__(self, config: TrainConfig) -> None:
         """Build the networks and the loss."""
@@ -150,6 +155,8 @@ class CentralPPO(Algorithm):
     """
 
     parameters: ClassVar[list[NestedKey]] = [("team", "loc"), ("team", "scale")]
+    action_key = ("next", "agents", "taken")
+    centralized = True
 
     def __init__(self, config: TrainConfig) -> None:
         """Build the networks and the loss."""
@@ -208,7 +215,14 @@ class CentralPPO(Algorithm):
 
 
 ALGORITHMS: dict[AlgorithmName, type[Algorithm]] = {"mappo": MAPPO, "ippo": IPPO, "central-ppo": CentralPPO}
-"""The algorithms by name."""
+"""The built-in algorithms by name."""
+
+
+def algorithm_of(name: str) -> type[Algorithm]:
+    """Return the algorithm that a configuration names; raises `ValueError` if `package.module:Class` is not one."""
+    if ":" not in name:
+        return ALGORITHMS[cast("AlgorithmName", name)]
+    return import_subclass("algorithm", name, Algorithm)
 
 
 def _end_keys(config: TrainConfig) -> dict[str, NestedKey]:

@@ -37,17 +37,20 @@ class BatchedMapfEnv(EnvBase):
     shape or range.
     """
 
-    def __init__(self, num_envs: int = 64, num_threads: int = 1, **keywords: Any) -> None:
-        """Make the environment: the keywords are those of `parallel_env`, and raise as there.
+    def __init__(
+        self, num_envs: int = 64, num_threads: int = 1, device: str | torch.device = "cpu", **keywords: Any
+    ) -> None:
+        """Create the environment; keywords are those of `parallel_env`, and raise as there.
 
         Args:
             num_envs: B.
-            num_threads: threads of the kernels.
-            **keywords: the fields of `EnvConfig`.
+            num_threads: Number of threads of the kernels.
+            device: Device of all tensors that the environment returns; it is always stepped on the CPU.
+            **keywords: The fields of `EnvConfig`.
         """
         self.config = EnvConfig.from_keywords(**keywords)
         self.simulator = Simulator(self.config, num_envs, num_threads)
-        super().__init__(device=torch.device("cpu"), batch_size=torch.Size([num_envs]))
+        super().__init__(device=torch.device(device), batch_size=torch.Size([num_envs]))
         num_agents = self.simulator.num_agents
         self.group_map = {"agents": [f"agent_{i}" for i in range(num_agents)]}
         self._seed_next: int | None = None
@@ -76,7 +79,7 @@ class BatchedMapfEnv(EnvBase):
     def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
         """Begin new episodes where `_reset` asks for it (everywhere without it)."""
         mask = None if tensordict is None else tensordict.get("_reset", None)
-        chosen = range(self.batch_size[0]) if mask is None else np.flatnonzero(mask.reshape(-1).numpy()).tolist()
+        chosen = range(self.batch_size[0]) if mask is None else np.flatnonzero(mask.reshape(-1).cpu().numpy()).tolist()
         seeds = None
         if self._seed_next is not None:
             seeds = {b: self._seed_next + b for b in range(self.batch_size[0])}
@@ -96,7 +99,7 @@ class BatchedMapfEnv(EnvBase):
 
     def _checked(self, actions: Tensor) -> Ints:
         """Return the actions as an array; raises `ValueError` unless they are (B, N) int64 in 0 to A - 1."""
-        numbers, expected = actions.numpy(), self.simulator.agents.shape
+        numbers, expected = actions.cpu().numpy(), self.simulator.agents.shape
         if numbers.dtype != np.int64 or numbers.shape != expected:
             got = f"{numbers.dtype} of shape {numbers.shape}"
             raise ValueError(f"('agents', 'action'): expected int64 of shape {expected}, got {got}")
@@ -131,7 +134,7 @@ class BatchedMapfEnv(EnvBase):
     def _with_flags(
         self, agents: dict[str, Tensor | TensorDict], terminated: Tensor, truncated: Tensor
     ) -> TensorDictBase:
-        # Without their device, tensordicts would be gone through again and again.
+        # Given the device, TensorDict does not search its entries for it.
         batch, device = self.batch_size, self.device
         each = (*batch, self.simulator.num_agents)
         group = TensorDict(agents, batch_size=each, device=device)

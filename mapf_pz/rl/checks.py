@@ -14,6 +14,12 @@ def check_names(config: object) -> None:
             raise ValueError(f"{name}={getattr(config, name)!r}: expected one of {allowed}")
 
 
+def check_part(field: str, value: object, known: tuple[str, ...]) -> None:
+    """Raise `ValueError` unless `value` is one of the `known` names or has the form `package.module:name`."""
+    if value not in known and not (isinstance(value, str) and ":" in value):
+        raise ValueError(f"{field}={value!r}: expected one of {', '.join(map(repr, known))}, or package.module:name")
+
+
 def check_counts(config: object, least: int, *names: str) -> None:
     """Raise `ValueError` unless these fields are whole numbers, or tuples of them, of at least `least`."""
     for name in names:

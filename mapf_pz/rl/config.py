@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import ConfigDict, PlainSerializer, PlainValidator
 from tyro.conf import arg
@@ -15,7 +15,7 @@ from mapf_pz.config import DEFAULT_NUM_AGENTS, REWARDS, EnvConfig
 from mapf_pz.instance import InstanceSource
 from mapf_pz.instances.configured import goals_per_agent, make_source
 from mapf_pz.instances.mixture import MapMixture
-from mapf_pz.rl.checks import check_counts, check_from_zero, check_names, check_positive
+from mapf_pz.rl.checks import check_counts, check_from_zero, check_names, check_part, check_positive
 from mapf_pz.rl.saved_env import dump_env, load_env
 
 AlgorithmName = Literal["mappo", "ippo", "central-ppo"]
@@ -113,8 +113,9 @@ class TaskConfig:
 class ModelConfig:
     """The networks: an encoder of one agent's observation, and heads on it."""
 
-    encoder: EncoderName = "conv"
-    """`conv`: 3 x 3 convolutions; `report`: the report's two; `residual`: stages of residual blocks."""
+    encoder: str = "conv"
+    """`conv`: 3 x 3 convolutions; `report`: the report's two; `residual`: stages of residual blocks; or
+    `package.module:Class`, an `nn.Module` that is built and called as `Encoder`."""
     conv_channels: tuple[int, ...] = (16,)
     """Output channels of the convolutions, or of the stages of `residual`; `report` needs two, there (32, 64)."""
     num_blocks: int = 2
@@ -128,7 +129,7 @@ class ModelConfig:
 
     def __post_init__(self) -> None:
         """Check names and numbers."""
-        check_names(self)
+        check_part("encoder", self.encoder, get_args(EncoderName))
         check_counts(self, 1, "conv_channels", "hidden", "head")
         check_counts(self, 0, "num_blocks", "recurrent")
 
@@ -205,8 +206,9 @@ class TrainConfig:
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")  # also of the configurations inside
     task: TaskConfig = field(default_factory=TaskConfig)
     """What is learnt."""
-    algorithm: AlgorithmName = "mappo"
-    """`mappo`: a critic that sees the team; `ippo`: one that sees what the agent sees; `central-ppo`: the report's."""
+    algorithm: str = "mappo"
+    """`mappo`: the critic observes the team; `ippo`: the critic observes what the agent observes; `central-ppo`: the
+    report's; or `package.module:Class`, a subclass of `Algorithm`."""
     model: ModelConfig = field(default_factory=ModelConfig)
     """The networks."""
     ppo: PPOConfig = field(default_factory=PPOConfig)
@@ -235,6 +237,7 @@ class TrainConfig:
     def __post_init__(self) -> None:
         """Check names and numbers, and that the workers can share the environments evenly."""
         check_names(self)
+        check_part("algorithm", self.algorithm, get_args(AlgorithmName))
         check_counts(self, 1, "agent_steps", "checkpoint_interval", "validation_episodes", "num_workers", "num_threads")
         check_counts(self, 0, "seed", "validation_interval")
         if self.collector != "single" and self.ppo.num_envs % self.num_workers:

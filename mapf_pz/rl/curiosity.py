@@ -17,18 +17,12 @@ from torch.nn.functional import cross_entropy, one_hot
 from torchrl.envs.transforms.rnd import RunningMeanStd
 from torchrl.objectives import RNDLoss
 
-from mapf_pz.rl.config import AlgorithmName, CuriosityConfig, CuriosityName, ModelConfig, TrainConfig
-from mapf_pz.rl.encoders import Encoder, scaled
+from mapf_pz.rl.config import CuriosityConfig, CuriosityName, ModelConfig, TrainConfig
+from mapf_pz.rl.encoders import make_encoder, scaled
 from mapf_pz.rl.observed import Observed
 
 _SEEN: NestedKey = ("agents", "observation")
 _NEXT_SEEN: NestedKey = ("next", "agents", "observation")
-_TAKEN: dict[AlgorithmName, NestedKey] = {
-    "mappo": ("agents", "action"),
-    "ippo": ("agents", "action"),
-    "central-ppo": ("next", "agents", "taken"),
-}
-"""Where the action is that each agent took."""
 
 
 class Embedding(nn.Module):
@@ -40,7 +34,7 @@ class Embedding(nn.Module):
     def __init__(self, observed: Observed, model: ModelConfig, size: int, num_hidden: int = 0) -> None:
         """Build the policy's kind of encoder, `num_hidden` layers on its code, and a linear one."""
         super().__init__()
-        self.encoder = Encoder(observed, model)
+        self.encoder = make_encoder(observed, model)
         self.head = _layers([model.hidden] * (num_hidden + 1) + [size])
 
     def forward(self, seen: Tensor | TensorDictBase) -> Tensor:
@@ -82,9 +76,10 @@ class Curiosity(nn.Module, ABC):
     values it together with the task's.
     """
 
-    def __init__(self, config: TrainConfig) -> None:
-        """Begin without any statistics."""
+    def __init__(self, config: TrainConfig, action_key: NestedKey) -> None:
+        """Start without statistics; `action_key` is the key of the action that each agent took."""
         super().__init__()
+        self.action_key = action_key
         self.config: CuriosityConfig = config.curiosity
         self.scale = RewardScale(config.ppo.num_envs, config.task.num_agents, config.curiosity.gamma)
 
@@ -127,9 +122,9 @@ class RandomNetworkDistillation(Curiosity):
     Burda et al., *Exploration by Random Network Distillation*, 2018; f has two more layers than g, as there.
     """
 
-    def __init__(self, config: TrainConfig) -> None:
+    def __init__(self, config: TrainConfig, action_key: NestedKey) -> None:
         """Build f and g."""
-        super().__init__(config)
+        super().__init__(config, action_key)
         observed, size = Observed.by_policy_of(config.task), self.config.size
         predictor = Embedding(observed, config.model, size, num_hidden=2)
         target = Embedding(observed, config.model, size)
@@ -148,12 +143,11 @@ class ForwardDynamics(Curiosity):
     action in every layer; this one is smaller, and is told once.
     """
 
-    def __init__(self, config: TrainConfig) -> None:
+    def __init__(self, config: TrainConfig, action_key: NestedKey) -> None:
         """Build phi and f."""
-        super().__init__(config)
+        super().__init__(config, action_key)
         observed, size, hidden = Observed.by_policy_of(config.task), self.config.size, config.model.hidden
         self.num_actions = observed.actions
-        self.taken = _TAKEN[config.algorithm]
         self.embedding = Embedding(observed, config.model, size).requires_grad_(False)
         self.forward_model = _layers([size + observed.actions, hidden, hidden, size])
 
@@ -166,7 +160,7 @@ class ForwardDynamics(Curiosity):
         return self.embedding(steps.get(_SEEN)), self.embedding(steps.get(_NEXT_SEEN))
 
     def _error(self, steps: TensorDictBase, before: Tensor, after: Tensor) -> Tensor:
-        action = one_hot(steps.get(self.taken), self.num_actions).to(before.dtype)
+        action = one_hot(steps.get(self.action_key), self.num_actions).to(before.dtype)
         return (self.forward_model(torch.cat([before, action], -1)) - after).square().mean(-1)
 
 
@@ -177,9 +171,9 @@ class InverseDynamics(ForwardDynamics):
     Self-supervised Prediction*, 2017), so it does not surprise.
     """
 
-    def __init__(self, config: TrainConfig) -> None:
+    def __init__(self, config: TrainConfig, action_key: NestedKey) -> None:
         """Build phi, f and what names the action."""
-        super().__init__(config)
+        super().__init__(config, action_key)
         self.embedding.requires_grad_(True)
         self.inverse_model = _layers([2 * self.config.size, config.model.hidden, self.num_actions])
 
@@ -187,7 +181,7 @@ class InverseDynamics(ForwardDynamics):
         """Return the mean error of f, from which phi does not learn, and the cross-entropy of the actions."""
         before, after = self._embedded(steps)
         logits = self.inverse_model(torch.cat([before, after], -1))
-        inverse = cross_entropy(logits.flatten(0, -2), steps.get(self.taken).flatten())
+        inverse = cross_entropy(logits.flatten(0, -2), steps.get(self.action_key).flatten())
         return self._error(steps, before.detach(), after.detach()).mean() + inverse
 
 
@@ -200,10 +194,10 @@ CURIOSITIES: dict[CuriosityName, type[Curiosity] | None] = {
 """The kinds of curiosity by name."""
 
 
-def make_curiosity(config: TrainConfig) -> Curiosity | None:
+def make_curiosity(config: TrainConfig, action_key: NestedKey) -> Curiosity | None:
     """Return the configuration's kind of curiosity with fresh weights; None for `none`."""
     kind = CURIOSITIES[config.curiosity.kind]
-    return None if kind is None else kind(config)
+    return None if kind is None else kind(config, action_key)
 
 
 def _layers(sizes: list[int]) -> nn.Sequential:

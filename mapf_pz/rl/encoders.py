@@ -1,24 +1,27 @@
-"""The encoders: from what is observed to a code. `ModelConfig.encoder` names the layers that the image goes through."""
+"""The encoders, from an observation to an embedding: built-in ones by name, others as `package.module:Class`."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import cast
 
 import torch
 from torch import Tensor, nn
 
+from mapf_pz.plugins import import_subclass
 from mapf_pz.rl.config import EncoderName, ModelConfig
 from mapf_pz.rl.observed import Observed
 
 
 class Encoder(nn.Module):
-    """One observation, image `(..., K, h, w)` and features `(..., F)`, to a code `(..., hidden)`."""
+    """One observation, image `(..., K, h, w)` and features `(..., F)`, to an embedding `(..., hidden)`."""
 
     def __init__(self, observed: Observed, config: ModelConfig) -> None:
         """Build the image's layers by their name and one linear layer; raises `ValueError` where widths do not fit."""
         super().__init__()
-        self.image = nn.Sequential(*IMAGE_LAYERS[config.encoder](observed.image, config), nn.Flatten())
+        layers = IMAGE_LAYERS[cast("EncoderName", config.encoder)](observed.image, config)
+        self.image = nn.Sequential(*layers, nn.Flatten())
         with torch.no_grad():
             size = self.image(torch.zeros(1, *observed.image)).shape[-1] + observed.features
         self.joint = nn.Sequential(scaled(nn.Linear(size, config.hidden)), nn.ReLU())
@@ -91,7 +94,14 @@ IMAGE_LAYERS: dict[EncoderName, Callable[[tuple[int, int, int], ModelConfig], li
     "report": report_layers,
     "residual": residual_layers,
 }
-"""What an image (K, h, w) goes through, by the encoder's name."""
+"""The layers for an image (K, h, w), by the encoder's name."""
+
+
+def make_encoder(observed: Observed, config: ModelConfig) -> nn.Module:
+    """Return the encoder that `config` names; raises `ValueError` if `package.module:Class` is not an `nn.Module`."""
+    if ":" not in config.encoder:
+        return Encoder(observed, config)
+    return import_subclass("encoder", config.encoder, nn.Module)(observed, config)
 
 
 def scaled(layer: nn.Linear | nn.Conv2d, scale: float = math.sqrt(2)) -> nn.Module:

@@ -25,7 +25,7 @@ class Learner:
         """Begin with the networks as they are, on the device where they are."""
         self.config = config
         self.loss = algorithm.loss
-        self.curiosity = make_curiosity(config)
+        self.curiosity = make_curiosity(config, algorithm.action_key)
         self._reward_key = algorithm.reward_key
         self._device = next(self.loss.parameters()).device
         self.modules: dict[str, nn.Module] = {"loss": self.loss}

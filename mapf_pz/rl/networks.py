@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from torchrl.modules import GRUModule
 
 from mapf_pz.rl.config import Credit, ModelConfig
-from mapf_pz.rl.encoders import Encoder, scaled
+from mapf_pz.rl.encoders import make_encoder, scaled
 from mapf_pz.rl.observed import Observed
 
 
@@ -20,7 +20,7 @@ class Actor(nn.Module):
     def __init__(self, observed: Observed, config: ModelConfig) -> None:
         """Build the encoder and the head."""
         super().__init__()
-        self.encoder = Encoder(observed, config)
+        self.encoder = make_encoder(observed, config)
         self.head = _head(config.recurrent or config.hidden, config.head, observed.actions, scale=0.01)
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> tuple[Tensor]:
@@ -38,7 +38,7 @@ class LocalCritic(nn.Module):
     def __init__(self, observed: Observed, config: ModelConfig) -> None:
         """Build the encoder and the head."""
         super().__init__()
-        self.encoder = Encoder(observed, config)
+        self.encoder = make_encoder(observed, config)
         self.head = _head(config.hidden, config.head, 1, scale=1.0)
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> Tensor:
@@ -55,7 +55,7 @@ class TeamCritic(nn.Module):
     def __init__(self, observed: Observed, config: ModelConfig) -> None:
         """Build the encoder and the head."""
         super().__init__()
-        self.encoder = Encoder(observed, config)
+        self.encoder = make_encoder(observed, config)
         self.head = _head(2 * config.hidden, config.head, 1, scale=1.0)
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> Tensor:
@@ -71,7 +71,7 @@ class TeamActor(nn.Module):
     def __init__(self, observed: Observed, num_agents: int, config: ModelConfig) -> None:
         """Build the encoder of N * K planes, the head, and one spread per number that no observation changes."""
         super().__init__()
-        self.encoder = Encoder(observed.stacked(num_agents), config)
+        self.encoder = make_encoder(observed.stacked(num_agents), config)
         size = config.recurrent or config.hidden
         self.head = _head(size, config.head, num_agents * observed.actions, scale=0.01)
         self.log_scale = nn.Parameter(torch.full((num_agents, observed.actions), -0.5))
@@ -141,7 +141,7 @@ class TeamValue(nn.Module):
     def __init__(self, observed: Observed, num_agents: int, credit: Credit, config: ModelConfig) -> None:
         """Build the encoder and the head."""
         super().__init__()
-        self.encoder = Encoder(observed.stacked(num_agents), config)
+        self.encoder = make_encoder(observed.stacked(num_agents), config)
         self.shape = (1,) if credit == "team" else (num_agents, 1)
         self.head = _head(config.hidden, config.head, math.prod(self.shape), scale=1.0)
 

@@ -16,8 +16,8 @@ from mapf_pz.action_modes import ACTION_MODES
 from mapf_pz.arrays import Floats
 from mapf_pz.errors import FormatError
 from mapf_pz.io.atomic import write_whole
-from mapf_pz.rl.algorithms import ALGORITHMS
-from mapf_pz.rl.config import AlgorithmName, TrainConfig
+from mapf_pz.rl.algorithms import algorithm_of
+from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
 from mapf_pz.rl.observed import Observed
 
@@ -150,14 +150,6 @@ class TeamPolicy(LearnedPolicy):
         return self._decode(preferences.numpy().astype(np.float64), self._rng).tolist()
 
 
-POLICIES: dict[AlgorithmName, type[LearnedPolicy]] = {
-    "mappo": SharedPolicy,
-    "ippo": SharedPolicy,
-    "central-ppo": TeamPolicy,
-}
-"""How what an algorithm has trained acts."""
-
-
 def save_weights(folder: Path, network: nn.Module) -> None:
     """Write the network's weights to `folder`, beside the configuration that the run wrote when it began."""
     write_whole(folder / WEIGHTS, save({name: weight.contiguous() for name, weight in network.state_dict().items()}))
@@ -197,19 +189,21 @@ def load_policy(policy: str | Path, seed: int = 0, deterministic: bool = False) 
     except _DAMAGE as error:
         reason = " ".join(str(error).split())
         raise FormatError(folder / WEIGHTS, f"not the weights that {CONFIG} describes: {reason[:200]}") from None
-    return POLICIES[config.algorithm](network, config, seed, deterministic)
+    kind = TeamPolicy if algorithm_of(config.algorithm).centralized else SharedPolicy
+    return kind(network, config, seed, deterministic)
 
 
 def _network(config: TrainConfig, weights: dict[str, Tensor]) -> nn.Module:
     """Return the network with these weights; it takes no more memory than they do, whatever the configuration says."""
     model = config.model
     stages = len(model.conv_channels) * (model.num_blocks if model.encoder == "residual" else 1)
+    stages = 0 if ":" in model.encoder else stages  # those of a user's encoder are not known
     if stages + len(model.head) > len(weights):
         raise ValueError(f"expected those of {stages} + {len(model.head)} layers, got {len(weights)} tensors")
     if any(weight.dtype != torch.float32 for weight in weights.values()):
         raise ValueError("expected numbers of 32 bits")
     with torch.device("meta"):
-        network = ALGORITHMS[config.algorithm].make_network(config)
+        network = algorithm_of(config.algorithm).make_network(config)
     network.load_state_dict(weights, assign=True)
     return network
 

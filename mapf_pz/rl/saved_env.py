@@ -18,13 +18,16 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from mapf_pz.config import EnvConfig, HeadingName
+from mapf_pz.core.reward import RewardConfig
 from mapf_pz.errors import FormatError
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances.sources import FixedMap, FixedScenario, InstanceList, SourceMixture
 
 OBJECT_FIELDS = ("map", "scenario", "edge_weights", "source")
-"""The fields of `EnvConfig` that may hold an object."""
+"""The fields of `EnvConfig` that may hold an object that is saved beside the JSON."""
+PART_FIELDS = ("channels", "features", "reward")
+"""The fields of `EnvConfig` that may name parts that users plug in."""
 _TYPES = {
     kind.__name__: kind
     for kind in (GuidanceGraph, Grid, Scenario, Instance, FixedMap, FixedScenario, InstanceList, SourceMixture)
@@ -50,6 +53,9 @@ def _stored_form() -> type[BaseModel]:
         "edge_weights": str,
         "source": str | None,
         "initial_heading": HeadingName | tuple[int, ...],
+        "channels": tuple[str, ...],
+        "features": tuple[str, ...],
+        "reward": str | RewardConfig,
     }
     fields: dict[str, Any] = {name: (hint, ...) for name, hint in hints.items()}
     return create_model("EnvConfig", __config__=ConfigDict(extra="forbid"), **fields)
@@ -70,9 +76,18 @@ def object_file(field: str) -> str:
 
 def dump_env(config: EnvConfig) -> dict[str, Any]:
     """Return the fields as the JSON has them."""
-    fields = config.keywords() | {"reward": config.reward}
+    fields = config.keywords()
+    for name in PART_FIELDS:
+        _check_savable(name, fields[name])
     stored = {name: _stored(name, fields[name]) for name in OBJECT_FIELDS}
     return _stored_form()(**fields | stored).model_dump(mode="json")
+
+
+def _check_savable(name: str, value: Any) -> None:
+    """Raise `ValueError` for a channel, feature or reward that is an object instead of its name."""
+    for part in value if isinstance(value, tuple) else (value,):
+        if not isinstance(part, (str, RewardConfig)):
+            raise ValueError(f"{name}: a run cannot save {part!r}, only its name, package.module:name")
 
 
 def _stored(name: str, value: Any) -> Any:

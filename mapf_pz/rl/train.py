@@ -15,7 +15,7 @@ from torchrl.collectors import BaseCollector
 from mapf_pz.errors import FormatError
 from mapf_pz.interrupts import interrupts_deferred
 from mapf_pz.io.atomic import naming
-from mapf_pz.rl.algorithms import ALGORITHMS, Algorithm
+from mapf_pz.rl.algorithms import Algorithm, algorithm_of
 from mapf_pz.rl.checkpoint import read_position
 from mapf_pz.rl.collect import collecting
 from mapf_pz.rl.config import TrainConfig
@@ -30,7 +30,7 @@ MakeAlgorithm = Callable[[TrainConfig], Algorithm]
 
 
 def _named_algorithm(config: TrainConfig) -> Algorithm:
-    return ALGORITHMS[config.algorithm](config)
+    return algorithm_of(config.algorithm)(config)
 
 
 def train(

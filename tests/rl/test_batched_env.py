@@ -68,7 +68,7 @@ def test_partial_reset_leaves_the_others_alone():
     now = env.reset()
     for _ in range(3):
         now = env.rand_step(now)["next"]
-    before = env.simulator.state.agents.copy()
+    before = env.simulator.agents.copy()
     now["_reset"] = torch.tensor([[False], [True], [False]])
     env.reset(now)
     after = env.simulator.state

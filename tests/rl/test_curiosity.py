@@ -65,7 +65,7 @@ def rollout(config, steps, max_steps=None):
 def test_what_is_known_surprises_less(kind):
     config = curious(kind, update_fraction=1.0)
     torch.manual_seed(0)
-    curiosity = make_curiosity(config)
+    curiosity = make_curiosity(config, ALGORITHMS[config.algorithm].action_key)
     assert curiosity is not None
     known, unknown = random_steps(config, 10, seed=1), random_steps(config, 10, seed=2)
 
@@ -114,7 +114,7 @@ def test_the_unit_of_rewards_does_not_matter(unit):
 def test_the_end_of_an_episode_is_its_own(kind, algorithm):
     config = dataclasses.replace(curious(kind), algorithm=algorithm)
     torch.manual_seed(0)
-    curiosity = make_curiosity(config)
+    curiosity = make_curiosity(config, ALGORITHMS[config.algorithm].action_key)
     assert curiosity is not None
     ended, ongoing = rollout(config, 6, max_steps=3), rollout(config, 3, max_steps=100)
     assert ended["next", "done"][:, 2].all()
@@ -136,7 +136,10 @@ def test_actions_taken_are_those_of_the_matrix():
 def test_the_reward_is_added_to_what_the_loss_learns_from(algorithm, credit):
     ppo = dataclasses.replace(TINY.ppo, credit=credit)
     config = dataclasses.replace(curious("rnd", weight=0.5), algorithm=algorithm, ppo=ppo)
-    curiosity, key = make_curiosity(config), ALGORITHMS[algorithm](config).reward_key
+    curiosity, key = (
+        make_curiosity(config, ALGORITHMS[config.algorithm].action_key),
+        ALGORITHMS[algorithm](config).reward_key,
+    )
     assert curiosity is not None
     batch = rollout(config, 5)
     before, state = batch.clone(), {name: tensor.clone() for name, tensor in curiosity.state_dict().items()}
@@ -153,7 +156,7 @@ def test_the_reward_is_added_to_what_the_loss_learns_from(algorithm, credit):
 def test_an_observation_without_features():
     config = curious("inverse-dynamics")
     config = dataclasses.replace(config, task=changed(config.task, features=()))
-    curiosity = make_curiosity(config)
+    curiosity = make_curiosity(config, ALGORITHMS[config.algorithm].action_key)
     assert curiosity is not None
     assert curiosity.reward(rollout(config, 5)).shape == (4, 5, 3, 1)
 

@@ -111,7 +111,7 @@ def test_positions():
     now = env.reset()
     for _ in range(60):
         for b in range(2):
-            active = env.simulator.state.agents["active"][b]
+            active = env.simulator.agents["active"][b]
             expected = np.where(active[:, None], env.simulator.positions(b), -1)
             assert np.array_equal(now["agents", "position"][b].numpy(), expected)
         now = env.rand_step(now)["next"]
