@@ -65,6 +65,15 @@ class Algorithm(ABC):
     def observed_keys(self) -> list[NestedKey]:
         """Return where the image is, and the features if there are any."""
 
+    @property
+    def agents_end(self) -> bool:
+        """Whether each agent's episode ends when the agent leaves: with `on_target="finish"` and a reward per agent."""
+        return self.config.task.env.on_target == "finish" and self.reward_key == ("agents", "reward")
+
+    def _end_keys(self) -> dict[str, NestedKey]:
+        """Return the loss's keys of each agent's own `done` and `terminated`, which `Learner.learn` sets."""
+        return {"done": ("agents", "done"), "terminated": ("agents", "terminated")} if self.agents_end else {}
+
     @staticmethod
     def num_memories(config: TrainConfig) -> int:
         """Return how many memories there are in an environment: one per agent."""
@@ -120,7 +129,7 @@ class MultiAgentPPO(Algorithm):
             action=("agents", "action"),
             reward=self.reward_key,
             sample_log_prob=("agents", "action_log_prob"),
-            **_end_keys(self.config),
+            **self._end_keys(),
         )
         loss.make_value_estimator(ValueEstimators.MAGAE, **_estimation(self.config.ppo))
         return loss
@@ -202,7 +211,7 @@ class CentralPPO(Algorithm):
             action=("team", "action"),
             reward=self.reward_key,
             sample_log_prob=("team", "action_log_prob"),
-            **(_end_keys(config) if self._each else {}),
+            **self._end_keys(),
         )
         estimator = ValueEstimators.MAGAE if self._each else ValueEstimators.GAE
         loss.make_value_estimator(estimator, **_estimation(config.ppo))
@@ -223,13 +232,6 @@ def algorithm_of(name: str) -> type[Algorithm]:
     if ":" not in name:
         return ALGORITHMS[cast("AlgorithmName", name)]
     return import_subclass("algorithm", name, Algorithm)
-
-
-def _end_keys(config: TrainConfig) -> dict[str, NestedKey]:
-    """Return where it is said which agents' episodes ended, if they end one by one: see `Learner.learn`."""
-    if config.task.env.on_target != "finish":
-        return {}
-    return {"done": ("agents", "done"), "terminated": ("agents", "terminated")}
 
 
 def _coefficients(ppo: PPOConfig) -> dict[str, Any]:

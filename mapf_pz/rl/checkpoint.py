@@ -32,11 +32,11 @@ _DAMAGE = (
 class Position:
     """How far a run has come."""
 
-    updates: int = 0
+    updates: int
     """Updates done, and rows of progress written."""
-    agent_steps: int = 0
+    agent_steps: int
     """Steps of all agents together."""
-    score: float = 0.0
+    score: float
     """Mean CSR, or throughput of lifelong episodes, over the latest training episodes; the highest is the best."""
 
 

@@ -27,6 +27,7 @@ class Learner:
         self.loss = algorithm.loss
         self.curiosity = make_curiosity(config, algorithm.action_key)
         self._reward_key = algorithm.reward_key
+        self._agents_end = algorithm.agents_end
         self._device = next(self.loss.parameters()).device
         self.modules: dict[str, nn.Module] = {"loss": self.loss}
         groups = [{"params": list(self.loss.parameters()), "initial_lr": config.ppo.learning_rate}]
@@ -46,8 +47,7 @@ class Learner:
         """
         self._anneal(done)
         batch = batch.to(self._device)
-        agents_end = self.config.task.env.on_target == "finish" and self._reward_key == ("agents", "reward")
-        if agents_end:
+        if self._agents_end:
             _note_ends(batch)
         told = (
             {} if self.curiosity is None else {"intrinsic_reward": self.curiosity.add_reward(batch, self._reward_key)}
@@ -58,7 +58,7 @@ class Learner:
                 params=self.loss.critic_network_params,
                 target_params=self.loss.target_critic_network_params,
             )
-        if agents_end:
+        if self._agents_end:
             batch.set(LOSS_MASK, batch.get(("agents", "active")))
         self._buffer.empty()
         self._buffer.extend(

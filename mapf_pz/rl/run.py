@@ -15,7 +15,7 @@ from mapf_pz.errors import FormatError
 from mapf_pz.io.atomic import replacing, write_whole
 from mapf_pz.rl.checkpoint import FOLDER, Checkpoints, Position, read_position, restore
 from mapf_pz.rl.config import TrainConfig
-from mapf_pz.rl.config_file import CONFIG_FILES, config_files, save_config
+from mapf_pz.rl.config_file import CONFIG_FILES, save_config
 from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.policy import WEIGHTS, save_weights
 
@@ -40,7 +40,7 @@ class RunFolder:
         self.path = path
         self.checkpoints = Checkpoints(path)
         self._rows: list[dict[str, float]] = []
-        self._saved = Position()
+        self._saved_steps = 0  # agent steps at the latest checkpoint
         self._tensorboard: TensorboardLogger | None = None
 
     def check_unused(self) -> None:
@@ -58,13 +58,13 @@ class RunFolder:
         different runs.
         """
         restore(checkpoint, learner)
-        self._saved = read_position(checkpoint)
-        self._rows = _read_rows(self.path / PROGRESS, self._saved)
-        return self._saved.updates
+        position = read_position(checkpoint)
+        self._rows = _read_rows(self.path / PROGRESS, position)
+        self._saved_steps = position.agent_steps
+        return position.updates
 
     def begin(self, config: TrainConfig) -> None:
         """Prepare the folder: remove whatever is newer than the restored checkpoint, or everything without one."""
-        config_files(config)  # raises for a configuration that cannot be saved, before anything is removed
         self.path.mkdir(parents=True, exist_ok=True)
         if self._rows:
             self.checkpoints.sweep()
@@ -92,11 +92,11 @@ class RunFolder:
 
     def save(self, learner: Learner, interval: int = 1) -> None:
         """Write a checkpoint if the latest is at least `interval` agent steps old."""
-        if not self._rows or self._rows[-1]["agent_steps"] < self._saved.agent_steps + interval:
+        if not self._rows or self._rows[-1]["agent_steps"] < self._saved_steps + interval:
             return
         position = Position(len(self._rows), int(self._rows[-1]["agent_steps"]), self._recent_score())
         self.checkpoints.save(learner, position)
-        self._saved = position
+        self._saved_steps = position.agent_steps
 
     def finish(self, network: nn.Module) -> None:
         """Write the policy and the learning curve."""

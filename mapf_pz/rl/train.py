@@ -19,7 +19,7 @@ from mapf_pz.rl.algorithms import Algorithm, algorithm_of
 from mapf_pz.rl.checkpoint import read_position
 from mapf_pz.rl.collect import collecting
 from mapf_pz.rl.config import TrainConfig
-from mapf_pz.rl.config_file import CONFIG, load_config
+from mapf_pz.rl.config_file import CONFIG, config_files, load_config
 from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.run import RunFolder
 from mapf_pz.rl.stopwatch import Stopwatch
@@ -108,6 +108,7 @@ def _run(
     config: TrainConfig, run: RunFolder, checkpoint: Path | None, on_progress: Progress | None, make: MakeAlgorithm
 ) -> Path:
     """Train from the beginning, or from the checkpoint on."""
+    config_files(config)  # raises for a configuration that cannot be saved, before workers start
     torch.manual_seed(config.seed)
     torch.set_num_threads(config.num_threads)
     with _device(config):

@@ -5,7 +5,8 @@
 - Several agents: Yu et al., *The Surprising Effectiveness of PPO in Cooperative Multi-Agent Games*, 2022.
 - Optimizer: Kingma and Ba, *Adam: A Method for Stochastic Optimization*, 2015.
 
-Shapes: B environments, T steps, U advantages per step (one per agent, or one for the team).
+Shapes: B environments, T steps, U advantages per step (one per agent, or one for the team). Steps after an agent
+has left are not `active` and count in no mean.
 """
 
 import math
@@ -22,6 +23,12 @@ def generalized_advantages(reward, value, next_value, done, terminated, gamma, l
         running = delta[:, t] + gamma * lmbda * ~done[:, t] * running
         advantage[:, t] = running
     return advantage
+
+
+def normalized(advantage, active, correction):
+    """Return advantages (..., U) with mean 0 and deviation 1 over the active steps of each unit."""
+    columns = zip(advantage.unbind(-1), active.unbind(-1), strict=True)
+    return torch.stack([(unit - unit[on].mean()) / unit[on].std(correction=correction) for unit, on in columns], -1)
 
 
 def categorical(action, logits):
@@ -54,7 +61,7 @@ def recurrent_distribution(network, observation, memory, is_init):
 class ReferencePPO:
     """Updates an actor and a critic; the settings are those of `PPOConfig`."""
 
-    def __init__(self, distribution, log_prob_and_entropy, critic, weights, settings):
+    def __init__(self, distribution, log_prob_and_entropy, critic, weights, settings, masked=False):
         """Begin with Adam's moments at 0.
 
         Args:
@@ -63,9 +70,10 @@ class ReferencePPO:
             critic: function of observations to values (..., U).
             weights: tensors to optimize.
             settings: a `PPOConfig`.
+            masked: whether steps may be inactive.
         """
         self.distribution, self.log_prob_and_entropy, self.critic = distribution, log_prob_and_entropy, critic
-        self.weights, self.settings = weights, settings
+        self.weights, self.settings, self.masked = weights, settings, masked
         self.moments = [(torch.zeros_like(weight), torch.zeros_like(weight)) for weight in weights]
         self.num_steps = 0
         self.ratios = []
@@ -89,15 +97,15 @@ class ReferencePPO:
     def _loss(self, part, entropy_coeff):
         s = self.settings
         log_prob, entropy = self.log_prob_and_entropy(part["action"], *self.distribution(part))
-        every = tuple(range(part["advantage"].ndim - 1))  # all samples of a unit
-        centered = part["advantage"] - part["advantage"].mean(every)
-        advantage = centered / part["advantage"].std(every)
+        # The papers do not say which deviation: TorchRL takes the sample's, and with a mask the population's.
+        active, correction = part["active"], 1 - self.masked
+        advantage = normalized(part["advantage"], active, correction)
         ratio = (log_prob - part["log_prob"]).exp()
         self.ratios.append(ratio.detach())
         clipped = ratio.clamp(1 - s.clip_epsilon, 1 + s.clip_epsilon)
-        gain = torch.minimum(ratio * advantage, clipped * advantage).mean()
-        value_loss = smooth_l1_loss(self.critic(part["observation"]), part["target"])
-        return -gain + s.critic_coeff * value_loss - entropy_coeff * entropy.mean()
+        gain = torch.minimum(ratio * advantage, clipped * advantage)[active].mean()
+        value_loss = smooth_l1_loss(self.critic(part["observation"])[active], part["target"][active])
+        return -gain + s.critic_coeff * value_loss - entropy_coeff * entropy[active].mean()
 
     def _descend(self, loss, learning_rate, beta1=0.9, beta2=0.999, eps=1e-5):
         gradients = torch.autograd.grad(loss, self.weights)

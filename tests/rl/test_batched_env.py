@@ -110,6 +110,8 @@ def test_torchrls_wrapper_gives_the_same_episodes(action_model):
     batched = BatchedMapfEnv(1, **keywords)
     batched.set_seed(5)
     batched.reset()  # as the wrapper has done when it was seeded
+    for flag in ("done", "terminated", "truncated"):
+        assert batched.full_done_spec[flag][0] == wrapped.full_done_spec[flag]
     one, other = wrapped.reset(), batched.reset()
     rng = np.random.default_rng(0)
     for _ in range(2):  # the second episode goes on from the same generator

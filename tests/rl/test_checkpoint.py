@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 import zipfile
 
@@ -20,6 +21,7 @@ from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.checkpoint import Checkpoints, Position, read_position, restore
 from mapf_pz.rl.config import ModelConfig
 from mapf_pz.rl.learner import Learner
+from mapf_pz.rl.run import RunFolder
 from mapf_pz.rl.train import resume
 from tests.helpers import small_run as tiny
 from tests.helpers.small_run import rows
@@ -82,8 +84,16 @@ def test_rows_after_the_checkpoint_are_cut(tmp_path):
 
 
 def test_a_finished_run_can_be_made_longer_and_not_shorter(tmp_path):
+    made = []
+
+    class Recording(ALGORITHMS["mappo"]):
+        def transforms(self, seed):
+            made.append(seed)
+            return super().transforms(seed)
+
     train(dataclasses.replace(TINY, agent_steps=384), tmp_path)
-    resume(tmp_path)
+    resume(tmp_path, make_algorithm=Recording)
+    assert not made  # no environments
     assert len(rows(tmp_path)) == 2
     with pytest.raises(ValueError, match="has come to 384 already"):
         resume(tmp_path, agent_steps=192)
@@ -96,6 +106,30 @@ def test_a_new_run_in_the_folder_replaces_the_checkpoints(tmp_path):
     train(TINY, tmp_path)
     train_interrupted(dataclasses.replace(TINY, seed=1), tmp_path, 1, overwrite=True)
     assert [read_position(file).updates for file in (tmp_path / "checkpoints").iterdir()] == [1]
+
+
+def test_checkpoints_are_an_interval_apart_and_at_the_end(tmp_path):
+    saved = []
+
+    def on_progress(_row):
+        saved.append(max((read_position(file).updates for file in (tmp_path / "checkpoints").glob("*")), default=0))
+
+    train(
+        dataclasses.replace(TINY, agent_steps=7 * PER_UPDATE, checkpoint_interval=2 * PER_UPDATE), tmp_path, on_progress
+    )
+    assert saved == [0, 2, 2, 4, 4, 6, 6]
+    assert read_position(Checkpoints(tmp_path).latest()).updates == 7
+
+
+@pytest.mark.parametrize("name", ["CSR", "throughput"])
+def test_a_checkpoint_is_as_good_as_the_last_hundred_episodes(tmp_path, name):
+    run, learner, scores = RunFolder(tmp_path), make_learner(), []
+    run.begin(TINY)
+    for update, (episodes, mean) in enumerate([(0, math.nan), (50, 0.5), (40, 1.0), (60, 0.25), (120, 0.75)], 1):
+        run.log({"agent_steps": update, "episodes": episodes, name: mean})
+        run.save(learner)
+        scores.append(read_position(run.checkpoints.latest()).score)
+    assert scores == pytest.approx([0, 0.5, (0.5 * 50 + 40) / 90, (40 + 0.25 * 60) / 100, 0.75])
 
 
 class RecordInstances(Transform):
@@ -190,6 +224,16 @@ def manifest_of_a_list(file):
         archive.writestr("manifest.json", "[]")
 
 
+def without_its_position(file):
+    with zipfile.ZipFile(file) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    manifest = json.loads(members["manifest.json"])
+    del manifest["metadata"]["updates"]
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, content in (members | {"manifest.json": json.dumps(manifest)}).items():
+            archive.writestr(name, content)
+
+
 def of_other_components(file):
     Checkpoint(format="archive", value={"a": 1}).save(file, metadata=dataclasses.asdict(Position(3, 576, 0.0)))
 
@@ -209,6 +253,7 @@ def of_other_networks(file):
         empty,
         not_an_archive,
         manifest_of_a_list,
+        without_its_position,
         of_other_components,
         of_other_networks,
     ],
@@ -254,41 +299,44 @@ def test_what_is_not_a_run_is_one_line(tmp_path, capsys):
     assert capsys.readouterr().err.count("\n") == 1
 
 
-def start(folder):
-    command = [sys.executable, "-m", "mapf_pz", *SHORT.split(), *SMALL.split(), "--output", str(folder)]
-    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=os.environ)
+def command(folder):
+    return [*SHORT.split(), *SMALL.split(), "--output", str(folder)]
 
 
-def wait_for_checkpoints(process, folder, seconds=60):
+def wait_for_checkpoints(folder, running, seconds=60):
     limit = time.monotonic() + seconds
     while len(list((folder / "checkpoints").glob("checkpoint-*"))) < 2:
-        assert process.poll() is None, process.stderr.read().decode()
+        assert running()
         assert time.monotonic() < limit
         time.sleep(0.01)
 
 
 def test_a_killed_run_continues_from_its_last_checkpoint(tmp_path, capsys):
-    with start(tmp_path) as process:
-        wait_for_checkpoints(process, tmp_path)
+    with subprocess.Popen([sys.executable, "-m", "mapf_pz", *command(tmp_path)], stdout=subprocess.DEVNULL) as process:
+        wait_for_checkpoints(tmp_path, lambda: process.poll() is None)
         process.kill()
     assert not (tmp_path / "policy.safetensors").exists()
     config = json.loads((tmp_path / "config.json").read_text())
     (tmp_path / "checkpoints" / ".checkpoint-1.stage-1").mkdir()  # as if killed while it wrote
-    done = read_position(Checkpoints(tmp_path).latest())
-    assert done.agent_steps < 5000
-    assert main(["train", "resume", str(tmp_path), "--agent-steps", "5000", "--evaluate", "none"]) == 0
+    done = read_position(Checkpoints(tmp_path).latest()).updates
+    length = str(96 * (done + 3))
+    assert main(["train", "resume", str(tmp_path), "--agent-steps", length, "--evaluate", "none"]) == 0
     assert config["agent_steps"] == 40000
-    assert steps(tmp_path) == [96 * (i + 1) for i in range(math.ceil(5000 / 96))]
+    assert steps(tmp_path) == [96 * (i + 1) for i in range(done + 3)]
     assert load_policy(tmp_path).act({}) == {}
     assert not list((tmp_path / "checkpoints").glob(".*"))
 
 
-def test_sigterm_saves_what_was_learnt(tmp_path):
-    with start(tmp_path) as process:
-        wait_for_checkpoints(process, tmp_path)
-        process.send_signal(signal.SIGTERM)
-        error = process.communicate()[1].decode()
-    assert (process.returncode, error) == (130, "mapf-pz train: interrupted\n")
+def test_sigterm_saves_what_was_learnt(tmp_path, capsys):
+    def terminate():
+        wait_for_checkpoints(tmp_path, threading.main_thread().is_alive)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    thread = threading.Thread(target=terminate)
+    thread.start()
+    assert main(command(tmp_path)) == 130
+    thread.join()
+    assert capsys.readouterr().err.splitlines()[-1] == "mapf-pz train: interrupted"
     done = read_position(Checkpoints(tmp_path).latest())
     assert done.updates in (len(rows(tmp_path)), len(rows(tmp_path)) - 1)
     assert load_policy(tmp_path).act({}) == {}

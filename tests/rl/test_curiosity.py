@@ -201,6 +201,14 @@ def make_learner(config):
 
 
 @pytest.mark.parametrize("kind", KINDS)
+def test_a_learner_lowers_the_loss_of_curiosity(kind):
+    config = curious(kind, update_fraction=1.0, learning_rate=3e-3)
+    learner, steps = make_learner(config)
+    losses = [learner.learn(steps.clone(), 0.0)["loss_curiosity"] for _ in range(20)]
+    assert losses[-1] < 0.7 * losses[0]
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_checkpoint_holds_networks_moments_and_statistics(tmp_path, kind):
     config = curious(kind)
     learner, steps = make_learner(config)

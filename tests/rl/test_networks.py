@@ -64,12 +64,26 @@ def test_the_report_s_network_is_that_of_its_code():
     assert shapes == {"image.0.weight": (32, 28, 8, 8), "image.2.weight": (64, 32, 4, 4), "joint.0.weight": (128, 64)}
 
 
+@pytest.mark.parametrize(("size", "left"), [((20, 20), (1, 1)), ((28, 36), (2, 3))])
+def test_the_report_s_convolutions_have_strides_of_4_and_2(size, left):
+    layers = torch.nn.Sequential(*IMAGE_LAYERS["report"]((3, *size), MODELS["report"]))
+    assert layers(torch.zeros(1, 3, *size)).shape == (1, 6, *left)
+
+
+@pytest.mark.parametrize(
+    ("size", "left"), [((7, 5), (5, 3)), ((5, 7), (3, 5)), ((4, 9), (2, 7)), ((3, 9), (3, 9)), ((5, 6), (3, 4))]
+)
+def test_convolutions_are_padded_where_the_shorter_side_is_3_or_less(size, left):
+    layers = torch.nn.Sequential(*IMAGE_LAYERS["conv"]((3, *size), MODELS["conv"]))
+    assert layers(torch.zeros(1, 3, *size)).shape == (1, 6, *left)
+
+
 def test_the_report_s_network_has_two_convolutions():
     with pytest.raises(ValueError, match=r"conv_channels=\(16,\): the encoder 'report' has exactly two convolutions"):
         Actor(Observed((7, 20, 20), 0, 5), ModelConfig(encoder="report"))
 
 
-@pytest.mark.parametrize(("side", "pooled"), [(7, 7), (11, 11), (12, 6), (20, 10), (40, 10)])
+@pytest.mark.parametrize(("side", "pooled"), [(7, 7), (11, 11), (12, 6), (20, 10), (22, 11), (24, 6), (40, 10)])
 def test_only_large_images_are_pooled(side, pooled):
     config = ModelConfig(encoder="residual", conv_channels=(4, 6), num_blocks=1)
     layers = torch.nn.Sequential(*IMAGE_LAYERS["residual"]((3, side, side), config))

@@ -1,6 +1,7 @@
 import dataclasses
 import json
 import re
+import time
 
 import pytest
 import torch
@@ -13,6 +14,7 @@ from mapf_pz.instances import RandomObstacles, SourceMixture
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.algorithms import ALGORITHMS, MAPPO
 from mapf_pz.rl.config import CuriosityConfig
+from mapf_pz.rl.observed import Observed
 from mapf_pz.rl.train import Progress
 from tests.helpers.small_run import TINY, changed, rows, untimed
 
@@ -104,6 +106,27 @@ def test_values_that_are_not_allowed_are_refused(part, name, values):
             dataclasses.replace(config, **{name: value})
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"learning_rate": 0.0}, "learning_rate=0.0: expected a number greater than 0"),
+        ({"gamma": 1.5}, "gamma=1.5: expected a number, 0 or greater, at most 1"),
+        ({"critic_coeff": -1.0}, "critic_coeff=-1.0: expected a number, 0 or greater"),
+    ],
+)
+def test_a_refusal_names_the_bounds(change, message):
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        dataclasses.replace(TINY.ppo, **change)
+
+
+@pytest.mark.parametrize("config", [TINY, TINY.task, TINY.model, TINY.ppo, TINY.curiosity, Observed((5, 3, 3), 7, 4)])
+def test_configurations_do_not_change(config):
+    name = dataclasses.fields(config)[0].name
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        setattr(config, name, getattr(config, name))
+    assert len({config, dataclasses.replace(config)}) == 1
+
+
 def contents(folder):
     return {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
 
@@ -158,6 +181,21 @@ def test_shares_of_time_add_up_to_all_of_it(tmp_path):
         assert sum(shares) == pytest.approx(1, abs=1e-4)
 
 
+def test_seconds_count_from_the_first_update(tmp_path):
+    started = []
+
+    def make_algorithm(config):
+        started.append(time.perf_counter())
+        return ALGORITHMS[config.algorithm](config)
+
+    def on_progress(row):
+        assert 0 < row["seconds"] <= time.perf_counter() - started[0]
+        assert row["agent_steps_per_second"] == pytest.approx(row["agent_steps"] / row["seconds"])
+
+    train(TINY, tmp_path, on_progress, make_algorithm)
+    assert len(started) == 1
+
+
 def test_validation_plays_the_same_episodes_and_changes_nothing(tmp_path):
     config = dataclasses.replace(TINY, validation_interval=300, validation_episodes=8)
     looked, plain = (untimed(train(config, tmp_path / "looked")), untimed(train(TINY, tmp_path / "plain")))
@@ -166,6 +204,12 @@ def test_validation_plays_the_same_episodes_and_changes_nothing(tmp_path):
     assert [look["CSR"] == "nan" for look in looks] == [True, False, False]
     again = untimed(train(config, tmp_path / "again"))
     assert [row["validation_return"] for row in again] == [look["return"] for look in looks]
+
+
+def test_validations_are_an_interval_apart_and_at_the_end(tmp_path):
+    config = dataclasses.replace(TINY, agent_steps=5 * 192, validation_interval=2 * 192, validation_episodes=2)
+    looked = [row["validation_CSR"] != "nan" for row in rows(train(config, tmp_path))]
+    assert looked == [False, True, False, True, True]
 
 
 def test_an_algorithm_of_ones_own(tmp_path):
@@ -178,6 +222,18 @@ def test_an_algorithm_of_ones_own(tmp_path):
     done = rows(train(TINY, tmp_path, make_algorithm=Lazy))
     assert all(abs(float(row["return"])) < 1e-4 for row in done if row["episodes"] != "0")
     load_policy(tmp_path)
+
+
+def test_a_gpu_is_left_alone_when_the_cpu_is_asked_for(tmp_path, monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    made = []
+
+    def make_algorithm(config):
+        made.append(torch.empty(0).device.type)
+        return ALGORITHMS[config.algorithm](config)
+
+    train(dataclasses.replace(TINY, device="cpu", agent_steps=192), tmp_path, make_algorithm=make_algorithm)
+    assert made == ["cpu"]
 
 
 def test_a_gpu_that_is_not_there_is_refused(tmp_path):

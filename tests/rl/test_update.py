@@ -32,9 +32,10 @@ ALL = [
 ]
 
 
-def configured(algorithm="mappo", recurrent=0, **ppo):
+def configured(algorithm="mappo", recurrent=0, on_target="nothing", **ppo):
     return dataclasses.replace(
         SMALL,
+        task=changed(SMALL.task, on_target=on_target),
         algorithm=algorithm,
         model=dataclasses.replace(SMALL.model, recurrent=recurrent),
         ppo=dataclasses.replace(SMALL.ppo, **ppo),
@@ -70,6 +71,12 @@ def critic_weights(algorithm):
     return {name.removeprefix("module."): params[name].detach().clone() for name in params.keys()}  # noqa: SIM118
 
 
+def masked(config):
+    """Return whether agents that have left are excluded: not from one advantage of the whole team."""
+    one = config.algorithm == "central-ppo" and config.ppo.credit == "team"
+    return config.task.env.on_target == "finish" and not one
+
+
 def as_reference_batch(algorithm, batch):
     """Return the tensors that the reference reads; the team's reward is the mean of the agents' rewards."""
     team = algorithm.config.algorithm == "central-ppo"
@@ -78,14 +85,21 @@ def as_reference_batch(algorithm, batch):
     reward = batch["next", "agents", "reward"].squeeze(-1)
     log_prob = group["action_log_prob"]
     observed = algorithm.observed_keys()
+    done, terminated = batch["next", "done"], batch["next", "terminated"]
+    active = torch.ones_like(reward, dtype=torch.bool)
+    if masked(algorithm.config):  # an agent's episode ends when it leaves
+        active = batch["agents", "active"].squeeze(-1)
+        left = ~batch["next", "agents", "active"].squeeze(-1)
+        done, terminated = done | left, terminated | left
     return {
         "observation": tuple(batch[key] for key in observed),
         "next_observation": tuple(batch["next"][key] for key in observed),
         "action": group["action"],
         "log_prob": log_prob.unsqueeze(-1) if one else log_prob,
         "reward": reward.mean(-1, keepdim=True) if one else reward,
-        "done": batch["next", "done"],
-        "terminated": batch["next", "terminated"],
+        "active": active[..., :1] if one else active,
+        "done": done,
+        "terminated": terminated,
         **{name: batch[name] for name in ("memory", "is_init") if name in batch.keys()},  # noqa: SIM118
     }
 
@@ -109,7 +123,8 @@ def make_reference(algorithm):
         return critic(*observation) if one else critic(*observation).squeeze(-1)
 
     weights = [*actor.parameters(), *critic.parameters()]
-    return ReferencePPO(distribution, log_prob_and_entropy, values, weights, config.ppo), actor, critic
+    reference = ReferencePPO(distribution, log_prob_and_entropy, values, weights, config.ppo, masked(config))
+    return reference, actor, critic
 
 
 def assert_episodes_end_within(batch, observed):
@@ -123,12 +138,14 @@ def assert_episodes_end_within(batch, observed):
     assert differs[ended].all()  # features hold the last actions, and resets clear them
 
 
+@pytest.mark.parametrize("on_target", ["nothing", "finish"])
 @pytest.mark.parametrize("recurrent", [0, 6])
 @pytest.mark.parametrize(("name", "credit"), ALL)
 @pytest.mark.filterwarnings("error")
-def test_updates_are_those_of_the_papers(name, credit, recurrent):
-    config = configured(name, recurrent, credit=credit, max_grad_norm=0.3)
+def test_updates_are_those_of_the_papers(name, credit, recurrent, on_target):
+    config = configured(name, recurrent, on_target, credit=credit, max_grad_norm=0.3)
     algorithm, batch = make(config)
+    assert batch["agents", "active"].all() == (on_target == "nothing")
     assert_episodes_end_within(batch, algorithm.observed_keys())
     reference, actor, critic = make_reference(algorithm)
     learner = Learner(algorithm, config)
@@ -198,6 +215,16 @@ def test_a_run_lowers_the_entropy_bonus_from_update_to_update(tmp_path):
     train(SMALL, tmp_path, lambda _: seen.append(made[0].loss.entropy_coeff.item()), make_algorithm)
     start = SMALL.ppo.entropy_coeff
     assert seen == pytest.approx([start * (1 - 0.9 * update / 4) for update in range(4)])
+
+
+@pytest.mark.parametrize(("recurrent", "minibatch_size", "steps"), [(0, 64, 3), (6, 64, 3), (6, 8, 6), (0, 192, 1)])
+def test_an_epoch_takes_one_gradient_step_for_each_minibatch(recurrent, minibatch_size, steps):
+    """Recurrent networks learn from whole sequences of 32 steps, at least one at a time."""
+    config = configured("mappo", recurrent, num_epochs=1, minibatch_size=minibatch_size)
+    algorithm, batch = make(config)
+    learner = Learner(algorithm, config)
+    learner.learn(batch, 0)
+    assert {int(state["step"]) for state in learner.optimizer.state_dict()["state"].values()} == {steps}
 
 
 @pytest.mark.parametrize("name", ["mappo", "central-ppo"])

@@ -1,0 +1,44 @@
+"""The runs that have a name are those whose results are published."""
+
+import pytest
+
+from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.presets import PRESETS
+
+
+def described(config):
+    """Return the agents, maps, episodes, networks, optimization and length of a run."""
+    task, model, ppo = config.task, config.model, config.ppo
+    return (
+        (task.num_agents, task.height, task.width, task.density, task.env.max_steps, task.env.view_size),
+        (model.encoder, model.conv_channels, model.hidden, model.head),
+        (ppo.num_envs, ppo.steps_per_batch, ppo.num_epochs, ppo.minibatch_size, ppo.learning_rate, ppo.entropy_coeff),
+        config.agent_steps,
+    )
+
+
+CONV, CONV_PPO = ("conv", (16,), 128, (128,)), (64, 32, 4, 256, 7e-4, 0.01)
+
+
+def test_the_default_run():
+    assert described(TrainConfig()) == ((8, 12, 12, 0.15, 96, (7, 7)), CONV, CONV_PPO, 2_000_000)
+
+
+# The presets whose policies come with the package are compared with those in test_policies.py.
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("quickstart", ((8, 12, 12, 0.3, 96, (7, 7)), CONV, CONV_PPO, 2_000_000)),
+        (
+            "central-ppo-8",  # docs/report.md
+            (
+                (8, 10, 10, 0.1, 64, (5, 5)),
+                ("report", (64, 64), 384, (192,)),
+                (64, 32, 4, 512, 7e-4, 0.0),
+                8_000_000,
+            ),
+        ),
+    ],
+)
+def test_presets_without_a_bundled_policy(name, expected):
+    assert described(PRESETS[name]) == expected
