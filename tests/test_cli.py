@@ -427,7 +427,7 @@ def test_beside_pogema(capsys, monkeypatch, tmp_path):
     words = [*SMALL, "--height", 7, "--width", 7, "--view-size", 3, 3, "--pogema", sys.executable]
     status, out, err = run(capsys, "benchmark", *words)
     assert (status, len(err)) == (1, 1)
-    assert err[0].endswith("is POGEMA 1.4.0 installed there? ModuleNotFoundError: No module named 'pogema'")
+    assert err[0].endswith("is POGEMA 1.4.0 installed? ModuleNotFoundError: No module named 'pogema'")
     (tmp_path / "pogema.py").write_text(POGEMA)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     status, out, err = run(capsys, "benchmark", *words)

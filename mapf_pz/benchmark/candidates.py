@@ -17,7 +17,7 @@ import numpy as np
 from rich.table import Table
 
 from mapf_pz.arrays import Ints
-from mapf_pz.benchmark.runs import Measurement, Timing, Run, measure, timed
+from mapf_pz.benchmark.runs import Measurement, Run, Timing, measure, timed
 from mapf_pz.benchmark.workload import Workload
 from mapf_pz.environment import parallel_env
 

@@ -27,7 +27,7 @@ def suite(tmp_path):
     file = tmp_path / "mine.json"
     tasks = [
         {"map": "empty-8-8", "num_agents": [2, 4], "max_steps": 30, "episodes": 3},
-        {"random": [6, 6, 0.1], "num_agents": 3, "max_steps": 30, "episodes": 3, "task": "random"},
+        {"random": [6, 6, 0.1], "num_agents": 3, "max_steps": 30, "episodes": 3, "name": "random"},
     ]
     file.write_text(json.dumps({"tasks": tasks}))
     return file

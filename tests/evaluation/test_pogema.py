@@ -243,7 +243,7 @@ def test_actions_that_were_not_taken():
     step(env, Do.RIGHT, Do.WAIT)
     expected = (
         r"step 1: the position of agent 1 is \[2, 0\] in POGEMA, but \[2, 1\] by these rules: expected POGEMA to have "
-        "collision_system='soft', on_target='nothing', max_steps=5, to take the actions"
+        "collision_system='soft', on_target='nothing', max_steps=5, to execute the returned"
     )
     with pytest.raises(RuntimeError, match=expected):
         agent.act(observed(env))

@@ -97,5 +97,5 @@ def test_what_is_refused():
     envs.reset(seed=0)
     with pytest.raises(ValueError, match=r"actions: expected the shape \(2, 3, 4\), got \(3, 4\)"):
         envs.step(np.zeros((3, 4)))
-    with pytest.raises(ValueError, match="expected numbers"):
+    with pytest.raises(ValueError, match="actions contain NaN"):
         envs.step(np.full((2, 3, 4), np.nan))
