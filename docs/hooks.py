@@ -21,7 +21,7 @@ from mapf_pz.cli import COMMANDS, main
 LINK = re.compile(r"(?<!!)\[([^]]*)]\((\.\./[^)\s]*)\)")
 COMMAND_REFERENCE = "<!-- command reference -->"
 SAME_OPTIONS = {"mappo", "ippo", "mappo-cardinal", "central-ppo", "central-ppo-8"}
-"""Presets of `mapf-pz train` that are not repeated: their options are those of `quickstart`, with other defaults."""
+"""Presets of `mapf-pz train` with the same options as `quickstart`, which are not listed again."""
 
 
 def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:
@@ -60,12 +60,15 @@ def _section(words: list[str]) -> Iterator[str]:
     for title, intro, options in boxes:
         if title == "subcommands":
             subcommands = [name for name, _ in options if name not in SAME_OPTIONS]
+            if same := [f"`{name}`" for name, _ in options if name in SAME_OPTIONS]:
+                yield f"{', '.join(same)} have the options of `quickstart`, with other defaults.\n"
             continue
         rows = [row for row in options if row[0] != "-h, --help"]
         if not rows:
             continue
         if title.startswith("config"):
-            yield f"**{title.removesuffix(' options')}**{f': {intro}' if intro else ''}\n"
+            part = title.removesuffix(" options").removeprefix("config").removeprefix(".") or "run"
+            yield f"**{part}**{f': {intro}' if intro else ''}\n"
         yield "| option | description |\n| --- | --- |"
         yield from (f"| `{_cell(option)}` | {_cell(text)} |" for option, text in rows)
         yield ""

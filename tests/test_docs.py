@@ -1,8 +1,8 @@
 """The documentation: its programs run, and its site is built without a network and loads nothing from one.
 
 All blocks of a page run in order, in one folder that is empty at first: `python` in one namespace; commands of
-`mapf-pz` in tutorials and how-to guides; a block with `title="NAME"` is written to that file. A comment `<!-- not run: WHY -->` just
-above a block excludes it.
+`mapf-pz` in tutorials and how-to guides; a block with `title="NAME"` is written to that file. A comment
+`<!-- not run: WHY -->` just above a block excludes it.
 """
 
 import dataclasses
