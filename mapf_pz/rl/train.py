@@ -35,7 +35,7 @@ def _named_algorithm(config: TrainConfig) -> Algorithm:
 
 def train(
     config: TrainConfig,
-    output: Path,
+    output: str | Path,
     on_progress: Progress | None = None,
     make_algorithm: MakeAlgorithm = _named_algorithm,
     overwrite: bool = False,
@@ -62,14 +62,14 @@ def train(
         FormatError: The map's file is malformed.
         ValueError: The configuration is not valid, or there is no GPU for `device="cuda"`.
     """
-    run = RunFolder(output)
+    run = RunFolder(Path(output))
     if not overwrite:
         run.check_unused()
     return _run(config, run, None, on_progress, make_algorithm)
 
 
 def resume(
-    folder: Path,
+    folder: str | Path,
     agent_steps: int | None = None,
     on_progress: Progress | None = None,
     make_algorithm: MakeAlgorithm = _named_algorithm,
@@ -89,9 +89,9 @@ def resume(
         FormatError: One of them is damaged, or they do not belong together.
         ValueError: The run is longer than `agent_steps` already.
     """
-    run = RunFolder(folder)
+    run = RunFolder(Path(folder))
     checkpoint = run.checkpoints.latest()
-    config = load_config(folder / CONFIG)
+    config = load_config(run.path / CONFIG)
     position = read_position(checkpoint)
     if position.agent_steps != position.updates * config.steps_per_update:
         raise FormatError(checkpoint, f"not a checkpoint of the run that {CONFIG} describes")
