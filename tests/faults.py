@@ -1,7 +1,7 @@
-"""Kills evaluations and trainings at random moments and lets them go on: `python -m tests.faults --rounds 50`.
+"""Kill evaluations and trainings at random times, and resume them: `python -m tests.faults --rounds 50`.
 
-A round is one kill and what goes on after it, in the same folder, until the work ends by itself. Each raises
-`AssertionError` where something that was written is lost, doubled or other than without kills.
+A round is a kill and a resumption in the same folder, until the work is finished. It raises `AssertionError` if
+anything written is lost, duplicated, or different from a run without kills.
 """
 
 from __future__ import annotations
@@ -31,34 +31,34 @@ from tests.evaluation.test_parallel import children_of, is_alive, wait_for
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 TIMES = {"runtime", "step_ms", "agent_us"}
-"""The columns of an episode that are never the same twice."""
+"""The columns of an episode that differ between runs."""
 EVALUATE = "evaluate --policy pibt --policy random --map room-20-20-5 --num-agents 5 --max-steps 64"
 SMALL = "--num-envs 4 --steps-per-batch 8 --num-epochs 1 --num-agents 3 --height 7 --width 7"
 STEPS_PER_UPDATE = 4 * 8 * 3
 INTERVAL = 4 * STEPS_PER_UPDATE
 """Agent steps between checkpoints."""
 STARTING = 0.2
-"""The share of kills that come while the command is still loading what it needs."""
+"""Fraction of kills that are sent while the command is still importing modules."""
 
 
 @dataclass
 class Tally:
-    """What was done to how many."""
+    """Counts of kills, resumptions and rows."""
 
     kills: Counter[tuple[str, str, str]] = field(default_factory=Counter)
-    """By what was killed, who of it, and the signal."""
+    """By kind of work, target, and signal."""
     resumes: int = 0
     written: int = 0
-    """Episodes, or rows of progress that a checkpoint had, that stood in the file before a kill."""
+    """Episodes, or rows of progress up to a checkpoint, that were in the file before a kill."""
     lost: int = 0
-    """Those of them that did not stand there afterwards."""
+    """Those that were missing afterwards."""
 
     def of(self, kind: str) -> int:
-        """Return how many kills there were of a kind of work."""
+        """Return the number of kills of a kind of work."""
         return sum(count for key, count in self.kills.items() if key[0] == kind)
 
     def table(self) -> str:
-        """Return the kills, a line for each kind, and the sums."""
+        """Return a table with the kills by kind, and the sums."""
         lines = [f"{'killed':12}{'who':10}" + "".join(f"{sent.name:>9}" for sent in SIGNALS)]
         for kind, whom in sorted({key[:2] for key in self.kills}):
             counts = (self.kills[kind, whom, sent.name] for sent in SIGNALS)
@@ -75,9 +75,9 @@ class End:
 
     status: int
     killed: bool
-    """By us; otherwise it came to its end before."""
+    """Whether it was killed; otherwise it had finished."""
     lines: list[str]
-    """Of its standard error."""
+    """Lines of its standard error."""
 
 
 # Processes.
@@ -89,39 +89,39 @@ def command(words: Sequence[object]) -> list[str]:
 
 
 def complete(words: Sequence[object], room: int | None = None) -> End:
-    """Run `mapf-pz` to its end; with `room`, its files have no more than so many bytes, as on a full disk."""
+    """Run `mapf-pz` to its end; with `room`, the size of its files is limited to this many bytes, as on a full disk."""
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     if room is not None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (room, limits[1]))
     try:
-        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()) as told:
+        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()) as message:
             status = main([str(word) for word in words])
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    return End(status, False, told.getvalue().splitlines())
+    return End(status, False, message.getvalue().splitlines())
 
 
 def kill(
     words: Sequence[object], ready: Callable[[int], bool], after: float, sent: Signals, whom: str = "group"
 ) -> End:
-    """Run `mapf-pz`, and send a signal so many seconds after it is ready; return when all its processes have ended.
+    """Run `mapf-pz`, and send a signal `after` seconds after it is ready; return when all its processes have ended.
 
     Args:
         words: the command.
-        ready: whether the process of this number has come far enough.
-        after: seconds that it has then.
+        ready: whether the process with this number is ready to be killed.
+        after: delay of the signal in seconds.
         sent: the signal.
-        whom: all processes of the `group`, or one `worker`.
+        whom: `group` for all processes, or `worker` for one of them.
     """
     with (
-        tempfile.TemporaryFile("w+") as told,
-        subprocess.Popen(command(words), stdout=-3, stderr=told, start_new_session=True) as running,
+        tempfile.TemporaryFile("w+") as message,
+        subprocess.Popen(command(words), stdout=-3, stderr=message, start_new_session=True) as running,
     ):
         wait_for(lambda: ready(running.pid) or running.poll() is not None, 120)
         time.sleep(after)
         others = children_of(running.pid)
         workers = [running.pid]
-        if whom == "worker":  # one that is between two jobs cannot be told
+        if whom == "worker":  # one that is between two jobs cannot be identified
             workers = []
             wait_for(lambda: running.poll() is not None or workers.extend(workers_of(running.pid)) or workers, 120)
         killed = running.poll() is None and bool(workers)
@@ -129,12 +129,12 @@ def kill(
             (os.kill if whom == "worker" else os.killpg)(workers[0], sent)
         status = running.wait(120)
         wait_for(lambda: not any(map(is_alive, others)))
-        told.seek(0)
-        return End(status, killed, told.read().splitlines())
+        message.seek(0)
+        return End(status, killed, message.read().splitlines())
 
 
 def workers_of(process_id: int) -> list[int]:
-    """Return the processes that do an evaluation's jobs: ours, or Ray's, which are the children of a child."""
+    """Return the worker processes of an evaluation: direct ones, or those of Ray, which are children of a child."""
     found = []
     for child in filter(is_alive, children_of(process_id)):
         words = Path(f"/proc/{child}/cmdline").read_text()
@@ -143,7 +143,7 @@ def workers_of(process_id: int) -> list[int]:
 
 
 def check_end(name: str, end: End, sent: Signals, whom: str) -> None:
-    """Check what a killed command says: one line, or nothing where it cannot; what is still loading, what it likes."""
+    """Check the output of a killed command: one line, none after SIGKILL, and anything during its imports."""
     if whom == "starting":
         assert end.status in (1, 130, -sent), end
         return
@@ -162,13 +162,13 @@ def check_end(name: str, end: End, sent: Signals, whom: str) -> None:
 
 
 def episode_lines(folder: Path) -> list[str]:
-    """Return the whole lines of the episodes' file, without its head."""
+    """Return the complete lines of the file of episodes, without its header."""
     file = folder / EPISODES_FILE
     return [line for line in file.read_text().splitlines(True)[1:] if line.endswith("\n")] if file.exists() else []
 
 
 def untimed(lines: Sequence[str]) -> dict[tuple[str, ...], dict[str, str]]:
-    """Return the episodes by their keys, without the times; checks that none is there twice."""
+    """Return the episodes by key, without the times; checks that the keys are unique."""
     rows = list(csv.DictReader(lines, COLUMNS))
     found = {
         (row["policy"], row["task"], row["num_agents"], row["episode"]): {
@@ -186,7 +186,7 @@ def evaluate_words(folder: Path, episodes: int, jobs: int | str = 1) -> list[obj
 
 
 def kill_evaluations(folder: Path, kills: int, episodes: int, draw: random.Random, counters: Tally) -> None:
-    """Kill an evaluation so many times, each time it goes on, and compare what it comes to with one never killed."""
+    """Kill and resume an evaluation repeatedly, and compare its results with those of one that is not killed."""
     out, whole = folder / "killed", folder / "whole"
     assert complete(evaluate_words(whole, episodes)).status == 0
     before: list[str] = []
@@ -224,7 +224,7 @@ def kill_evaluations(folder: Path, kills: int, episodes: int, draw: random.Rando
 
 
 def progress_lines(folder: Path) -> list[str]:
-    """Return the whole lines of the progress file, without its head; checks that the steps go on by updates."""
+    """Return the complete lines of the progress file, without its header; checks the numbers of agent steps."""
     file = folder / "progress.csv"
     lines = file.read_bytes().decode().splitlines(True) if file.exists() else []
     rows = [line for line in lines[1:] if line.endswith("\r\n")]
@@ -234,12 +234,12 @@ def progress_lines(folder: Path) -> list[str]:
 
 
 def changed(file: Path) -> tuple[int, int]:
-    """Return what tells a file that was written since from one that was there before."""
+    """Return a key that changes whenever a file is written."""
     return (file.stat().st_ino, file.stat().st_mtime_ns) if file.exists() else (0, 0)
 
 
 def updates_kept(folder: Path) -> int:
-    """Return how many updates the latest checkpoint has seen, 0 where there is none; checks that all can be read."""
+    """Return the number of updates of the latest checkpoint, or 0; checks that all checkpoints are readable."""
     from mapf_pz.rl import load_policy
     from mapf_pz.rl.checkpoint import read_position
     from mapf_pz.rl.policy import WEIGHTS
@@ -251,21 +251,21 @@ def updates_kept(folder: Path) -> int:
 
 
 def train_words(folder: Path, updates: int) -> list[object]:
-    """Return the words that begin a training."""
+    """Return the words that start a training."""
     length = ["--agent-steps", updates * STEPS_PER_UPDATE, "--checkpoint-interval", INTERVAL]
     return ["train", "quickstart", *SMALL.split(), *length, "--evaluate", "none", "--output", folder, "--overwrite"]
 
 
 def kill_trainings(folder: Path, kills: int, updates: int, draw: random.Random, counters: Tally) -> None:
-    """Kill a training so many times and resume it each time; check its files after each kill and at its end."""
+    """Kill and resume a training repeatedly; check its files after each kill and at the end."""
     run, twin = folder / "run", folder / "twin"
-    begin, resume = train_words(run, updates), ["train", "resume", run, "--evaluate", "none"]
+    first_words, resume = train_words(run, updates), ["train", "resume", run, "--evaluate", "none"]
     kept = 0
     before: list[str] = []
     for number in range(kills):
         sent = SIGNALS[number % 3]
         wanted = kept + draw.randint(1, 6)
-        words = resume if kept else begin
+        words = resume if kept else first_words
         counters.resumes += words is resume
         stale = changed(run / "progress.csv")
         ready = lambda _: changed(run / "progress.csv") != stale and len(progress_lines(run)) >= wanted  # noqa: B023, E731
@@ -288,9 +288,9 @@ def kill_trainings(folder: Path, kills: int, updates: int, draw: random.Random, 
         assert kept_before <= kept <= len(now) <= kept + since, f"{len(now)} updates, {kept} of them kept"
         before = now
     if not kept:
-        [told] = complete(resume).lines
-        assert told.startswith("mapf-pz train: no checkpoint in "), told
-        assert complete(begin).status == 0
+        [message] = complete(resume).lines
+        assert message.startswith("mapf-pz train: no checkpoint in "), message
+        assert complete(first_words).status == 0
         kept = updates
     shutil.copytree(run, twin)
     for name in (run, twin):
@@ -309,18 +309,18 @@ def kill_trainings(folder: Path, kills: int, updates: int, draw: random.Random, 
 
 
 def do_rounds() -> None:
-    """Do the rounds and print the table, also after an error or Ctrl-C."""
+    """Run the rounds and print the table, also after an error or Ctrl-C."""
     parser = argparse.ArgumentParser(description="Kill evaluations and trainings at random moments; let them go on.")
-    parser.add_argument("--rounds", type=int, default=50, help="kills")
-    parser.add_argument("--trainings", type=int, help="how many of them are of trainings; a fifth")
-    parser.add_argument("--episodes", type=int, default=400, help="of each policy in an evaluation")
-    parser.add_argument("--updates", type=int, default=40, help="of a training")
-    parser.add_argument("--seed", type=int, default=0, help="of the random moments")
+    parser.add_argument("--rounds", type=int, default=50, help="number of kills")
+    parser.add_argument("--trainings", type=int, help="number of kills of trainings (default: a fifth)")
+    parser.add_argument("--episodes", type=int, default=400, help="number of episodes of each policy in an evaluation")
+    parser.add_argument("--updates", type=int, default=40, help="number of updates of a training")
+    parser.add_argument("--seed", type=int, default=0, help="random seed of the times")
     options = parser.parse_args()
     trainings = options.rounds // 5 if options.trainings is None else options.trainings
-    # What a shell starts in the background ignores Ctrl-C, and so would all that is started here.
+    # Processes that a shell starts in the background ignore Ctrl-C, and so would their children.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    began, draw, counters = time.monotonic(), random.Random(options.seed), Tally()
+    start, draw, counters = time.monotonic(), random.Random(options.seed), Tally()
     try:
         while (left := options.rounds - trainings - counters.of("evaluation")) > 0:
             with tempfile.TemporaryDirectory() as folder:
@@ -330,7 +330,7 @@ def do_rounds() -> None:
                 kill_trainings(Path(folder), min(left, 6), options.updates, draw, counters)
     finally:
         print(counters.table())
-        print(f"{time.monotonic() - began:.0f} seconds")
+        print(f"{time.monotonic() - start:.0f} seconds")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""What planners decide in small cases, recorded: `python -m tests.helpers.decisions` records anew.
+"""Recorded decisions of planners in small cases: `python -m tests.helpers.decisions` records them again.
 
-Figures that are published of a planner hold for these decisions. Whoever means to change them measures those again.
+Published results of a planner are valid for these decisions. After a change of decisions, measure the results again.
 """
 
 import csv
@@ -27,8 +27,8 @@ MODES = ("nothing", "restart", "finish")
 FIRST_LACAM, FIRST_PRIORITIZED = (partial(planner, anytime=False) for planner in (LaCAM, PrioritizedSIPP))
 
 
-class Likes:
-    """Likes actions at random."""
+class RandomPreferences:
+    """A policy with random preferences."""
 
     def __init__(self, env):
         self.num_actions, self.rng = env.action_space("agent_0").n, np.random.default_rng(0)
@@ -51,11 +51,15 @@ class TimedEPIBT(EPIBT):
             return super().decide(simulator)
 
 
-STEP_PLANNERS = {"pibt": PIBT, "epibt": partial(EPIBT, depth=3), "shield": lambda env: Shield(Likes(env), env)}
+STEP_PLANNERS = {
+    "pibt": PIBT,
+    "epibt": partial(EPIBT, depth=3),
+    "shield": lambda env: Shield(RandomPreferences(env), env),
+}
 
 
 def episode(planner_in, model, weights, on_target, seed, num_agents=10, max_steps=20):
-    """Return what is decided in an episode (T, N), and the number of arrivals."""
+    """Return the decisions in an episode (T, N), and the number of arrivals."""
     env = mapf_pz.parallel_env(
         source=RandomObstacles(6, 6, 0.2, num_agents),
         action_model=model,
@@ -92,7 +96,7 @@ def solution(planner, instance, weights="uniform"):
 
 
 def refined(model, weights, seed):
-    """Return in a search how many paths are missing, what all cost, and the paths if all are there; and that cost."""
+    """Return the numbers of missing paths, costs and complete paths during a search, and the final cost."""
     instance = obstacles(model, seed)
     search = NeighborhoodSearch(problem(instance, weights), np.random.default_rng(seed))
     search.plan_all(np.arange(instance.num_agents), deadline=np.inf)
@@ -104,7 +108,7 @@ def refined(model, weights, seed):
 
 
 def cases():
-    """Return what is recorded, by a name that begins with the planner's."""
+    """Return the recorded cases by name, which starts with the planner's name."""
     found = {}
     for model, (k, weights) in product(MODELS, enumerate(WEIGHTS)):
         for name, planner in STEP_PLANNERS.items():
@@ -139,7 +143,7 @@ def cases():
 
 
 def decided(case):
-    """Return what is recorded of a case: the arrivals or the sum of costs, and a digest of all that was decided."""
+    """Return the record of a case: the arrivals or the sum of costs, and a hash of all decisions."""
     decisions, figure = case()
     return str(figure), hashlib.sha256(decisions.astype("<i4").tobytes()).hexdigest()[:16]
 
