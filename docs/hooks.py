@@ -70,7 +70,7 @@ def _section(words: list[str]) -> Iterator[str]:
             part = title.removesuffix(" options").removeprefix("config").removeprefix(".") or "run"
             yield f"**{part}**{f': {intro}' if intro else ''}\n"
         yield "| option | description |\n| --- | --- |"
-        yield from (f"| `{_cell(option)}` | {_cell(text)} |" for option, text in rows)
+        yield from (f"| `{option}` | {_cell(text)} |" for option, text in rows)
         yield ""
     for name in subcommands:
         yield from _section([*words, name])
@@ -122,5 +122,5 @@ def _rows(body: str) -> tuple[str, list[tuple[str, str]]]:
 
 
 def _cell(text: str) -> str:
-    """Escape what would end a table's cell."""
-    return text.replace("|", r"\|")
+    """Escape what would end a table's cell, except in code."""
+    return "`".join(part if number % 2 else part.replace("|", r"\|") for number, part in enumerate(text.split("`")))
