@@ -307,7 +307,6 @@ def test_render_is_reproducible(capsys, tmp_path, on_target):
         (["a.gif", "--map", "nowhere"], "no .map file is named 'nowhere'"),
         (["a.gif", "--map", "nowhere.map"], "nowhere.map"),
         (["a.gif", "--num-agents", "1000"], "1000"),
-        (["a.gif", "--num-agents", "0"], "num_agents=0"),
         (["a.gif", "--fps", "0"], "fps=0"),
         (["a.gif", "--seed", "-1"], "non-negative"),
         (["a.gif", "--policy", "nobody"], "policy 'nobody'"),
@@ -320,6 +319,12 @@ def test_render_errors(capsys, tmp_path, monkeypatch, words, message):
     assert (status, out, len(err)) == (1, [], 1)
     assert message in err[0]
     assert not list(tmp_path.iterdir())
+
+
+def test_a_field_of_the_environment_is_refused_while_options_are_parsed(capsys):
+    with pytest.raises(SystemExit):
+        run(capsys, "render", "a.gif", "--num-agents", "0")
+    assert "num_agents=0: expected a whole number, 1 or more" in capsys.readouterr().err
 
 
 # Benchmark.

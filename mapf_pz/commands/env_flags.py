@@ -9,7 +9,7 @@ from tyro.conf import Suppress
 from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
 
 from mapf_pz.config import EnvConfig, HeadingName, WeightsName
-from mapf_pz.core.reward import RewardConfig
+from mapf_pz.core.reward import REWARDS, RewardConfig
 
 _TYPED: dict[str, Any] = {
     "map": str | None,
@@ -70,4 +70,11 @@ def _env_flags(info: StructTypeInfo) -> StructConstructorSpec | None:
 
 
 def _flag(field: StructFieldSpec) -> StructFieldSpec:
-    return replace(field, type=_TYPED.get(field.name, field.type))
+    default = REWARDS.get(field.default, field.default) if field.name == "reward" else field.default
+    return replace(field, type=_TYPED.get(field.name, field.type), default=default)
+
+
+def changed_keywords(config: EnvConfig) -> dict[str, Any]:
+    """Return the fields that are not at their defaults, as keywords of `parallel_env`; a policy sets the others."""
+    defaults = replace(EnvConfig(), reward=RewardConfig())
+    return {name: value for name, value in config.keywords().items() if value != getattr(defaults, name)}

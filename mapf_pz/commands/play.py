@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 from mapf_pz.actions import Action, CardinalAction
-from mapf_pz.config import ActionModel, CollisionSystem, EnvConfig, OnTarget
+from mapf_pz.commands.env_flags import changed_keywords
+from mapf_pz.config import EnvConfig
+from mapf_pz.core.reward import REWARDS
 from mapf_pz.environment import MapfEnv
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.render.rgb import Canvas
@@ -28,11 +30,8 @@ KEYS: dict[str, dict[str, int]] = {
     },
 }
 """The action of each key, by action model."""
-KEYWORDS = (
-    *("map", "num_agents", "max_steps", "action_model"),
-    *("collision_system", "on_target", "reward", "distance_bytes"),
-)
-"""The options that are keyword arguments of `parallel_env`."""
+PLAYED = EnvConfig(map="random-16-16-20", num_agents=8, reward=REWARDS["progress"])
+"""The default environment."""
 HELP = "arrows: move, space: wait, r: restart, escape: quit"
 
 
@@ -40,32 +39,17 @@ HELP = "arrows: move, space: wait, r: restart, escape: quit"
 class PlayOptions:
     """Options of `mapf-pz play`."""
 
-    map: str = "random-16-16-20"
-    """Name of a map, or path of a `.map` file."""
-    num_agents: int = 8
-    """Number of agents. You control agent 0, which is marked with a frame."""
+    env: EnvConfig = PLAYED
+    """The environment. You control agent 0, which is marked with a frame."""
     policy: str = "pibt"
     """Policy of the other agents: `random`, a planner, or a trained policy."""
-    max_steps: int = EnvConfig.max_steps
-    """Maximum number of steps; the episode is then truncated."""
-    action_model: ActionModel | None = None
-    """`rotate`: agents turn and move forward; `cardinal`: agents move in four directions. None: the policy's model."""
-    collision_system: CollisionSystem = EnvConfig.collision_system
-    """How conflicting moves are resolved."""
-    on_target: OnTarget = EnvConfig.on_target
-    """What an agent does at its goal."""
-    reward: str = "progress"
-    """Rewards to show: `report` or `progress`."""
-    distance_bytes: int | None = None
-    """Maximum memory for cost-to-go tables in bytes. None: as needed, up to half of the machine's memory."""
     seed: int = 0
     """Random seed of the first episode, which increases by one per episode."""
 
 
 def play(options: PlayOptions) -> None:
     """Control agent 0 with the arrow keys. Each key press is one step."""
-    keywords: dict[str, Any] = {name: value for name in KEYWORDS if (value := getattr(options, name)) is not None}
-    env, policy = policy_factory(options.policy, options.seed)(keywords)
+    env, policy = policy_factory(options.policy, options.seed)(changed_keywords(options.env))
     inner = cast("MapfEnv", env.unwrapped)
     keys, window = KEYS[inner.config.action_model], Window("mapf-pz play", fps=60)
     seed, message, total = options.seed, HELP, 0.0

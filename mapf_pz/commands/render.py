@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.progress import track
 from tyro.conf import Positional
 
+from mapf_pz.commands.env_flags import changed_keywords
 from mapf_pz.commands.planfile import load_plan
-from mapf_pz.config import ActionModel, CollisionSystem, EnvConfig, OnTarget, WeightsName
+from mapf_pz.config import EnvConfig
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.evaluation.rollout import AnyEnv, Policy, play
 from mapf_pz.planners import record_plan, validate
@@ -29,25 +29,8 @@ class EpisodeOptions:
     state."""
     policy: str = "random"
     """Policy: `random`, a planner, the name of a bundled trained policy, or the folder of a training run."""
-    map: str | None = None
-    """Name of a map, or path of a `.map` file. None: an empty map."""
-    scenario: str | None = None
-    """Scenario: a `.scen` file for the map, or a League of Robot Runners or POGEMA problem file, which includes the
-    map. None: starts and goals are random, or are those of the plan."""
-    num_agents: int | None = None
-    """Number of agents. None: all agents of the plan or scenario, otherwise 4."""
-    max_steps: int = EnvConfig.max_steps
-    """Maximum number of steps; the episode is then truncated."""
-    action_model: ActionModel | None = None
-    """`rotate`: agents turn and move forward; `cardinal`: agents move in four directions. None: the policy's model."""
-    collision_system: CollisionSystem = EnvConfig.collision_system
-    """How conflicting moves are resolved."""
-    on_target: OnTarget = EnvConfig.on_target
-    """What an agent does at its goal."""
-    edge_weights: WeightsName = "uniform"
-    """Guidance graph, which the interactive page can show."""
-    distance_bytes: int | None = None
-    """Maximum memory for cost-to-go tables in bytes. None: as needed, up to half of the machine's memory."""
+    env: EnvConfig = field(default_factory=EnvConfig)
+    """The environment. Fields at their defaults follow the policy; a plan uses `map`, `scenario` and `num_agents`."""
     seed: int = 0
     """Random seed."""
     plan: Path | None = None
@@ -56,14 +39,6 @@ class EpisodeOptions:
     """File of the League of Robot Runners problem of the plan, instead of a map."""
     fps: float = 4
     """Steps per second."""
-
-    def keywords(self) -> dict[str, Any]:
-        """Return the keyword arguments of `parallel_env` that are set."""
-        names = (
-            *("map", "scenario", "num_agents", "max_steps", "action_model"),
-            *("collision_system", "on_target", "edge_weights", "distance_bytes"),
-        )
-        return {name: value for name in names if (value := getattr(self, name)) is not None}
 
 
 def render(episode: EpisodeOptions) -> None:
@@ -74,7 +49,7 @@ def render(episode: EpisodeOptions) -> None:
         return
     if episode.problem is not None:
         raise ValueError("--problem: expected --plan, too")
-    env, policy = policy_factory(episode.policy, episode.seed)(episode.keywords())
+    env, policy = policy_factory(episode.policy, episode.seed)(changed_keywords(episode.env))
     save_episode(env, policy, episode.seed, episode.output, episode.fps, episode.policy)
 
 
@@ -88,7 +63,9 @@ def save_episode(env: AnyEnv, policy: Policy, seed: int, output: Path, fps: floa
 
 
 def _save_plan(episode: EpisodeOptions, plan: Path) -> None:
-    file, instance, _, has_goals = load_plan(plan, episode.map, episode.scenario, episode.num_agents, episode.problem)
+    env = episode.env
+    map, scenario = (None if name is None else str(name) for name in (env.map, env.scenario))
+    file, instance, _, has_goals = load_plan(plan, map, scenario, env.num_agents, episode.problem)
     violation = validate(instance, file.plan)
     facts = {"plan": plan.name, "legal": "yes" if violation is None else f"no: {violation}"}
     recording = record_plan(instance, file.plan, has_goals)

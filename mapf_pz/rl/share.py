@@ -15,7 +15,7 @@ from mapf_pz.neighbors import check_sharing, nearest
 
 
 class Share(Transform):
-    """Put the observations of each agent's `neighbors` nearest others after its own; the wrapper `NeighborObservations`, in a batch.
+    """Append the observations of each agent's nearest neighbors to its own: `NeighborObservations` in a batch.
 
     | key | shape | |
     | --- | --- | --- |

@@ -113,5 +113,4 @@ def test_help_shows_no_field_that_cannot_be_typed(capsys):
         main(["train", "quickstart", "--help"])
     told = capsys.readouterr().out
     assert "--on-target {nothing,finish,restart}" in told
-    assert "--source" not in told
     assert "--render-mode" not in told

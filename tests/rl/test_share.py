@@ -8,6 +8,7 @@ from torchrl.envs import Compose, EnvCreator, ParallelEnv, TransformedEnv, check
 
 import mapf_pz
 from mapf_pz.commands.render import EpisodeOptions, render
+from mapf_pz.config import EnvConfig
 from mapf_pz.evaluation import EvaluationTask, evaluate, make_env
 from mapf_pz.instances.sources import RandomObstacles
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
@@ -158,7 +159,7 @@ def test_train_then_play(tmp_path, algorithm):
     assert isinstance(env, FrameStack)
     assert isinstance(env.env, NeighborObservations)
     assert [episode.metrics["ep_length"] for episode in evaluate({"it": policy}, [task])] == [10, 10]
-    render(EpisodeOptions(tmp_path / "end.png", str(tmp_path), "empty-8-8", num_agents=4, max_steps=3))
+    render(EpisodeOptions(tmp_path / "end.png", str(tmp_path), EnvConfig(map="empty-8-8", num_agents=4, max_steps=3)))
     assert (tmp_path / "end.png").stat().st_size > 0
 
 
