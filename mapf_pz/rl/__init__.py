@@ -1,4 +1,4 @@
-"""TorchRL on the kernels: the batched environment, models, algorithms, training. Needs the extra `train`."""
+"""Training with TorchRL: the batched environment, networks, algorithms and the loop. Needs the extra `train`."""
 
 from mapf_pz.rl.batched_env import BatchedMapfEnv
 from mapf_pz.rl.policy import LearnedPolicy, load_policy, policy_names

@@ -1,6 +1,6 @@
-"""What an algorithm is: the form of the environment, an actor and a loss, put together from TorchRL's parts.
+"""Algorithms: each combines environment transforms, an actor and a loss from TorchRL's components.
 
-No loops live here: `mapf_pz.rl.train` runs the same loop for all algorithms.
+The training loop is in `mapf_pz.rl.train`, and is the same for all algorithms.
 """
 
 from __future__ import annotations
@@ -26,78 +26,78 @@ from mapf_pz.rl.observed import Observed, observation_transforms
 
 
 class Algorithm(ABC):
-    """What the training loop needs to know."""
+    """Base class of algorithms: the interface that the training loop uses."""
 
     reward_key: NestedKey
-    """Where the reward is that the loss learns from."""
+    """Key of the reward that the loss uses."""
     parameters: ClassVar[list[NestedKey]]
-    """Keys of the parameters of the action distribution."""
+    """Keys of the action distribution's parameters."""
     action_key: ClassVar[NestedKey] = ("agents", "action")
     """Key of the discrete action that each agent took."""
     centralized: ClassVar[bool] = False
-    """Whether one policy acts for exactly the agents that it is trained with, not each agent for itself."""
+    """Whether one policy acts for all agents, whose number is then fixed, instead of each agent acting by itself."""
 
     def __init__(self, config: TrainConfig) -> None:
         """Build the networks and the loss."""
         self.config = config
         self.observed = Observed.by_policy_of(config.task)
         self.network = self.make_network(config)
-        """What is saved as the policy."""
+        """The network that is saved as the policy."""
         self.actor = self.make_actor()
-        """What acts while data is collected."""
+        """The policy that acts during data collection."""
         self.loss = self.make_loss()
-        """What is minimized; its estimator bootstraps truncated episodes, and terminated ones not."""
+        """The loss; its value estimator bootstraps truncated episodes, but not terminated ones."""
 
     @staticmethod
     @abstractmethod
     def make_network(config: TrainConfig) -> nn.Module:
-        """Return the policy's network with fresh weights."""
+        """Return the policy's network, newly initialized."""
 
     @abstractmethod
     def make_actor(self) -> ProbabilisticActor:
-        """Return the policy that draws actions."""
+        """Return the policy that samples actions."""
 
     @abstractmethod
     def make_loss(self) -> PPOLoss:
-        """Return the loss, with the critic and the estimator of advantages."""
+        """Return the loss, with its critic and its advantage estimator."""
 
     @abstractmethod
     def observed_keys(self) -> list[NestedKey]:
-        """Return where the image is, and the features if there are any."""
+        """Return the keys of the image and, if there are any, of the features."""
 
     @property
     def agents_end(self) -> bool:
-        """Whether each agent's episode ends when the agent leaves: with `on_target="finish"` and a reward per agent."""
+        """Whether an agent's episode ends when it disappears: with `on_target="finish"` and a reward per agent."""
         return self.config.task.env.on_target == "finish" and self.reward_key == ("agents", "reward")
 
     def _end_keys(self) -> dict[str, NestedKey]:
-        """Return the loss's keys of each agent's own `done` and `terminated`, which `Learner.learn` sets."""
+        """Return the loss's keys of the per-agent `done` and `terminated`, which `Learner.learn` sets."""
         return {"done": ("agents", "done"), "terminated": ("agents", "terminated")} if self.agents_end else {}
 
     @staticmethod
     def num_memories(config: TrainConfig) -> int:
-        """Return how many memories there are in an environment: one per agent."""
+        """Return the number of hidden states per environment: one per agent."""
         return config.task.num_agents
 
     def transforms(self, seed: int) -> list[Transform]:
-        """Return what brings the environment into the form that the actor acts in; `seed` is of what it draws."""
+        """Return the transforms between the environment and the actor; `seed` is the seed of those that sample."""
         transforms = observation_transforms(self.config.task)
         size = self.config.model.recurrent
         if size == 0:
             return transforms
-        memory = Unbounded(shape=torch.Size([self.num_memories(self.config), size]))
-        return [*transforms, InitTracker(), TensorDictPrimer({"memory": memory}, expand_specs=True)]
+        hidden_state = Unbounded(shape=torch.Size([self.num_memories(self.config), size]))
+        return [*transforms, InitTracker(), TensorDictPrimer({"hidden_state": hidden_state}, expand_specs=True)]
 
     def network_module(self) -> TensorDictModule:
-        """Return the network with the keys that it reads and writes; a memory is handed from step to step."""
+        """Return the network with its input and output keys; a hidden state is carried from step to step."""
         if self.config.model.recurrent == 0:
             return TensorDictModule(self.network, in_keys=self.observed_keys(), out_keys=self.parameters)
-        in_keys: list[NestedKey] = ["memory", "is_init", *self.observed_keys()]
-        return TensorDictModule(self.network, in_keys=in_keys, out_keys=[*self.parameters, ("next", "memory")])
+        in_keys: list[NestedKey] = ["hidden_state", "is_init", *self.observed_keys()]
+        return TensorDictModule(self.network, in_keys=in_keys, out_keys=[*self.parameters, ("next", "hidden_state")])
 
 
 class MultiAgentPPO(Algorithm):
-    """Each agent acts by itself, all with one network; what the critic sees tells the algorithms apart."""
+    """Each agent acts by itself, and all share one network; the algorithms differ in what the critic observes."""
 
     reward_key = ("agents", "reward")
     parameters: ClassVar[list[NestedKey]] = [("agents", "logits")]
@@ -106,11 +106,11 @@ class MultiAgentPPO(Algorithm):
 
     @staticmethod
     def make_network(config: TrainConfig) -> nn.Module:
-        """Return a network that works with any number of agents."""
+        """Return a network for any number of agents."""
         return with_memory(Actor(Observed.by_policy_of(config.task), config.model), config.model)
 
     def make_actor(self) -> ProbabilisticActor:
-        """Return the policy that draws each agent's action from the network's logits."""
+        """Return the policy that samples each agent's action from the network's logits."""
         return ProbabilisticActor(
             self.network_module(),
             in_keys=self.parameters,
@@ -135,32 +135,32 @@ class MultiAgentPPO(Algorithm):
         return loss
 
     def observed_keys(self) -> list[NestedKey]:
-        """Return each agent's."""
+        """Return the keys of each agent's image and features."""
         if self.observed.features:
             return [("agents", "observation", "image"), ("agents", "observation", "features")]
         return [("agents", "observation")]
 
 
 class MAPPO(MultiAgentPPO):
-    """The critic sees the team (Yu et al., *The Surprising Effectiveness of PPO in Multi-Agent Games*, 2022)."""
+    """The critic observes the team (Yu et al., *The Surprising Effectiveness of PPO in Multi-Agent Games*, 2022)."""
 
     critic = TeamCritic
     loss_class = MAPPOLoss
 
 
 class IPPO(MultiAgentPPO):
-    """The critic sees what the agent sees (de Witt et al., *Is Independent Learning All You Need*, 2020)."""
+    """The critic observes what the agent observes (de Witt et al., *Is Independent Learning All You Need*, 2020)."""
 
     critic = LocalCritic
     loss_class = IPPOLoss
 
 
 class CentralPPO(Algorithm):
-    """The report's single policy: all agents' observations stacked, and a matrix of N x A numbers as the action.
+    """The report's single policy: it observes all agents' stacked observations, and its action is an N x A matrix.
 
-    With `credit="team"` the matrix is one action with one advantage, from the mean reward. With `credit="agent"` each
-    row has an advantage of its own, from its agent's reward: the policy is the same product of distributions, but what
-    one agent earns no longer blurs what another has done.
+    With `credit="team"` the matrix is one action with one advantage, computed from the mean reward. With
+    `credit="agent"` each row has a separate advantage, computed from its agent's reward: the policy is the same product
+    of distributions, but one agent's reward no longer adds noise to the credit of another agent's action.
     """
 
     parameters: ClassVar[list[NestedKey]] = [("team", "loc"), ("team", "scale")]
@@ -175,21 +175,21 @@ class CentralPPO(Algorithm):
 
     @staticmethod
     def make_network(config: TrainConfig) -> nn.Module:
-        """Return a network for exactly the number of agents that it is trained with."""
+        """Return a network for exactly the number of agents in the configuration."""
         actor = TeamActor(Observed.by_policy_of(config.task), config.task.num_agents, config.model)
         return with_memory(actor, config.model)
 
     @staticmethod
     def num_memories(config: TrainConfig) -> int:
-        """Return 1: the team's."""
+        """Return 1: the team has a single hidden state."""
         return 1
 
     def transforms(self, seed: int) -> list[Transform]:
-        """Return the step to the centralized form."""
+        """Return the transforms, followed by the one that centralizes the environment."""
         return [*super().transforms(seed), Centralize(self.observed.actions, self.config.task.action_mode, seed)]
 
     def make_actor(self) -> ProbabilisticActor:
-        """Return the policy that draws the matrix from a normal distribution with a learned, common spread."""
+        """Return the policy that samples the matrix from normal distributions with learned, constant scales."""
         return ProbabilisticActor(
             self.network_module(),
             in_keys=self.parameters,
@@ -218,7 +218,7 @@ class CentralPPO(Algorithm):
         return loss
 
     def observed_keys(self) -> list[NestedKey]:
-        """Return the team's."""
+        """Return the keys of the team's image and features."""
         keys: list[NestedKey] = [("team", "image"), ("team", "features")]
         return keys if self.observed.features else keys[:1]
 
@@ -244,5 +244,5 @@ def _coefficients(ppo: PPOConfig) -> dict[str, Any]:
 
 
 def _estimation(ppo: PPOConfig) -> dict[str, Any]:
-    # A loop over values and next values: vectorized over both, the convolutions take four times as long.
+    # Without vmap: vectorized over values and next values, the convolutions take four times as long.
     return {"gamma": ppo.gamma, "lmbda": ppo.lmbda, "deactivate_vmap": True}

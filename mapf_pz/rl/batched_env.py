@@ -18,7 +18,7 @@ from mapf_pz.simulator import Simulator
 
 
 class BatchedMapfEnv(EnvBase):
-    """Multi-agent path finding in a batch: all agents are one group, `agents`.
+    """Batched multi-agent path finding; all agents form one group, `agents`.
 
     | key | shape | |
     | --- | --- | --- |
@@ -30,11 +30,11 @@ class BatchedMapfEnv(EnvBase):
     | `("agents", "position")` | (B, N, 2) int64 | [row, col]; -1 for agents that have disappeared |
     | `("agents", "action")` | (B, N) int64 | |
     | `("agents", "reward")` | (B, N, 1) float32 | |
-    | `done`, `terminated`, `truncated` | (B, 1) bool | of the team's episode |
+    | `done`, `terminated`, `truncated` | (B, 1) bool | flags of the team's episode |
 
-    An environment that is done keeps its true last observation until it is reset. In `finish` mode, agents that have
-    disappeared observe zeros, earn nothing, and may only wait. `step` raises `ValueError` for actions of another dtype,
-    shape or range.
+    An environment that is done keeps its true final observation until it is reset. With `on_target="finish"`, agents
+    that have disappeared observe zeros, receive no reward, and may only wait. `step` raises `ValueError` for actions of
+    another dtype, shape or range.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class BatchedMapfEnv(EnvBase):
         self.done_spec = Composite(flags, shape=batch)
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
-        """Begin new episodes where `_reset` asks for it (everywhere without it)."""
+        """Start new episodes in the environments selected by `_reset`, or in all of them without it."""
         mask = None if tensordict is None else tensordict.get("_reset", None)
         chosen = range(self.batch_size[0]) if mask is None else np.flatnonzero(mask.reshape(-1).cpu().numpy()).tolist()
         seeds = None
@@ -104,7 +104,7 @@ class BatchedMapfEnv(EnvBase):
             got = f"{numbers.dtype} of shape {numbers.shape}"
             raise ValueError(f"('agents', 'action'): expected int64 of shape {expected}, got {got}")
         highest = self.simulator.num_actions - 1
-        if numbers.view(np.uint64).max() > highest:  # negative numbers are large ones there
+        if numbers.view(np.uint64).max() > highest:  # as unsigned numbers, negative ones are large
             b, i = np.argwhere((numbers < 0) | (numbers > highest))[0]
             raise ValueError(
                 f"action {numbers[b, i]} of 'agent_{i}' in environment {b}: expected a whole number from 0 to {highest}"
@@ -112,19 +112,19 @@ class BatchedMapfEnv(EnvBase):
         return numbers
 
     def _observed(self) -> dict[str, Tensor | TensorDict]:
-        """Return what the observation specs say of agents, in new tensors."""
-        seen, agents = self.simulator.observe(), self.simulator.agents
+        """Return the agents' entries of the observation spec, in new tensors."""
+        observation, agents = self.simulator.observe(), self.simulator.agents
         position = self.simulator.coordinates(agents["cell"])
         if self.config.on_target == "finish":
             position[~agents["active"]] = -1
-        image = torch.from_numpy(seen.image)
-        observation: Tensor | TensorDict = image
+        image = torch.from_numpy(observation.image)
+        entry: Tensor | TensorDict = image
         if self.simulator.layout.num_features:
-            parts = {"image": image, "features": torch.from_numpy(seen.features)}
-            observation = TensorDict(parts, batch_size=image.shape[:2], device=self.device)
+            parts = {"image": image, "features": torch.from_numpy(observation.features)}
+            entry = TensorDict(parts, batch_size=image.shape[:2], device=self.device)
         return {
-            "observation": observation,
-            "action_mask": torch.from_numpy(seen.action_mask.view(np.bool_)),
+            "observation": entry,
+            "action_mask": torch.from_numpy(observation.action_mask.view(np.bool_)),
             "at_goal": torch.from_numpy(agents["at_goal"].copy()).unsqueeze(-1),
             "arrivals": torch.from_numpy(agents["arrivals"].astype(np.int64)).unsqueeze(-1),
             "active": torch.from_numpy(agents["active"].copy()).unsqueeze(-1),
@@ -134,7 +134,7 @@ class BatchedMapfEnv(EnvBase):
     def _with_flags(
         self, agents: dict[str, Tensor | TensorDict], terminated: Tensor, truncated: Tensor
     ) -> TensorDictBase:
-        # Given the device, TensorDict does not search its entries for it.
+        # The explicit device saves TensorDict a search through its entries.
         batch, device = self.batch_size, self.device
         each = (*batch, self.simulator.num_agents)
         group = TensorDict(agents, batch_size=each, device=device)
@@ -150,7 +150,7 @@ _DONE = ("done", "terminated", "truncated")
 
 
 def _observation_spec(space: spaces.Space[Any], each: torch.Size) -> Bounded | Composite:
-    """Return the spec of a Gymnasium space for B x N agents."""
+    """Return the spec of a Gymnasium space with the leading dimensions `each`, B x N."""
     if isinstance(space, spaces.Dict):
         return Composite({name: _observation_spec(part, each) for name, part in space.items()}, shape=each)
     if not isinstance(space, spaces.Box):

@@ -1,4 +1,4 @@
-"""The report's form of the batched environment: one policy sees all agents' observations and acts for all of them."""
+"""Centralized control, as in the report: one policy observes all agents and acts for all of them."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from mapf_pz.action_modes import ACTION_MODES, ActionMode
 
 
 class Centralize(Transform):
-    """From the group `agents` to one agent, beside the group's own entries.
+    """Present the group `agents` as a single agent, `team`, in addition to the group's entries.
 
     | key | shape | |
     | --- | --- | --- |
-    | `("team", "image")` | (B, N * K, h, w) float32 | the agents' images, stacked in their order |
-    | `("team", "features")` | (B, N * F) float32 | with `features`: the agents' features, likewise |
-    | `("team", "action")` | (B, N, A) float32 | a value in [-1, 1] per agent and action; others count as the nearest |
+    | `("team", "image")` | (B, N * K, h, w) float32 | the agents' images, stacked in order |
+    | `("team", "features")` | (B, N * F) float32 | with `features`: the agents' features, concatenated in order |
+    | `("team", "action")` | (B, N, A) float32 | a value per agent and action, clipped to [-1, 1] |
     | `("team", "reward")` | (B, 1) float32 | the mean of the agents' rewards |
-    | `("agents", "taken")` | (B, N) int64 | the actions of the last step that the values became; 0 before the first |
+    | `("agents", "taken")` | (B, N) int64 | the discrete actions of the last step; 0 after a reset |
     """
 
     def __init__(self, num_actions: int, action_mode: ActionMode = "argmax", seed: int = 0) -> None:
@@ -32,8 +32,8 @@ class Centralize(Transform):
 
         Args:
             num_actions: A.
-            action_mode: how values become actions: see `mapf_pz.action_modes`.
-            seed: of the draws of modes that draw.
+            action_mode: how the values are turned into actions; see `mapf_pz.action_modes`.
+            seed: random seed of the modes that sample.
         """
         if action_mode not in ACTION_MODES:
             raise ValueError(f"action_mode={action_mode!r}: expected one of {', '.join(map(repr, ACTION_MODES))}")
@@ -48,12 +48,12 @@ class Centralize(Transform):
         self._rng = np.random.default_rng(seed)
 
     def _stack(self, tensordict: TensorDictBase) -> TensorDictBase:
-        seen = tensordict.get(("agents", "observation"))
-        if isinstance(seen, Tensor):
-            tensordict.set(("team", "image"), seen.flatten(-4, -3))
+        observation = tensordict.get(("agents", "observation"))
+        if isinstance(observation, Tensor):
+            tensordict.set(("team", "image"), observation.flatten(-4, -3))
         else:
-            tensordict.set(("team", "image"), seen.get("image").flatten(-4, -3))
-            tensordict.set(("team", "features"), seen.get("features").flatten(-2))
+            tensordict.set(("team", "image"), observation.get("image").flatten(-4, -3))
+            tensordict.set(("team", "features"), observation.get("features").flatten(-2))
         reward = tensordict.get(("agents", "reward"), None)
         if reward is not None:
             tensordict.set(("team", "reward"), reward.mean(-2))
@@ -77,16 +77,16 @@ class Centralize(Transform):
         return tensordict
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
-        """Add the stacked observation and the actions taken."""
+        """Add the stacked observation and the latest discrete actions."""
         whole = cast("Composite", observation_spec)
-        batch, seen = whole.shape, whole["agents", "observation"]
+        batch, observation = whole.shape, whole["agents", "observation"]
         whole["agents", "taken"] = Categorical(self._num_actions, whole["agents"].shape, dtype=torch.int64)
         team = Composite(shape=batch)
-        if isinstance(seen, Composite):
-            team["image"] = _bounded(seen["image"], -4, -3)
-            team["features"] = _bounded(seen["features"], -2, -1)
+        if isinstance(observation, Composite):
+            team["image"] = _bounded(observation["image"], -4, -3)
+            team["features"] = _bounded(observation["features"], -2, -1)
         else:
-            team["image"] = _bounded(seen, -4, -3)
+            team["image"] = _bounded(observation, -4, -3)
         whole["team"] = team
         return whole
 
@@ -98,7 +98,7 @@ class Centralize(Transform):
         return whole
 
     def transform_input_spec(self, input_spec: TensorSpec) -> TensorSpec:
-        """Put the team's action in place of the agents'."""
+        """Replace the agents' actions by the team's action."""
         whole = cast("Composite", input_spec)
         batch = whole.shape
         num_agents = whole["full_action_spec", "agents", "action"].shape[-1]
@@ -109,7 +109,7 @@ class Centralize(Transform):
 
 
 def _bounded(spec: TensorSpec, first: int, last: int) -> Bounded:
-    """Return the bounded spec with the dimensions `first` to `last` made one."""
+    """Return the bounded spec with the dimensions `first` to `last` flattened into one."""
     bounds = cast("ContinuousBox", spec.space)
     low, high = bounds.low.flatten(first, last), bounds.high.flatten(first, last)
     return Bounded(low, high, shape=low.shape, dtype=spec.dtype)

@@ -1,7 +1,7 @@
-"""Checkpoints: the files that a training run can be continued from, the last two and the best.
+"""Checkpoints: the files that a training run can be resumed from. The last two and the best are kept.
 
-A file is TorchRL's archive, a zip with a manifest, of safetensors and JSON; nothing in it is pickled, and none is
-unpickled. A checkpoint appears under its name only when it is complete, and the archive's checksums tell damage.
+A checkpoint is a TorchRL archive, a zip file with a manifest, that contains safetensors and JSON; nothing is pickled or
+unpickled. Writes are atomic, and the archive's checksums detect damage.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ _DAMAGE = (
 
 @dataclass(frozen=True)
 class Position:
-    """How far a run has come."""
+    """The progress of a run at a checkpoint."""
 
     updates: int
-    """Updates done, and rows of progress written."""
+    """Number of completed updates, and of rows in the progress file."""
     agent_steps: int
-    """Steps of all agents together."""
+    """Total number of steps of all agents."""
     score: float
-    """Mean CSR, or throughput of lifelong episodes, over the latest training episodes; the highest is the best."""
+    """Mean CSR, or throughput of lifelong episodes, over the latest training episodes; higher is better."""
 
 
 class Checkpoints:
@@ -49,7 +49,7 @@ class Checkpoints:
         self._rotation = CheckpointRotation(self.folder, keep_last=2, keep_best=("score", "max"), prefix=PREFIX)
 
     def latest(self) -> Path:
-        """Return the newest checkpoint; raises `FileNotFoundError` where there is none."""
+        """Return the newest checkpoint; raises `FileNotFoundError` if there is none."""
         files = sorted(self.folder.glob(f"{PREFIX}-*"))
         if not files:
             raise FileNotFoundError(f"no checkpoint in {str(self.folder)!r}: train again, with --overwrite")
@@ -60,7 +60,7 @@ class Checkpoints:
         self._rotation.save(_archive(learner), step=position.agent_steps, metadata=asdict(position))
 
     def sweep(self) -> None:
-        """Remove what a process that was killed while it wrote has left; such files never count as checkpoints."""
+        """Remove the temporary files of processes killed while writing; these never count as checkpoints."""
         _remove(self.folder.glob(f".{PREFIX}-*"))
 
     def clear(self) -> None:
@@ -70,7 +70,7 @@ class Checkpoints:
 
 
 def read_position(file: Path) -> Position:
-    """Return how far the run had come; raises `FormatError` where the file is no checkpoint."""
+    """Return the progress of the run; raises `FormatError` if the file is not a checkpoint."""
     try:
         _check_stored(file)
         return TypeAdapter(Position).validate_python(Checkpoint.manifest(file)["metadata"])
@@ -79,7 +79,7 @@ def read_position(file: Path) -> Position:
 
 
 def restore(file: Path, learner: Learner) -> None:
-    """Bring the learner to where it was; raises `FormatError` where the file is damaged or of other networks."""
+    """Restore the learner's state; raises `FormatError` if the file is damaged or belongs to other networks."""
     try:
         _check_stored(file)
         _archive(learner).load(file)
@@ -88,7 +88,7 @@ def restore(file: Path, learner: Learner) -> None:
 
 
 class _LearnerAdapter(CheckpointAdapter):
-    """Writes a learner as safetensors: TorchRL's own adapters may unpickle what they read."""
+    """Saves a learner as safetensors; TorchRL's adapters may unpickle the files that they load."""
 
     adapter_id = "mapf_pz.learner"
 
@@ -101,7 +101,7 @@ class _LearnerAdapter(CheckpointAdapter):
 
 
 def _check_stored(file: Path) -> None:
-    """Raise `ValueError` for an archive of compressed files, which could be of any size, or of files outside itself."""
+    """Raise `ValueError` for compressed members, which could expand to any size, or members outside the archive."""
     with ZipFile(file) as archive:
         if any(member.compress_type != ZIP_STORED or member.header_offset < 0 for member in archive.infolist()):
             raise ValueError("expected an archive of files that are stored in it as they are")

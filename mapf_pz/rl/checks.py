@@ -1,4 +1,4 @@
-"""Checks of the fields of configurations: errors name the field, the value and what is allowed."""
+"""Validation of configuration fields; errors name the field, the value and the allowed values."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Literal, get_args, get_origin, get_type_hints
 
 
 def check_names(config: object) -> None:
-    """Raise `ValueError` for a name that is not among those its field allows."""
+    """Raise `ValueError` unless every `Literal` field has one of its allowed values."""
     for name, kind in get_type_hints(type(config)).items():
         if get_origin(kind) is Literal and getattr(config, name) not in get_args(kind):
             allowed = ", ".join(map(repr, get_args(kind)))

@@ -1,4 +1,4 @@
-"""Where experience comes from: this process, several processes on this machine, or a Ray cluster."""
+"""Data collection: in this process, in several processes on this machine, or on a Ray cluster."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ from mapf_pz.simulator import Simulator
 
 @dataclass(frozen=True)
 class MakeEnv:
-    """Makes environments in the form that an algorithm's actor acts in."""
+    """Creates batched environments with an algorithm's transforms."""
 
     algorithm: Algorithm
-    """Its transforms make that form."""
+    """The algorithm."""
     config: TrainConfig
-    """Of the run."""
+    """The run's configuration."""
     seed: int
-    """Environment `b` begins with the episode of seed `seed + b`."""
+    """Environment `b` starts with the episode of seed `seed + b`."""
     number: int
-    """How many."""
+    """Number of environments."""
 
     def __call__(self) -> TransformedEnv:
-        """Return the environments, stepped together."""
+        """Return the environments as one batch."""
         env = BatchedMapfEnv(self.number, self.config.num_threads, **self.config.task.env_keywords())
         env.set_seed(self.seed)
         reward_sum = RewardSum(
@@ -48,10 +48,10 @@ class MakeEnv:
 
 @dataclass(frozen=True)
 class MakeWorkerEnv(MakeEnv):
-    """The same in a worker, another process or machine: its draws of actions need a seed of their own."""
+    """Creates environments in a worker, another process or machine, which needs a separate seed to sample actions."""
 
     def __call__(self) -> TransformedEnv:
-        """Return the environments."""
+        """Seed torch in the worker, and return the environments."""
         torch.manual_seed(self.seed)
         torch.set_num_threads(self.config.num_threads)
         return super().__call__()
@@ -59,16 +59,16 @@ class MakeWorkerEnv(MakeEnv):
 
 @contextmanager
 def collecting(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int) -> Generator[BaseCollector]:
-    """Yield what yields `updates` batches of B x T steps, with the algorithm's actor as it is at that time.
+    """Yield a collector of `updates` batches of B x T steps, sampled with the algorithm's current actor.
 
-    The environments begin with the episodes of the seeds `seed`, `seed + 1`, ... Several workers give batches of
-    W x (B / W) x T; `update_policy_weights_` tells them what was learnt.
+    The environments start with the episodes of the seeds `seed`, `seed + 1`, ... With W workers, batches have the shape
+    W x (B / W) x T, and `update_policy_weights_` sends them the new weights.
 
     Raises:
-        ImportError: Ray is asked for and not installed.
+        ImportError: The collector is `ray`, and Ray is not installed.
     """
     with ExitStack() as afterwards:
-        with unheard_by_children():  # workers go on until the update is done
+        with unheard_by_children():  # workers continue until the update is complete
             collector = _COLLECTORS[config.collector](algorithm, config, seed, updates, afterwards)
         afterwards.callback(collector.shutdown)
         yield collector
@@ -100,9 +100,9 @@ def _on_ray(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int, 
     except ImportError as error:
         raise ImportError(f"collector='ray': {error}: pip install 'mapf-pz[ray]'") from error
     if not ray.is_initialized():
-        # RAY_ADDRESS names a cluster; without it, Ray begins one on this machine.
-        own: dict[str, Any] = {} if "RAY_ADDRESS" in os.environ else {"num_cpus": config.num_workers}
-        ray.init(include_dashboard=False, log_to_driver=False, **own)
+        # RAY_ADDRESS names a cluster; without it, Ray starts one on this machine.
+        resources: dict[str, Any] = {} if "RAY_ADDRESS" in os.environ else {"num_cpus": config.num_workers}
+        ray.init(include_dashboard=False, log_to_driver=False, **resources)
         afterwards.callback(ray.shutdown)
     collector = RayCollector(
         _shares(algorithm, config, seed),
@@ -125,9 +125,9 @@ _COLLECTORS: dict[CollectorName, Callable[[Algorithm, TrainConfig, int, int, Exi
 
 
 def _shares(algorithm: Algorithm, config: TrainConfig, seed: int) -> list[MakeWorkerEnv]:
-    """Share the environments out evenly among the workers."""
+    """Divide the environments evenly among the workers."""
     number = config.ppo.num_envs // config.num_workers
-    MakeEnv(algorithm, config, seed, 1)().reset()  # raises here, in one line, what would be a worker's traceback
+    MakeEnv(algorithm, config, seed, 1)().reset()  # errors are raised here, not as a worker's traceback
     return [MakeWorkerEnv(algorithm, config, seed + w * number, number) for w in range(config.num_workers)]
 
 
@@ -144,16 +144,16 @@ def _keywords(algorithm: Algorithm, config: TrainConfig, updates: int) -> dict[s
 
 
 class RandomActions(TensorDictModuleBase):
-    """A policy of uniform random actions, drawn much faster than TorchRL's own `RandomPolicy` does."""
+    """A policy of uniform random actions; much faster than TorchRL's `RandomPolicy`."""
 
     def __init__(self, num_agents: int, num_actions: int) -> None:
-        """Take N and A."""
+        """Create the policy for N agents with A actions."""
         super().__init__()
         self.in_keys, self.out_keys = [], [("agents", "action")]  # pyright: ignore[reportAttributeAccessIssue]
         self._num_agents, self._num_actions = num_agents, num_actions
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Draw actions (..., N)."""
+        """Sample actions (..., N)."""
         shape = (*tensordict.batch_size, self._num_agents)
         return tensordict.set(("agents", "action"), torch.randint(self._num_actions, shape))
 
@@ -161,9 +161,9 @@ class RandomActions(TensorDictModuleBase):
 def random_batches(
     env: EnvBase | ParallelEnv[str, Any, Any], simulator: Simulator, frames: int
 ) -> Iterator[TensorDictBase]:
-    """Yield batches of `frames` steps at random, on and on, each in the memory of the one before.
+    """Yield batches of `frames` steps of random actions, without end; each batch overwrites the one before.
 
-    TorchRL's own wrapper takes the PettingZoo environment; `simulator` is the one that the environment stands on.
+    A PettingZoo environment is wrapped by TorchRL's wrapper; `simulator` is the environment's simulator.
     """
     if not isinstance(env, EnvBase):
         env = PettingZooWrapper(env, group_map={"agents": env.possible_agents})

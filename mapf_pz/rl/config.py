@@ -1,4 +1,4 @@
-"""The configuration of a training run: frozen dataclasses, the one home of every default. Needs no torch."""
+"""The configuration of a training run: frozen dataclasses that hold every default. Does not import torch."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ TRAINING_ENV = EnvConfig(
     num_last_actions=2,
     reward=REWARDS["progress"],
 )
-"""The environment that a task has by default."""
+"""The default environment of a training task."""
 
 OBSERVATION_FIELDS = (
     "action_model",
@@ -48,35 +48,35 @@ OBSERVATION_FIELDS = (
     "num_last_actions",
     "edge_weights",
 )
-"""The keywords of the environment that decide what a policy observes and does."""
+"""The environment's keywords that determine a policy's observations and actions."""
 
 
 @dataclass(frozen=True)
 class TaskConfig:
-    """What the agents train on: an environment, and what is not part of one."""
+    """The training task: an environment, its maps, and how the policy observes and acts."""
 
     env: Annotated[EnvConfig, PlainValidator(load_env), PlainSerializer(dump_env)] = TRAINING_ENV
-    """The environment. If it has no map, scenario or source, episodes take place on the maps of `mixture`."""
+    """The training environment. If it has no map, scenario or source, its episodes use the maps of `mixture`."""
     mixture: MapMixture = field(default_factory=MapMixture)
-    """The maps to train on, if the environment has no map, scenario or source."""
+    """The training maps, used if the environment has no map, scenario or source."""
     num_frames: int = 1
-    """Number of latest observations that each agent sees, stacked; 1 is the current one only."""
+    """Number of most recent observations that are stacked for each agent; 1 is the current observation only."""
     neighbors: int = 0
-    """Number of nearest other agents whose observations each agent sees after its own."""
+    """Number of nearest neighbors whose observations are appended to each agent's own; 0 disables sharing."""
     neighbor_radius: int = 8
-    """Maximum distance to such a neighbor, in rows and in columns."""
+    """Maximum distance, in rows and in columns, of neighbors whose observations are shared."""
     action_mode: ActionMode = "argmax"
-    """How the action matrix of `central-ppo` is turned into actions."""
+    """How the action matrix of `central-ppo` is converted to actions."""
 
     def __post_init__(self) -> None:
-        """Check names and numbers; what depends on the map is checked when the environment is created."""
+        """Check names and numbers; values that depend on the map are checked when the environment is created."""
         check_names(self)
         check_counts(self, 1, "num_frames")
         check_counts(self, 0, "neighbors", "neighbor_radius")
 
     @cached_property
     def source(self) -> InstanceSource:
-        """Where episodes come from; reads the files of the map or the scenario on first use."""
+        """The source of episodes; the files of the map or the scenario are read on first use."""
         env = self.env
         if (env.map, env.scenario, env.source) != (None, None, None):
             return make_source(env)
@@ -84,23 +84,23 @@ class TaskConfig:
 
     @property
     def num_agents(self) -> int:
-        """N; reads the scenario's file if that alone determines it."""
+        """N, the number of agents; reads the scenario's file if nothing else determines it."""
         return self.env.num_agents or self.source.num_agents
 
     def env_config(self) -> EnvConfig:
-        """Return the environment to train in: `env`, whose episodes come from `source`."""
+        """Return the configuration of the training environment: `env` with the episodes of `source`."""
         return replace(self.env, map=None, scenario=None, source=self.source)
 
     def env_keywords(self) -> dict[str, Any]:
-        """Return the keywords of the environment to train in."""
+        """Return the keywords of the training environment."""
         return self.env_config().keywords()
 
     def observation_keywords(self) -> dict[str, Any]:
-        """Return the keywords that any environment needs for a policy of this task to act in it."""
+        """Return the keywords that an environment needs so that a policy of this task can act in it."""
         return {name: getattr(self.env, name) for name in OBSERVATION_FIELDS}
 
     def env_wrappers(self) -> tuple[tuple[str, dict[str, int]], ...]:
-        """Return the names and keywords of the wrappers that it needs besides, innermost first."""
+        """Return the names and keywords of the wrappers that it also needs, innermost first."""
         wrappers: list[tuple[str, dict[str, int]]] = []
         if self.neighbors:
             wrappers.append(("NeighborObservations", {"neighbors": self.neighbors, "radius": self.neighbor_radius}))
@@ -111,21 +111,21 @@ class TaskConfig:
 
 @dataclass(frozen=True)
 class ModelConfig:
-    """The networks: an encoder of one agent's observation, and heads on it."""
+    """The networks: an encoder of observations, followed by a policy head or a value head."""
 
     encoder: str = "conv"
-    """`conv`: 3 x 3 convolutions; `report`: the report's two; `residual`: stages of residual blocks; or
-    `package.module:Class`, an `nn.Module` that is built and called as `Encoder`."""
+    """Encoder of observations: `conv` (3 x 3 convolutions), `report` (the report's two convolutions), `residual`
+    (stages of residual blocks), or `package.module:Class`, an `nn.Module` with the interface of `Encoder`."""
     conv_channels: tuple[int, ...] = (16,)
-    """Output channels of the convolutions, or of the stages of `residual`; `report` needs two, there (32, 64)."""
+    """Output channels of each convolution, or of each stage of `residual`; `report` has exactly two."""
     num_blocks: int = 2
-    """Residual blocks in each stage of `residual`."""
+    """Number of residual blocks in each stage of the encoder `residual`."""
     hidden: int = 128
-    """Numbers in an observation's code."""
+    """Size of the embedding of an observation."""
     recurrent: int = 0
-    """Numbers that an agent remembers from step to step (a GRU's state); 0: no memory. Critics have none."""
+    """Size of the hidden state of the policy's GRU; 0 disables recurrence. Critics are not recurrent."""
     head: tuple[int, ...] = (128,)
-    """Widths of the hidden layers from the code to the actions, and to the value."""
+    """Widths of the hidden layers of the policy head and the value head."""
 
     def __post_init__(self) -> None:
         """Check names and numbers."""
@@ -139,29 +139,29 @@ class PPOConfig:
     """Proximal policy optimization (Schulman et al., 2017), for many agents (Yu et al., 2022)."""
 
     num_envs: int = 64
-    """B, environments stepped together."""
+    """Number of environments that are stepped as one batch."""
     steps_per_batch: int = 32
-    """Steps of each environment between two updates."""
+    """Number of steps of each environment between two updates."""
     num_epochs: int = 4
-    """Passes over each batch."""
+    """Number of passes over each batch."""
     minibatch_size: int = 256
-    """Environment steps (of all N agents) per gradient step."""
+    """Number of environment steps, each of all agents, per gradient step."""
     learning_rate: float = 7e-4
-    """Adam's step size, lowered linearly to a tenth."""
+    """Initial learning rate of Adam; it decays linearly to a tenth."""
     gamma: float = 0.98
-    """Discount."""
+    """Discount factor of the return."""
     lmbda: float = 0.95
-    """Decay of generalized advantage estimation."""
+    """Lambda of generalized advantage estimation."""
     clip_epsilon: float = 0.2
-    """Bound on the change of an action's probability ratio."""
+    """Clipping range of the probability ratio: the ratio is clipped to 1 plus or minus this value."""
     entropy_coeff: float = 0.01
-    """Weight of the entropy bonus, lowered linearly to a tenth."""
+    """Initial weight of the entropy bonus; it decays linearly to a tenth."""
     critic_coeff: float = 0.5
     """Weight of the value loss."""
     max_grad_norm: float = 0.5
-    """Gradients are scaled down to this norm."""
+    """Maximum norm of the gradients; larger gradients are scaled down to it."""
     credit: Credit = "agent"
-    """Of `central-ppo`: one advantage for the `team`, or one for each `agent`; the other algorithms have the latter."""
+    """Advantages of `central-ppo`: one for the whole `team`, or one per `agent`, as in the other algorithms."""
 
     def __post_init__(self) -> None:
         """Check names and numbers."""
@@ -174,20 +174,22 @@ class PPOConfig:
 
 @dataclass(frozen=True)
 class CuriosityConfig:
-    """A reward for what an agent could not predict, beside the task's own; its encoders are as the policy's."""
+    """An intrinsic reward for prediction errors, added to the task's reward; its encoders are like the policy's."""
 
     kind: Annotated[CuriosityName, arg(name="curiosity")] = "none"
-    """`rnd`: of the next observation; `random-features`, `inverse-dynamics`: of what an action does to it."""
+    """Curiosity reward. `rnd`: error in predicting a random network's embedding of the next observation;
+    `random-features`, `inverse-dynamics`: error in predicting the effect of an action on the embedding."""
     weight: Annotated[float, arg(name="curiosity-weight")] = 0.1
-    """Of that reward. Scaled, it is about 0.03 a step, the task's about 0.1: it should decide only where that is 0."""
+    """Weight of the curiosity reward. Normalized, it is about 0.03 per step, and the task's reward about 0.1; it should
+    dominate only where the task's reward is 0."""
     gamma: Annotated[float, arg(name="curiosity-gamma")] = 0.99
-    """Discount of those sums."""
+    """Discount factor of the curiosity return used for normalization."""
     size: Annotated[int, arg(name="curiosity-size")] = 64
-    """Numbers that an observation becomes, to be predicted."""
+    """Size of the embedding that is predicted for curiosity."""
     learning_rate: Annotated[float, arg(name="curiosity-learning-rate")] = 1e-4
-    """Adam's step size, lowered as the policy's."""
+    """Initial learning rate of the curiosity networks; it decays linearly to a tenth."""
     update_fraction: Annotated[float, arg(name="curiosity-update-fraction")] = 0.25
-    """Share of each minibatch that the predictor learns from."""
+    """Fraction of each minibatch that the curiosity networks are trained on."""
 
     def __post_init__(self) -> None:
         """Check names and numbers."""
@@ -203,39 +205,40 @@ class CuriosityConfig:
 class TrainConfig:
     """One training run."""
 
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")  # also of the configurations inside
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")  # also applies to the nested configurations
     task: TaskConfig = field(default_factory=TaskConfig)
-    """What is learnt."""
+    """The training task."""
     algorithm: str = "mappo"
-    """`mappo`: the critic observes the team; `ippo`: the critic observes what the agent observes; `central-ppo`: the
-    report's; or `package.module:Class`, a subclass of `Algorithm`."""
+    """Training algorithm: `mappo` (the critic observes the team), `ippo` (the critic observes what the agent observes),
+    `central-ppo` (the report's single policy for all agents), or `package.module:Class`, a subclass of `Algorithm`."""
     model: ModelConfig = field(default_factory=ModelConfig)
-    """The networks."""
+    """Configuration of the networks."""
     ppo: PPOConfig = field(default_factory=PPOConfig)
-    """The optimization."""
+    """Configuration of the optimization."""
     curiosity: CuriosityConfig = field(default_factory=CuriosityConfig)
-    """What agents earn for being surprised."""
+    """Configuration of the curiosity reward."""
     agent_steps: int = 2_000_000
-    """Minimum length of the run, in steps of all agents together; the run takes whole updates."""
+    """Minimum length of the run in agent steps (the steps of all agents together); the last update is completed."""
     seed: int = 0
-    """Decides instances, initial weights and exploration."""
+    """Random seed of the instances, the initial weights and exploration."""
     checkpoint_interval: int = 200_000
-    """Agent steps between two checkpoints; an interrupted or finished run writes one too."""
+    """Agent steps between checkpoints; a run also writes one when it finishes or is interrupted."""
     validation_interval: int = 0
-    """Agent steps between two looks at how the policy does on instances that it is not trained on; 0: none."""
+    """Agent steps between validations on held-out instances; 0 disables validation."""
     validation_episodes: int = 64
-    """Episodes of each look, the same every time."""
+    """Number of episodes in each validation; their instances are always the same."""
     collector: CollectorName = "single"
-    """Where environments are stepped: in this process, in `num_workers` processes, or in as many Ray actors."""
+    """Where environments are stepped: `single` (in the training process), `processes` (in `num_workers` processes), or
+    `ray` (in `num_workers` Ray actors)."""
     num_workers: int = 2
-    """How many processes or actors share the environments; not used by the collector `single`."""
+    """Number of processes or Ray actors that share the environments; ignored by the collector `single`."""
     device: DeviceName = "auto"
-    """Where the networks compute; `auto`: on a GPU if there is one. Environments are always stepped on the CPU."""
+    """Device of the networks; `auto` uses a GPU if one is available. Environments are always stepped on the CPU."""
     num_threads: int = 1
-    """Threads of torch and of the kernels, in each process. More help only where as many cores are idle."""
+    """Number of threads of torch and of the kernels in each process; more than 1 helps only on idle cores."""
 
     def __post_init__(self) -> None:
-        """Check names and numbers, and that the workers can share the environments evenly."""
+        """Check names and numbers, and that the environments divide evenly among the workers."""
         check_names(self)
         check_part("algorithm", self.algorithm, get_args(AlgorithmName))
         check_counts(self, 1, "agent_steps", "checkpoint_interval", "validation_episodes", "num_workers", "num_threads")
@@ -245,10 +248,10 @@ class TrainConfig:
 
     @property
     def steps_per_update(self) -> int:
-        """Steps of all agents together between two updates."""
+        """Number of agent steps between two updates."""
         return self.ppo.num_envs * self.ppo.steps_per_batch * self.task.num_agents
 
     @property
     def num_updates(self) -> int:
-        """Updates of the run: as many as `agent_steps` needs, the last one in full."""
+        """Number of updates of the run: `agent_steps` divided by the steps per update, rounded up."""
         return math.ceil(self.agent_steps / self.steps_per_update)

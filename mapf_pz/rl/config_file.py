@@ -1,4 +1,4 @@
-"""A run's configuration on disk: `config.json`, and beside it the objects that the environment's fields hold."""
+"""A run's configuration on disk: `config.json`, and separate files for objects in the environment's fields."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mapf_pz.rl.saved_env import OBJECT_FIELDS, complaint, object_file, object_f
 
 CONFIG = "config.json"
 CONFIG_FILES = (CONFIG, *map(object_file, OBJECT_FIELDS))
-"""All files that a configuration may take."""
+"""All files that a configuration may consist of."""
 _ADAPTER = TypeAdapter(TrainConfig)
 
 
@@ -24,7 +24,7 @@ def config_files(config: TrainConfig) -> dict[str, bytes]:
 
 
 def save_config(folder: Path, config: TrainConfig) -> None:
-    """Write a configuration's files to `folder`, in place of those of another one; raises as `config_files`."""
+    """Write a configuration's files to `folder` and remove those of an earlier one; raises as `config_files`."""
     files = config_files(config)
     for name, content in files.items():
         write_whole(folder / name, content)
@@ -33,7 +33,7 @@ def save_config(folder: Path, config: TrainConfig) -> None:
 
 
 def load_config(file: Path) -> TrainConfig:
-    """Read `config.json` and the files that it names; raises `FormatError` if one of them is malformed."""
+    """Read `config.json` and the files that it refers to; raises `FormatError` if one of them is malformed."""
     try:
         return _ADAPTER.validate_json(read_text(file), context=file.parent)
     except ValidationError as error:

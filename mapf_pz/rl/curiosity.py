@@ -1,7 +1,7 @@
-"""Curiosity: a reward for what an agent could not predict, beside the task's own.
+"""Curiosity: an intrinsic reward for prediction errors, added to the task's reward.
 
-TorchRL's `RNDTransform` gives such a reward while environments are stepped. Here it is given to a whole batch
-afterwards: collectors' workers then need no predictor, and the statistics are those of all environments.
+TorchRL's `RNDTransform` computes such a reward while environments are stepped. Here it is computed for a whole batch
+after collection: workers then need no predictor, and the statistics cover all environments.
 """
 
 from __future__ import annotations
@@ -21,44 +21,44 @@ from mapf_pz.rl.config import CuriosityConfig, CuriosityName, ModelConfig, Train
 from mapf_pz.rl.encoders import make_encoder, scaled
 from mapf_pz.rl.observed import Observed
 
-_SEEN: NestedKey = ("agents", "observation")
-_NEXT_SEEN: NestedKey = ("next", "agents", "observation")
+_OBSERVATION: NestedKey = ("agents", "observation")
+_NEXT_OBSERVATION: NestedKey = ("next", "agents", "observation")
 
 
 class Embedding(nn.Module):
-    """Numbers `(..., size)` for one agent's observation, as the batch has it: an image, or an image and features.
+    """Embeddings `(..., size)` of single agents' observations, each an image, or an image and features.
 
-    The observation is not whitened as by Burda et al.: its entries are of one scale already.
+    Unlike in Burda et al., observations are not whitened: their entries already have the same scale.
     """
 
     def __init__(self, observed: Observed, model: ModelConfig, size: int, num_hidden: int = 0) -> None:
-        """Build the policy's kind of encoder, `num_hidden` layers on its code, and a linear one."""
+        """Build an encoder like the policy's, `num_hidden` hidden layers, and a linear output layer."""
         super().__init__()
         self.encoder = make_encoder(observed, model)
         self.head = _layers([model.hidden] * (num_hidden + 1) + [size])
 
-    def forward(self, seen: Tensor | TensorDictBase) -> Tensor:
-        """Embed all observations at once."""
-        parts = (seen,) if isinstance(seen, Tensor) else (seen["image"], seen["features"])
+    def forward(self, observation: Tensor | TensorDictBase) -> Tensor:
+        """Embed a batch of observations."""
+        parts = (observation,) if isinstance(observation, Tensor) else (observation["image"], observation["features"])
         return self.head(self.encoder(*parts))
 
 
 class RewardScale(nn.Module):
     """Divides rewards by the standard deviation of their discounted sums (Burda et al., 2018, section 2.4).
 
-    Each environment and agent has a sum, `R <- gamma * R + r`. It goes on over the ends of episodes and of batches;
-    the deviation is that of all sums so far. The mean is not subtracted: rewards stay positive.
+    Each agent of each environment has a sum, `R <- gamma * R + r`, that continues across the ends of episodes and
+    batches. The standard deviation is that of all sums so far. The mean is not subtracted, so rewards stay positive.
     """
 
     def __init__(self, num_envs: int, num_agents: int, gamma: float) -> None:
-        """Begin with sums of zero."""
+        """Initialize all sums to zero."""
         super().__init__()
         self.gamma = gamma
         self.statistics = RunningMeanStd()
         self.register_buffer("sums", torch.zeros(num_envs, num_agents))
 
     def forward(self, rewards: Tensor) -> Tensor:
-        """Count the rewards `(B, T, N)` in and return them scaled."""
+        """Update the statistics with the rewards `(B, T, N)`, and return the scaled rewards."""
         total: Tensor = self.get_buffer("sums")
         sums: list[Tensor] = []
         for reward in rewards.unbind(1):
@@ -70,14 +70,14 @@ class RewardScale(nn.Module):
 
 
 class Curiosity(nn.Module, ABC):
-    """What the training loop needs to know; its networks are shared by all agents, and learn beside the policy's.
+    """Base class of curiosity; its networks are shared by all agents, and trained together with the policy's.
 
-    The reward is one of the episode: unlike the papers', its return ends where the episode does, because one critic
-    values it together with the task's.
+    The reward is episodic. Unlike in the papers, its return ends with the episode, because a single critic estimates
+    the value of both rewards together.
     """
 
     def __init__(self, config: TrainConfig, action_key: NestedKey) -> None:
-        """Start without statistics; `action_key` is the key of the action that each agent took."""
+        """Start with empty statistics; `action_key` is the key of each agent's discrete action."""
         super().__init__()
         self.action_key = action_key
         self.config: CuriosityConfig = config.curiosity
@@ -85,30 +85,30 @@ class Curiosity(nn.Module, ABC):
 
     @abstractmethod
     def surprise(self, steps: TensorDictBase) -> Tensor:
-        """Return the error `(..., N)` of what was predicted of each agent's step."""
+        """Return the prediction error `(..., N)` of each agent's step."""
 
     def learn(self, steps: TensorDictBase) -> Tensor:
-        """Return the loss of these steps: by default, the mean surprise."""
+        """Return the training loss of these steps: by default, the mean surprise."""
         return self.surprise(steps).mean()
 
     @torch.no_grad()
     def reward(self, batch: TensorDictBase) -> Tensor:
-        """Return the scaled surprise `(..., T, N, 1)` of a batch of steps `(..., T)`; counts it in, so ask once."""
+        """Return the scaled surprise `(..., T, N, 1)` of steps `(..., T)`; updates the statistics, so call it once."""
         surprise = self.surprise(batch)
         return self.scale(surprise.reshape(-1, *surprise.shape[-2:])).view_as(surprise).unsqueeze(-1)
 
     def add_reward(self, batch: TensorDictBase, key: NestedKey) -> Tensor:
-        """Add the weighted reward to that at `("next", key)`, each agent's or the team's; return its mean before."""
+        """Add the weighted reward to the agents' or team's reward at `("next", key)`; return the unweighted mean."""
         intrinsic, after = self.reward(batch), batch.get("next")
-        own = after.get(key)
-        each = intrinsic if own.ndim == intrinsic.ndim else intrinsic.mean(-2)
-        after.set(key, own + self.config.weight * each)
+        extrinsic = after.get(key)
+        bonus = intrinsic if extrinsic.ndim == intrinsic.ndim else intrinsic.mean(-2)
+        after.set(key, extrinsic + self.config.weight * bonus)
         return intrinsic.mean()
 
     def loss(self, minibatch: TensorDictBase) -> Tensor:
-        """Return the loss of a random share of the minibatch's steps.
+        """Return the loss of a random fraction of the minibatch's steps.
 
-        With many environments, a predictor that learns from each of their steps is done before the policy has learnt
+        With many environments, a predictor that is trained on every step converges before the policy has learned
         anything (Burda et al., 2018, section 3.6).
         """
         steps = minibatch.reshape(-1)
@@ -117,9 +117,9 @@ class Curiosity(nn.Module, ABC):
 
 
 class RandomNetworkDistillation(Curiosity):
-    """`r = mean_j (f_j(s') - g_j(s'))^2`: f learns what a fixed random network g makes of the next observation.
+    """`r = mean_j (f_j(s') - g_j(s'))^2`: f learns to predict the output of a fixed random network g.
 
-    Burda et al., *Exploration by Random Network Distillation*, 2018; f has two more layers than g, as there.
+    Burda et al., *Exploration by Random Network Distillation*, 2018. As in the paper, f has two more layers than g.
     """
 
     def __init__(self, config: TrainConfig, action_key: NestedKey) -> None:
@@ -129,18 +129,18 @@ class RandomNetworkDistillation(Curiosity):
         predictor = Embedding(observed, config.model, size, num_hidden=2)
         target = Embedding(observed, config.model, size)
         self.distillation = RNDLoss(predictor, target, reduction="none", update_fraction=1.0)
-        self.distillation.set_keys(observation=_NEXT_SEEN)
+        self.distillation.set_keys(observation=_NEXT_OBSERVATION)
 
     def surprise(self, steps: TensorDictBase) -> Tensor:
-        """Return the error of f; actions do not matter."""
+        """Return the error of f, which does not depend on the actions."""
         return self.distillation(steps)["loss_predictor"]
 
 
 class ForwardDynamics(Curiosity):
     """`r = mean_j (f_j(phi(s), a) - phi_j(s'))^2`, with a fixed random embedding phi.
 
-    Burda et al., *Large-Scale Study of Curiosity-Driven Learning*, 2018. Their f is a residual network that is told the
-    action in every layer; this one is smaller, and is told once.
+    Burda et al., *Large-Scale Study of Curiosity-Driven Learning*, 2018. Their f is a residual network that
+    receives the action in every layer; this one is smaller, and receives it once.
     """
 
     def __init__(self, config: TrainConfig, action_key: NestedKey) -> None:
@@ -156,8 +156,8 @@ class ForwardDynamics(Curiosity):
         return self._error(steps, *self._embedded(steps))
 
     def _embedded(self, steps: TensorDictBase) -> tuple[Tensor, Tensor]:
-        # `next` has an episode's true last observation, also where another episode began after the step.
-        return self.embedding(steps.get(_SEEN)), self.embedding(steps.get(_NEXT_SEEN))
+        # `next` holds an episode's true final observation, even if the environment was reset after the step.
+        return self.embedding(steps.get(_OBSERVATION)), self.embedding(steps.get(_NEXT_OBSERVATION))
 
     def _error(self, steps: TensorDictBase, before: Tensor, after: Tensor) -> Tensor:
         action = one_hot(steps.get(self.action_key), self.num_actions).to(before.dtype)
@@ -165,20 +165,20 @@ class ForwardDynamics(Curiosity):
 
 
 class InverseDynamics(ForwardDynamics):
-    """The same with a learned phi: it learns only to tell, from phi(s) and phi(s'), which action was taken.
+    """Forward dynamics with a learned phi, trained only to predict the action from phi(s) and phi(s').
 
-    What actions neither change nor depend on need not be in such a phi (Pathak et al., *Curiosity-driven Exploration by
-    Self-supervised Prediction*, 2017), so it does not surprise.
+    Such a phi need not represent anything that is independent of the actions, so that this yields no surprise (Pathak
+    et al., *Curiosity-driven Exploration by Self-supervised Prediction*, 2017).
     """
 
     def __init__(self, config: TrainConfig, action_key: NestedKey) -> None:
-        """Build phi, f and what names the action."""
+        """Build phi, f and the network that predicts the action."""
         super().__init__(config, action_key)
         self.embedding.requires_grad_(True)
         self.inverse_model = _layers([2 * self.config.size, config.model.hidden, self.num_actions])
 
     def learn(self, steps: TensorDictBase) -> Tensor:
-        """Return the mean error of f, from which phi does not learn, and the cross-entropy of the actions."""
+        """Return the mean error of f, whose gradient does not reach phi, plus the cross-entropy of the actions."""
         before, after = self._embedded(steps)
         logits = self.inverse_model(torch.cat([before, after], -1))
         inverse = cross_entropy(logits.flatten(0, -2), steps.get(self.action_key).flatten())
@@ -191,11 +191,11 @@ CURIOSITIES: dict[CuriosityName, type[Curiosity] | None] = {
     "random-features": ForwardDynamics,
     "inverse-dynamics": InverseDynamics,
 }
-"""The kinds of curiosity by name."""
+"""The kinds of curiosity, by name."""
 
 
 def make_curiosity(config: TrainConfig, action_key: NestedKey) -> Curiosity | None:
-    """Return the configuration's kind of curiosity with fresh weights; None for `none`."""
+    """Return the configured kind of curiosity, newly initialized; None for `none`."""
     kind = CURIOSITIES[config.curiosity.kind]
     return None if kind is None else kind(config, action_key)
 

@@ -1,4 +1,4 @@
-"""The encoders, from an observation to an embedding: built-in ones by name, others as `package.module:Class`."""
+"""Encoders of observations: built-in encoders by name, others as `package.module:Class`."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from mapf_pz.rl.observed import Observed
 
 
 class Encoder(nn.Module):
-    """One observation, image `(..., K, h, w)` and features `(..., F)`, to an embedding `(..., hidden)`."""
+    """Encodes an image `(..., K, h, w)` and features `(..., F)` as an embedding `(..., hidden)`."""
 
     def __init__(self, observed: Observed, config: ModelConfig) -> None:
-        """Build the image's layers by their name and one linear layer; raises `ValueError` where widths do not fit."""
+        """Build the image layers and one linear layer; raises `ValueError` if `conv_channels` does not fit."""
         super().__init__()
         layers = IMAGE_LAYERS[cast("EncoderName", config.encoder)](observed.image, config)
         self.image = nn.Sequential(*layers, nn.Flatten())
@@ -27,14 +27,14 @@ class Encoder(nn.Module):
         self.joint = nn.Sequential(scaled(nn.Linear(size, config.hidden)), nn.ReLU())
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> Tensor:
-        """Encode all observations at once."""
+        """Encode a batch of observations."""
         lead = image.shape[:-3]
-        code = self.image(image.reshape(-1, *image.shape[-3:])).reshape(*lead, -1)
-        return self.joint(code if features is None else torch.cat([code, features], -1))
+        flat = self.image(image.reshape(-1, *image.shape[-3:])).reshape(*lead, -1)
+        return self.joint(flat if features is None else torch.cat([flat, features], -1))
 
 
 class ResidualBlock(nn.Module):
-    """ReLU, convolution, ReLU, convolution, added to the input: `(B, C, h, w)` to the same shape."""
+    """ReLU, convolution, ReLU, convolution, with a skip connection; the shape `(B, C, h, w)` is preserved."""
 
     def __init__(self, width: int) -> None:
         """Build two 3 x 3 convolutions of `width` channels."""
@@ -43,12 +43,12 @@ class ResidualBlock(nn.Module):
         self.layers = nn.Sequential(nn.ReLU(), first, nn.ReLU(), second)
 
     def forward(self, image: Tensor) -> Tensor:
-        """Add what the layers find."""
+        """Return the input plus the output of the layers."""
         return image + self.layers(image)
 
 
 def conv_layers(image: tuple[int, int, int], config: ModelConfig) -> list[nn.Module]:
-    """Return 3 x 3 convolutions, without padding while the image is larger than that."""
+    """Return 3 x 3 convolutions with ReLU, without padding as long as the image is larger than 3 x 3."""
     channels, height, width = image
     layers: list[nn.Module] = []
     for out_channels in config.conv_channels:
@@ -61,7 +61,7 @@ def conv_layers(image: tuple[int, int, int], config: ModelConfig) -> list[nn.Mod
 def report_layers(image: tuple[int, int, int], config: ModelConfig) -> list[nn.Module]:
     """Return the report's two convolutions: 8 x 8 with stride 4, then 4 x 4 with stride 2.
 
-    They need an image of 20 x 20 or more, the report's; a smaller one goes through those of `conv`.
+    They need an image of at least 20 x 20, as in the report; smaller images use the layers of `conv` instead.
     """
     if len(config.conv_channels) != 2:
         raise ValueError(f"conv_channels={config.conv_channels}: the encoder 'report' has exactly two convolutions")
@@ -75,7 +75,7 @@ def report_layers(image: tuple[int, int, int], config: ModelConfig) -> list[nn.M
 def residual_layers(image: tuple[int, int, int], config: ModelConfig) -> list[nn.Module]:
     """Return the stages of IMPALA's network (Espeholt et al., 2018): convolution, pooling and residual blocks.
 
-    Images up to 11 x 11 are not pooled (Skrynnik et al., *Learn to Follow*, 2024): in a small view each cell matters.
+    Images up to 11 x 11 are not pooled (Skrynnik et al., *Learn to Follow*, 2024): in a small view every cell matters.
     """
     channels, *size = image
     layers: list[nn.Module] = []
@@ -105,7 +105,7 @@ def make_encoder(observed: Observed, config: ModelConfig) -> nn.Module:
 
 
 def scaled(layer: nn.Linear | nn.Conv2d, scale: float = math.sqrt(2)) -> nn.Module:
-    """Initialize orthogonally with gain `scale`, and without bias: what PPO learns best from (Huang et al., 2022)."""
+    """Initialize weights orthogonally with gain `scale`, and biases with 0, as is best for PPO (Huang et al., 2022)."""
     nn.init.orthogonal_(layer.weight, scale)
     if layer.bias is not None:
         nn.init.zeros_(layer.bias)

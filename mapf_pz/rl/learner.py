@@ -1,4 +1,4 @@
-"""What learns from a batch of steps: the networks of an algorithm, its curiosity, and their optimizer."""
+"""The learner: updates an algorithm's networks and its curiosity from batches of steps."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.curiosity import make_curiosity
 
 LOSS_MASK = "shifted_valid"
-"""TorchRL's key: what it marks as False counts neither in a loss nor in the normalization of advantages."""
+"""TorchRL's key of a mask: entries that are False are excluded from losses and from advantage normalization."""
 
 
 class Learner:
-    """Proximal policy optimization on whole batches; torch's random numbers belong to its state."""
+    """Proximal policy optimization on batches; its state includes that of torch's random number generator."""
 
     def __init__(self, algorithm: Algorithm, config: TrainConfig) -> None:
-        """Begin with the networks as they are, on the device where they are."""
+        """Create the optimizer for the algorithm's networks, on their device."""
         self.config = config
         self.loss = algorithm.loss
         self.curiosity = make_curiosity(config, algorithm.action_key)
@@ -39,19 +39,19 @@ class Learner:
         self._buffer = _make_buffer(config, self._device)
 
     def learn(self, batch: TensorDictBase, done: float) -> dict[str, float]:
-        """Improve the networks on a batch of B x T steps; return what the losses report, their means.
+        """Update the networks with a batch of B x T steps, and return the means of the loss terms by name.
 
         Args:
-            batch: as the collector gives it.
-            done: the share of the run that is done, in [0, 1].
+            batch: the batch from the collector.
+            done: the completed fraction of the run, in [0, 1].
         """
         self._anneal(done)
         batch = batch.to(self._device)
         if self._agents_end:
-            _note_ends(batch)
-        told = (
-            {} if self.curiosity is None else {"intrinsic_reward": self.curiosity.add_reward(batch, self._reward_key)}
-        )
+            _set_agent_ends(batch)
+        means: dict[str, Tensor] = {}
+        if self.curiosity is not None:
+            means["intrinsic_reward"] = self.curiosity.add_reward(batch, self._reward_key)
         with torch.no_grad():
             self.loss.value_estimator(
                 batch,
@@ -65,11 +65,11 @@ class Learner:
             batch.reshape(self.config.ppo.num_envs, -1) if self.config.model.recurrent else batch.reshape(-1)
         )
         losses = [self._improve(part) for _ in range(self.config.ppo.num_epochs) for part in self._buffer]
-        told |= {name: torch.stack([part[name] for part in losses]).mean() for name in losses[0]}
-        return {name: float(value) for name, value in told.items()}
+        means |= {name: torch.stack([part[name] for part in losses]).mean() for name in losses[0]}
+        return {name: float(value) for name, value in means.items()}
 
     def tensors(self) -> dict[str, Tensor]:
-        """Return copies of all that changes in training; step sizes are not in it, `learn` sets them."""
+        """Return copies of the state that training changes, except learning rates, which `learn` sets."""
         tensors: dict[str, Tensor] = {}
         for part, module in self.modules.items():
             tensors |= {f"{part}/{name}": tensor for name, tensor in module.state_dict().items()}
@@ -79,9 +79,9 @@ class Learner:
         return {name: tensor.detach().cpu().clone().contiguous() for name, tensor in tensors.items()}
 
     def restore(self, tensors: Mapping[str, Tensor]) -> None:
-        """Take back what `tensors` returned.
+        """Restore the state that `tensors` returned.
 
-        Raises `RuntimeError`, `LookupError` or `ValueError` where it is not of these networks.
+        Raises `RuntimeError`, `LookupError` or `ValueError` if it belongs to other networks.
         """
         modules: dict[str, dict[str, Tensor]] = {part: {} for part in self.modules}
         optimizer: dict[int, dict[str, Tensor]] = {}
@@ -99,34 +99,35 @@ class Learner:
         torch.set_rng_state(tensors["random"].clone())
 
     def _anneal(self, done: float) -> None:
-        """Lower the step sizes and the entropy bonus linearly to a tenth."""
-        share = 1 - 0.9 * done
+        """Decay the learning rates and the entropy bonus linearly to a tenth."""
+        factor = 1 - 0.9 * done
         for group in self.optimizer.param_groups:
-            group["lr"] = group["initial_lr"] * share
+            group["lr"] = group["initial_lr"] * factor
         entropy_coeff: Tensor = self.loss.get_buffer("entropy_coeff")
-        entropy_coeff.fill_(self.config.ppo.entropy_coeff * share)
+        entropy_coeff.fill_(self.config.ppo.entropy_coeff * factor)
 
     def _improve(self, part: TensorDictBase) -> dict[str, Tensor]:
-        """Take one gradient step on a minibatch; return what the losses report."""
+        """Take one gradient step on a minibatch, and return the loss terms by name."""
         terms = self.loss(part)
         total: Tensor = terms["loss_objective"] + terms["loss_critic"] + terms["loss_entropy"]
-        told = {name: terms[name].detach() for name in ("loss_objective", "loss_critic", "entropy", "kl_approx")}
+        reported = {name: terms[name].detach() for name in ("loss_objective", "loss_critic", "entropy", "kl_approx")}
         if self.curiosity is not None:
             surprise = self.curiosity.loss(part)
-            total, told["loss_curiosity"] = total + surprise, surprise.detach()
+            total, reported["loss_curiosity"] = total + surprise, surprise.detach()
         self.optimizer.zero_grad()
         total.backward()
         for module in self.modules.values():
             nn.utils.clip_grad_norm_(module.parameters(), self.config.ppo.max_grad_norm)
         self.optimizer.step()
-        return told
+        return reported
 
 
-def _note_ends(batch: TensorDictBase) -> None:
-    """Set each agent's own `done` and `terminated`: the episode of an agent that disappears ends there.
+def _set_agent_ends(batch: TensorDictBase) -> None:
+    """Set the per-agent `done` and `terminated`: an agent's episode ends when the agent disappears.
 
-    Its later steps observe zeros and have no effect, so `LOSS_MASK` excludes them. (One action and one advantage of the
-    whole team cannot be masked by agent; there, the action's rows of such agents are noise without a bias.)
+    In later steps the agent observes zeros and its actions have no effect, so `LOSS_MASK` excludes them. (A single
+    action of the whole team with one advantage cannot be masked per agent; there, the rows of agents that have
+    disappeared add noise, but no bias.)
     """
     after = batch.get("next")
     gone = ~after.get(("agents", "active"))
@@ -135,9 +136,9 @@ def _note_ends(batch: TensorDictBase) -> None:
 
 
 def _make_buffer(config: TrainConfig, device: torch.device) -> TensorDictReplayBuffer:
-    """Return the buffer that splits a batch into minibatches, of sequences for recurrent networks, else of steps.
+    """Return the buffer that splits a batch into minibatches: of sequences for recurrent networks, otherwise of steps.
 
-    It stores the batch on `device`, where the networks are.
+    It stores the batch on `device`, the device of the networks.
     """
     row_steps = config.ppo.steps_per_batch if config.model.recurrent else 1
     return TensorDictReplayBuffer(

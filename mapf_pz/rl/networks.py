@@ -1,4 +1,4 @@
-"""The networks: plain modules over any leading dimensions."""
+"""Actors and critics: modules that accept any leading dimensions."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class Actor(nn.Module):
         self.head = _head(config.recurrent or config.hidden, config.head, observed.actions, scale=0.01)
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> tuple[Tensor]:
-        """Return what the distribution of actions needs: unnormalized log-probabilities."""
+        """Return the logits of the action distribution."""
         return self.act(self.encoder(image, features))
 
-    def act(self, code: Tensor) -> tuple[Tensor]:
-        """Return the same for a code, or a memory."""
-        return (self.head(code),)
+    def act(self, embedding: Tensor) -> tuple[Tensor]:
+        """Return the logits for an embedding or a hidden state."""
+        return (self.head(embedding),)
 
 
 class LocalCritic(nn.Module):
@@ -47,9 +47,9 @@ class LocalCritic(nn.Module):
 
 
 class TeamCritic(nn.Module):
-    """Value `(..., N, 1)` of each agent from its own code and the mean code of the whole team.
+    """Value `(..., N, 1)` of each agent from its own embedding and the mean embedding of the team.
 
-    The mean over agents (Zaheer et al., *Deep Sets*, 2017) sees all agents at a cost that grows with N, not N x N.
+    The mean over agents (Zaheer et al., *Deep Sets*, 2017) includes all agents at a cost linear in N.
     """
 
     def __init__(self, observed: Observed, config: ModelConfig) -> None:
@@ -59,17 +59,17 @@ class TeamCritic(nn.Module):
         self.head = _head(2 * config.hidden, config.head, 1, scale=1.0)
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> Tensor:
-        """Return the values; the agents are the dimension before the image's three."""
-        code = self.encoder(image, features)
-        team = code.mean(-2, keepdim=True).expand_as(code)
-        return self.head(torch.cat([code, team], -1))
+        """Return the values; the agents' dimension is the one before the image's three."""
+        embedding = self.encoder(image, features)
+        team = embedding.mean(-2, keepdim=True).expand_as(embedding)
+        return self.head(torch.cat([embedding, team], -1))
 
 
 class TeamActor(nn.Module):
-    """The report's policy: mean and spread `(..., N, A)` of the action matrix from all stacked observations."""
+    """The report's policy: mean and standard deviation `(..., N, A)` of the action matrix from stacked observations."""
 
     def __init__(self, observed: Observed, num_agents: int, config: ModelConfig) -> None:
-        """Build the encoder of N * K planes, the head, and one spread per number that no observation changes."""
+        """Build the encoder for N * K channels, the head, and state-independent standard deviations."""
         super().__init__()
         self.encoder = make_encoder(observed.stacked(num_agents), config)
         size = config.recurrent or config.hidden
@@ -77,19 +77,19 @@ class TeamActor(nn.Module):
         self.log_scale = nn.Parameter(torch.full((num_agents, observed.actions), -0.5))
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """Return what the distribution of actions needs: the mean and the standard deviation."""
+        """Return the mean and the standard deviation of the action distribution."""
         return self.act(self.encoder(image, features))
 
-    def act(self, code: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the same for a code, or a memory."""
-        mean = self.head(code).unflatten(-1, self.log_scale.shape)
+    def act(self, embedding: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the same for an embedding or a hidden state."""
+        mean = self.head(embedding).unflatten(-1, self.log_scale.shape)
         return mean, self.log_scale.exp().expand_as(mean)
 
 
 class RecurrentActor(nn.Module):
-    """An actor with a memory: its head sees not the code of the latest observation, but a GRU's state.
+    """A recurrent actor: the input of its head is the hidden state of a GRU instead of an observation's embedding.
 
-    The memory is `(..., M, recurrent)`: that of each of the M = N agents, or the one of a team, M = 1.
+    Hidden states have the shape `(..., M, recurrent)`: one per agent, M = N, or one for the team, M = 1.
     """
 
     def __init__(self, actor: Actor | TeamActor, config: ModelConfig) -> None:
@@ -99,26 +99,30 @@ class RecurrentActor(nn.Module):
         self.memory = Memory(config.hidden, config.recurrent)
 
     def forward(
-        self, memory: Tensor, is_init: Tensor, image: Tensor, features: Tensor | None = None
+        self, hidden_state: Tensor, is_init: Tensor, image: Tensor, features: Tensor | None = None
     ) -> tuple[Tensor, ...]:
-        """Return what the distribution of actions needs, and the memory after the step; see `Memory`."""
-        code = self.actor.encoder(image, features)
-        memory = self.memory(code.reshape(*memory.shape[:-1], -1), memory, is_init)
-        return *self.actor.act(memory.reshape(*code.shape[:-1], -1)), memory
+        """Return the parameters of the action distribution, and the hidden state after the step; see `Memory`."""
+        embedding = self.actor.encoder(image, features)
+        hidden_state = self.memory(embedding.reshape(*hidden_state.shape[:-1], -1), hidden_state, is_init)
+        return *self.actor.act(hidden_state.reshape(*embedding.shape[:-1], -1)), hidden_state
 
 
 class Memory(nn.Module):
-    """A GRU (Cho et al., 2014) of each agent, all with the same weights.
+    """A GRU (Cho et al., 2014) with one hidden state per agent, and weights shared by all agents.
 
-    Codes `(B, M, hidden)` are one step. In TorchRL's recurrent mode, which losses set, codes `(B, T, M, hidden)` are
-    T steps, of which the first alone reads its memory; the others go on from the step before.
+    Embeddings `(B, M, hidden)` are a single step. In TorchRL's recurrent mode, which losses set, embeddings
+    `(B, T, M, hidden)` are T steps; only the first one reads the given hidden state, and the others continue from the
+    previous step.
     """
 
     def __init__(self, hidden: int, recurrent: int) -> None:
         """Build the GRU."""
         super().__init__()
         self.gru = GRUModule(
-            hidden, recurrent, in_keys=["code", "memory", "is_init"], out_keys=["after", ("next", "memory")]
+            hidden,
+            recurrent,
+            in_keys=["embedding", "hidden_state", "is_init"],
+            out_keys=["output", ("next", "hidden_state")],
         )
         for name, weight in self.gru.gru.named_parameters():
             if name.startswith("weight"):
@@ -126,17 +130,19 @@ class Memory(nn.Module):
             else:
                 nn.init.zeros_(weight)
 
-    def forward(self, code: Tensor, memory: Tensor, is_init: Tensor) -> Tensor:
-        """Return the memory after each step, shaped as `memory`; where `is_init` (B, [T,] 1), an episode begins."""
-        # TorchRL's module has no dimension of agents: their sequences become sequences of the batch.
-        code, memory = code.movedim(-2, 0), memory.movedim(-2, 0).unsqueeze(-2)
-        batch = code.shape[:-1]
-        steps = TensorDict(code=code, memory=memory, is_init=is_init.expand(*batch, 1), batch_size=batch)
-        return self.gru(steps)["after"].movedim(0, -2)
+    def forward(self, embedding: Tensor, hidden_state: Tensor, is_init: Tensor) -> Tensor:
+        """Return the hidden state after each step, shaped like `hidden_state`; `is_init` (B, [T,] 1) marks resets."""
+        # TorchRL's module has no dimension for agents: it becomes the first batch dimension.
+        embedding, hidden_state = embedding.movedim(-2, 0), hidden_state.movedim(-2, 0).unsqueeze(-2)
+        batch = embedding.shape[:-1]
+        steps = TensorDict(
+            embedding=embedding, hidden_state=hidden_state, is_init=is_init.expand(*batch, 1), batch_size=batch
+        )
+        return self.gru(steps)["output"].movedim(0, -2)
 
 
 class TeamValue(nn.Module):
-    """Values from all agents' stacked observations: `(..., 1)` of the team, or `(..., N, 1)` of each agent."""
+    """Values from all agents' stacked observations: `(..., 1)` for the team, or `(..., N, 1)`, one per agent."""
 
     def __init__(self, observed: Observed, num_agents: int, credit: Credit, config: ModelConfig) -> None:
         """Build the encoder and the head."""
@@ -151,7 +157,7 @@ class TeamValue(nn.Module):
 
 
 def with_memory(actor: Actor | TeamActor, config: ModelConfig) -> nn.Module:
-    """Return the actor as the configuration has it: remembering or not."""
+    """Return the actor, made recurrent if the configuration asks for it."""
     return RecurrentActor(actor, config) if config.recurrent else actor
 
 

@@ -1,4 +1,4 @@
-"""What the policy of a task observes: the shapes that its networks are built for."""
+"""Shapes of a task's observations and actions, from which networks are built."""
 
 from __future__ import annotations
 
@@ -14,40 +14,40 @@ from mapf_pz.rl.share import Share
 
 @dataclass(frozen=True)
 class Observed:
-    """Shapes of what one agent observes and does."""
+    """Shapes of one agent's observation and the number of its actions."""
 
     image: tuple[int, int, int]
-    """(K, h, w)."""
+    """Shape (K, h, w) of the image."""
     features: int
-    """F, numbers beside the image; 0: the observation is the image alone."""
+    """F, the number of features; with 0 the observation is the image alone."""
     actions: int
-    """A."""
+    """A, the number of actions."""
 
     @classmethod
     def by_policy_of(cls, task: TaskConfig) -> Observed:
-        """Return the shapes for a task."""
+        """Return the shapes for a task, with its stacked frames and shared observations."""
         layout = ObservationLayout(task.env, task.env.view_size)
-        own = cls(layout.image_shape, layout.num_features, layout.num_actions)
-        return own.stacked(task.num_frames * (1 + task.neighbors))
+        single = cls(layout.image_shape, layout.num_features, layout.num_actions)
+        return single.stacked(task.num_frames * (1 + task.neighbors))
 
     def stacked(self, number: int) -> Observed:
-        """Return the shapes of `number` observations as one: planes and features one after the other."""
-        planes, height, width = self.image
-        return Observed((number * planes, height, width), number * self.features, self.actions)
+        """Return the shapes of `number` concatenated observations."""
+        channels, height, width = self.image
+        return Observed((number * channels, height, width), number * self.features, self.actions)
 
 
 def observation_transforms(task: TaskConfig) -> list[Transform]:
-    """Return what makes the batched environment show what `Observed.by_policy_of(task)` describes.
+    """Return the transforms that give the batched environment's observations the shapes `Observed.by_policy_of(task)`.
 
-    First come the neighbors' observations, then the earlier ones of all of these: as `task.env_wrappers()` does it.
+    Neighbors' observations are appended first, and frames are stacked afterwards, as with `task.env_wrappers()`.
     """
     transforms: list[Transform] = []
     if task.neighbors:
         transforms.append(Share(task.neighbors, task.neighbor_radius))
     if task.num_frames > 1:
-        seen: NestedKey = ("agents", "observation")
-        image: NestedKey = (*seen, "image") if task.env.features else seen
+        observation: NestedKey = ("agents", "observation")
+        image: NestedKey = (*observation, "image") if task.env.features else observation
         transforms.append(CatFrames(task.num_frames, dim=-3, in_keys=[image]))
         if task.env.features:
-            transforms.append(CatFrames(task.num_frames, dim=-1, in_keys=[(*seen, "features")]))
+            transforms.append(CatFrames(task.num_frames, dim=-1, in_keys=[(*observation, "features")]))
     return transforms

@@ -1,4 +1,4 @@
-"""A learned policy: an actor's network with what it must observe, in a folder of safetensors and JSON."""
+"""Learned policies: a network and its configuration, stored in a folder as safetensors and JSON."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ _DAMAGE = (SafetensorError, RuntimeError, ValueError, TypeError, LookupError, Ov
 
 
 class LearnedPolicy:
-    """What acts: `act(observations) -> actions`, dictionaries by agent as the environment gives and takes them.
+    """A trained policy: `act(observations) -> actions`, both of them dictionaries by agent, as in the environment.
 
-    Actions are drawn from the network's distribution: agents that always take the likeliest action can block each
-    other for ever. A network with a memory has it until `reset_states`, each agent its own.
+    Actions are sampled from the network's distribution, since agents that always take the most likely action can block
+    each other forever. A recurrent policy keeps a separate hidden state for each agent until `reset_states`.
 
-    `env_kwargs` are keywords under which an environment shows what the policy must see, and `env_wrappers` names and
-    keywords of the wrappers that it needs besides, innermost first; `mapf_pz.evaluation.rollout.make_env` applies both.
+    `env_kwargs` are the keywords that give an environment the policy's observations, and `env_wrappers` the names and
+    keywords of the wrappers that it also needs, innermost first; `mapf_pz.evaluation.rollout.make_env` applies both.
     """
 
     def __init__(self, network: nn.Module, config: TrainConfig, seed: int = 0, deterministic: bool = False) -> None:
@@ -40,9 +40,9 @@ class LearnedPolicy:
 
         Args:
             network: the actor's network.
-            config: of the run that trained it.
-            seed: of the draws.
-            deterministic: take the likeliest action instead.
+            config: the configuration of the run that trained it.
+            seed: random seed.
+            deterministic: take the most likely action instead of sampling.
         """
         self.network = network.eval()
         self.config = config
@@ -54,71 +54,71 @@ class LearnedPolicy:
         self.reset_states()
 
     def act(self, observations: dict[str, Any]) -> dict[str, int]:
-        """Return an action for each agent that observes; raises `ValueError` for observations of another shape."""
+        """Return an action for each agent in `observations`; raises `ValueError` for observations of another shape."""
         return dict(zip(observations, self._choose(self._rate(observations)), strict=True)) if observations else {}
 
     def preferences(self, observations: dict[str, Any]) -> dict[str, Floats]:
-        """Return (A,) for each agent that observes: `act` takes, or draws by, the highest."""
+        """Return preferences (A,) over actions for each agent; `act` converts them to actions."""
         return dict(zip(observations, self._rate(observations).numpy(), strict=True)) if observations else {}
 
     def _rate(self, observations: dict[str, Any]) -> Tensor:
-        """Return the preferences (N, A) of the N agents that observe."""
+        """Return the preferences (N, A) of the N agents in `observations`."""
         self._check(observations)
-        seen = list(observations.values())
+        values = list(observations.values())
         if self._observed.features:
-            inputs = [_stack([part[name] for part in seen]) for name in ("image", "features")]
+            inputs = [_stack([value[name] for value in values]) for name in ("image", "features")]
         else:
-            inputs = [_stack(seen)]
+            inputs = [_stack(values)]
         with torch.no_grad():
             return self._prefer(list(observations), *inputs)
 
     def _check(self, observations: dict[str, Any]) -> None:
-        """Raise `ValueError` unless all observations have the shapes that the network was trained on."""
+        """Raise `ValueError` unless all observations have the shapes that the network was trained with."""
         expected: Any = self._observed.image
         if self._observed.features:
             expected = {"image": self._observed.image, "features": (self._observed.features,)}
         for agent, observation in observations.items():
             if (got := _shapes(observation)) != expected:
                 raise ValueError(
-                    f"observation of {agent!r}: this policy observes {_told(expected)}, got {_told(got)}; "
+                    f"observation of {agent!r}: this policy observes {_described(expected)}, got {_described(got)}; "
                     "mapf_pz.evaluation.make_env(policy, ...) makes an environment for it"
                 )
 
     def _prefer(self, names: list[str], image: Tensor, features: Tensor | None = None) -> Tensor:
-        """Return the preferences (N, A) of the agents of these names, with image (N, K, h, w) and features (N, F)."""
+        """Return the preferences (N, A) of the agents `names`, given image (N, K, h, w) and features (N, F)."""
         raise NotImplementedError
 
     def _choose(self, preferences: Tensor) -> list[int]:
-        """Return the actions by the preferences (N, A)."""
+        """Return the actions for the preferences (N, A)."""
         raise NotImplementedError
 
     def _run(self, names: list[str], image: Tensor, features: Tensor | None) -> tuple[Tensor, ...]:
-        """Return what the network says of the actions; the memories are those of `names`."""
+        """Return the network's outputs; recurrent networks use and update the hidden states of `names`."""
         size = self.config.model.recurrent
         if size == 0:
             return self.network(image, features)
-        memory = torch.stack([self._memories.get(name, torch.zeros(size)) for name in names])
-        # Batches of one: a memory without any is zero already, so that no step has to be said to be the first.
+        hidden_state = torch.stack([self._hidden_states.get(name, torch.zeros(size)) for name in names])
+        # Batches of one. Initial hidden states are zero already, so no step needs to be marked as the first.
         batch = None if features is None else features[None]
-        *parameters, after = self.network(memory[None], torch.zeros(1, 1, dtype=torch.bool), image[None], batch)
-        self._memories.update(zip(names, after[0], strict=True))
+        *parameters, after = self.network(hidden_state[None], torch.zeros(1, 1, dtype=torch.bool), image[None], batch)
+        self._hidden_states.update(zip(names, after[0], strict=True))
         return tuple(parameter[0] for parameter in parameters)
 
     def reset_states(self) -> None:
-        """Forget the episode: called before each, so that its draws do not depend on those of other episodes."""
+        """Reset hidden states and the random generator; called before each episode, so that they are independent."""
         self._generator = torch.Generator().manual_seed(self._seed)
-        self._memories: dict[str, Tensor] = {}
+        self._hidden_states: dict[str, Tensor] = {}
 
 
 class SharedPolicy(LearnedPolicy):
-    """Each agent acts by itself, all with one network: any number of agents."""
+    """Each agent acts by itself, and all share one network: works with any number of agents."""
 
     def _prefer(self, names: list[str], image: Tensor, features: Tensor | None = None) -> Tensor:
         (logits,) = self._run(names, image, features)
         if self.deterministic:
             return logits
-        # The highest of logits with Gumbel noise is a draw from their distribution; all in order, one without putting
-        # back.
+        # The argmax of logits with Gumbel noise is a sample from their distribution; the order of all of them is a
+        # sample without replacement.
         return logits - torch.empty_like(logits).exponential_(generator=self._generator).log()
 
     def _choose(self, preferences: Tensor) -> list[int]:
@@ -126,7 +126,7 @@ class SharedPolicy(LearnedPolicy):
 
 
 class TeamPolicy(LearnedPolicy):
-    """One network acts for all agents: exactly as many as it was trained with."""
+    """One network acts for all agents, whose number is that of its training."""
 
     def __init__(self, network: nn.Module, config: TrainConfig, seed: int = 0, deterministic: bool = False) -> None:
         """Wrap a network; arguments as in `LearnedPolicy`."""
@@ -134,7 +134,7 @@ class TeamPolicy(LearnedPolicy):
         self._decode = ACTION_MODES[config.task.action_mode]
 
     def reset_states(self) -> None:
-        """Forget the episode: see `LearnedPolicy`."""
+        """Reset the policy for a new episode, as in `LearnedPolicy`."""
         super().reset_states()
         self._rng = np.random.default_rng(self._seed)
 
@@ -142,21 +142,21 @@ class TeamPolicy(LearnedPolicy):
         expected = self.config.task.num_agents
         if len(image) != expected:
             raise ValueError(f"this policy acts for exactly {expected} agents, {len(image)} observe")
-        mean, spread = self._run(["team"], image.flatten(0, 1), None if features is None else features.flatten())
+        mean, scale = self._run(["team"], image.flatten(0, 1), None if features is None else features.flatten())
         noise = torch.zeros_like(mean) if self.deterministic else torch.randn(mean.shape, generator=self._generator)
-        return (mean + spread * noise).clamp(-1, 1).reshape(expected, -1)
+        return (mean + scale * noise).clamp(-1, 1).reshape(expected, -1)
 
     def _choose(self, preferences: Tensor) -> list[int]:
         return self._decode(preferences.numpy().astype(np.float64), self._rng).tolist()
 
 
 def save_weights(folder: Path, network: nn.Module) -> None:
-    """Write the network's weights to `folder`, beside the configuration that the run wrote when it began."""
+    """Write the network's weights to `folder`, which holds the configuration of the run."""
     write_whole(folder / WEIGHTS, save({name: weight.contiguous() for name, weight in network.state_dict().items()}))
 
 
 def policy_names() -> list[str]:
-    """Return the names of the policies that come with the package, sorted."""
+    """Return the names of the bundled policies, sorted."""
     return sorted(folder.name for folder in _bundled().iterdir() if folder.is_dir())
 
 
@@ -168,9 +168,9 @@ def load_policy(policy: str | Path, seed: int = 0, deterministic: bool = False) 
     """Load a trained policy.
 
     Args:
-        policy: one of `policy_names()`, the folder of a training run, or the weights' file in it.
-        seed: of the policy's draws.
-        deterministic: always take the likeliest action.
+        policy: one of `policy_names()`, the folder of a training run, or the weights file in it.
+        seed: random seed of the policy.
+        deterministic: always take the most likely action.
 
     Raises:
         FileNotFoundError: There is no such policy.
@@ -194,12 +194,12 @@ def load_policy(policy: str | Path, seed: int = 0, deterministic: bool = False) 
 
 
 def _network(config: TrainConfig, weights: dict[str, Tensor]) -> nn.Module:
-    """Return the network with these weights; it takes no more memory than they do, whatever the configuration says."""
+    """Return the network with these weights; whatever the configuration, it takes no more memory than the weights."""
     model = config.model
-    stages = len(model.conv_channels) * (model.num_blocks if model.encoder == "residual" else 1)
-    stages = 0 if ":" in model.encoder else stages  # those of a user's encoder are not known
-    if stages + len(model.head) > len(weights):
-        raise ValueError(f"expected those of {stages} + {len(model.head)} layers, got {len(weights)} tensors")
+    encoder_layers = len(model.conv_channels) * (model.num_blocks if model.encoder == "residual" else 1)
+    encoder_layers = 0 if ":" in model.encoder else encoder_layers  # unknown for a user's encoder
+    if encoder_layers + len(model.head) > len(weights):
+        raise ValueError(f"expected those of {encoder_layers} + {len(model.head)} layers, got {len(weights)} tensors")
     if any(weight.dtype != torch.float32 for weight in weights.values()):
         raise ValueError("expected numbers of 32 bits")
     with torch.device("meta"):
@@ -209,13 +209,13 @@ def _network(config: TrainConfig, weights: dict[str, Tensor]) -> nn.Module:
 
 
 def _shapes(observation: Any) -> Any:
-    """Return the shape of an observation, or those of its entries by name."""
+    """Return the shape of an observation, or the shapes of its entries by name."""
     if isinstance(observation, dict):
         return {name: np.shape(part) for name, part in observation.items()}
     return np.shape(observation)
 
 
-def _told(shapes: Any) -> str:
+def _described(shapes: Any) -> str:
     if isinstance(shapes, dict):
         return "a Dict of " + ", ".join(f"{name} {shape}" for name, shape in shapes.items())
     return f"an image {shapes}"

@@ -1,4 +1,4 @@
-"""Training runs that have a name. The policies that come with the package are what those of the same name made."""
+"""Presets: named training configurations. Each bundled policy was trained with the preset of the same name."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from mapf_pz.config import REWARDS
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl.config import TRAINING_ENV, ModelConfig, PPOConfig, TaskConfig, TrainConfig
 
-# Denser maps than those of the evaluation teach agents to make way for each other in narrow places.
+# Maps that are denser than in the evaluation teach agents to give way to each other in narrow passages.
 _QUICKSTART = TrainConfig(task=TaskConfig(mixture=MapMixture(density=0.3)), agent_steps=2_000_000)
 
 _CROWD = TrainConfig(
@@ -20,8 +20,8 @@ _CROWD = TrainConfig(
     agent_steps=3_000_000,
 )
 
-# The report's policy: two convolutions and a linear layer to 128 features, then 2 x 64 for policy and value. While it
-# knows no way yet, what the others earn is noise: half of it is enough.
+# The report's policy: two convolutions and a linear layer to 128 features, then 2 x 64 for policy and value. Early in
+# training, the other agents' rewards are mostly noise, so `share` is half of its value in the reward `progress`.
 _CENTRAL = TrainConfig(
     task=TaskConfig(
         env=replace(
@@ -57,4 +57,4 @@ PRESETS: dict[str, TrainConfig] = {
         agent_steps=8_000_000,
     ),
 }
-"""`mapf-pz train NAME` begins from these; every field can be changed on the command line."""
+"""The presets of `mapf-pz train NAME`; every field can be changed on the command line."""

@@ -1,4 +1,4 @@
-"""A run is a folder: its configuration, its progress in several forms, its checkpoints, and its policy."""
+"""The folder of a training run: configuration, progress in several formats, checkpoints and policy."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from mapf_pz.rl.policy import WEIGHTS, save_weights
 
 PROGRESS, CURVE, TENSORBOARD = "progress.csv", "learning_curve.png", "tensorboard"
 RUN_FILES = (*CONFIG_FILES, WEIGHTS, PROGRESS, CURVE, FOLDER, TENSORBOARD)
-"""Everything that a run writes into its folder."""
+"""All files and folders that a run writes into its folder."""
 RECENT_EPISODES = 100
-"""Number of latest training episodes whose mean CSR, or throughput, decides which checkpoint is the best."""
+"""Number of latest training episodes whose mean CSR, or throughput, determines the best checkpoint."""
 CURVES = {
     "CSR": "all agents at their goals (CSR)",
     "ISR": "agents at their goals (ISR)",
     "throughput": "goals per step (throughput)",
 }
-"""Columns of the progress file that the learning curve shows, if they are there, and their labels."""
+"""Columns of the progress file that are plotted as learning curves if present, and their labels."""
 
 
 class RunFolder:
-    """Writes what a training run leaves behind."""
+    """Writes the files of a training run."""
 
     def __init__(self, path: Path) -> None:
         """Refer to the folder; nothing is written before `begin`."""
@@ -64,7 +64,7 @@ class RunFolder:
         return position.updates
 
     def begin(self, config: TrainConfig) -> None:
-        """Prepare the folder: remove whatever is newer than the restored checkpoint, or everything without one."""
+        """Prepare the folder: remove files that are newer than the restored checkpoint, or all if none was restored."""
         self.path.mkdir(parents=True, exist_ok=True)
         if self._rows:
             self.checkpoints.sweep()
@@ -75,11 +75,11 @@ class RunFolder:
             for name in (PROGRESS, CURVE, WEIGHTS):
                 (self.path / name).unlink(missing_ok=True)
         save_config(self.path, config)
-        self._begin_tensorboard()
+        self._start_tensorboard()
 
     @property
     def seconds(self) -> float:
-        """Seconds that the run has taken, until the latest row."""
+        """Duration of the run in seconds, up to the latest row."""
         return self._rows[-1]["seconds"] if self._rows else 0.0
 
     def log(self, row: dict[str, float]) -> None:
@@ -88,7 +88,7 @@ class RunFolder:
         with (self.path / PROGRESS).open("a" if self._rows else "w", newline="") as file:
             file.write("".join(map(_line, lines)))
         self._rows.append(row)
-        self._show(row)
+        self._log_scalars(row)
 
     def save(self, learner: Learner, interval: int = 1) -> None:
         """Write a checkpoint if the latest is at least `interval` agent steps old."""
@@ -106,14 +106,14 @@ class RunFolder:
         if self._rows:
             self._draw_curve()
 
-    def _begin_tensorboard(self) -> None:
-        """Begin the files that TensorBoard reads, anew from the rows until now: it cannot take back what came after."""
+    def _start_tensorboard(self) -> None:
+        """Rewrite TensorBoard's files from the rows so far, since events after the checkpoint cannot be removed."""
         shutil.rmtree(self.path / TENSORBOARD, ignore_errors=True)
         self._tensorboard = TensorboardLogger(TENSORBOARD, str(self.path))
         for row in self._rows:
-            self._show(row)
+            self._log_scalars(row)
 
-    def _show(self, row: dict[str, float]) -> None:
+    def _log_scalars(self, row: dict[str, float]) -> None:
         if self._tensorboard is not None:
             for name, value in row.items():
                 if not math.isnan(value):
@@ -136,13 +136,13 @@ class RunFolder:
         figure = Figure(figsize=(7, 4), layout="constrained")
         rates = figure.add_subplot()
         steps = [row["agent_steps"] / 1e6 for row in self._rows]
-        shown = {key: label for key, label in CURVES.items() if key in self._rows[0]}
-        for key, label in shown.items():
+        curves = {key: label for key, label in CURVES.items() if key in self._rows[0]}
+        for key, label in curves.items():
             rates.plot(steps, [row[key] for row in self._rows], label=label)
         returns = rates.twinx()
         returns.plot(steps, [row["return"] for row in self._rows], color="0.7", zorder=0)
-        returns.set_ylabel("return of an agent's episode", color="0.5")
-        lifelong = "throughput" in shown
+        returns.set_ylabel("mean episode return per agent", color="0.5")
+        lifelong = "throughput" in curves
         rates.set(xlabel="million agent steps", ylabel="training episodes", ylim=(0, None if lifelong else 1.02))
         rates.legend(loc="lower right")
         with replacing(self.path / CURVE) as beside:
@@ -150,7 +150,7 @@ class RunFolder:
 
 
 def _read_rows(file: Path, position: Position) -> list[dict[str, float]]:
-    """Return the rows until `position`; raises `FormatError` where they are not all there."""
+    """Return the rows up to `position`; raises `FormatError` if some are missing."""
     try:
         with file.open(newline="") as lines:
             rows = list(islice(csv.DictReader(lines), position.updates))
@@ -164,7 +164,7 @@ def _read_rows(file: Path, position: Position) -> list[dict[str, float]]:
 
 
 def _texts(row: dict[str, float]) -> list[str]:
-    """Return the numbers with six digits; counts in full."""
+    """Format numbers with six digits, and counts in full."""
     return [f"{value:.0f}" if key == "agent_steps" else f"{value:.6g}" for key, value in row.items()]
 
 

@@ -1,7 +1,7 @@
-"""An environment's configuration in a run's files: JSON, and beside it one file for each field that holds an object.
+"""An environment's configuration in a run's files: JSON, and one separate file per field that holds an object.
 
-Such a file, `FIELD.safetensors`, has the arrays of the object as tensors, and the rest as JSON in its metadata: a list
-of objects that refer to arrays by name and to earlier objects by number. The last one is the value of the field.
+Such a file, `FIELD.safetensors`, stores the object's arrays as tensors, and the rest as JSON in its metadata: a list of
+objects that refer to arrays by name and to earlier objects by index. The last object is the value of the field.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances.sources import FixedMap, FixedScenario, InstanceList, SourceMixture
 
 OBJECT_FIELDS = ("map", "scenario", "edge_weights", "source")
-"""The fields of `EnvConfig` that may hold an object that is saved beside the JSON."""
+"""The fields of `EnvConfig` that may hold an object, which is saved in a separate file."""
 PART_FIELDS = ("channels", "features", "reward")
-"""The fields of `EnvConfig` that may name parts that users plug in."""
+"""The fields of `EnvConfig` that may name user-defined parts."""
 _TYPES = {
     kind.__name__: kind
     for kind in (GuidanceGraph, Grid, Scenario, Instance, FixedMap, FixedScenario, InstanceList, SourceMixture)
@@ -39,14 +39,14 @@ _DAMAGE = (
 
 
 class _StoredPath(BaseModel):
-    """A `Path`, which unlike a `str` is never a name."""
+    """The JSON form of a `Path`, which unlike a `str` is never a name."""
 
     path: str
 
 
 @cache
 def _stored_form() -> type[BaseModel]:
-    """Return the model of the JSON: the fields of `EnvConfig`, where names of files stand for objects."""
+    """Return the model of the JSON: the fields of `EnvConfig`, with file names in place of objects."""
     hints = get_type_hints(EnvConfig) | {
         "map": str | _StoredPath | None,
         "scenario": str | _StoredPath | tuple[str | _StoredPath, ...] | None,
@@ -62,7 +62,7 @@ def _stored_form() -> type[BaseModel]:
 
 
 def complaint(error: ValidationError) -> str:
-    """Return the first thing that is wrong, in one line that begins with its place."""
+    """Return the first validation error in one line that starts with its location."""
     first = error.errors()[0]
     unknown = first["type"] in ("unexpected_keyword_argument", "extra_forbidden")
     message = "unknown field; a run of another version must be trained again" if unknown else first["msg"]
@@ -75,7 +75,7 @@ def object_file(field: str) -> str:
 
 
 def dump_env(config: EnvConfig) -> dict[str, Any]:
-    """Return the fields as the JSON has them."""
+    """Return the configuration's fields in their JSON form."""
     fields = config.keywords()
     for name in PART_FIELDS:
         _check_savable(name, fields[name])
@@ -84,14 +84,14 @@ def dump_env(config: EnvConfig) -> dict[str, Any]:
 
 
 def _check_savable(name: str, value: Any) -> None:
-    """Raise `ValueError` for a channel, feature or reward that is an object instead of its name."""
+    """Raise `ValueError` for a channel, feature or reward that is given as an object instead of a name."""
     for part in value if isinstance(value, tuple) else (value,):
         if not isinstance(part, (str, RewardConfig)):
             raise ValueError(f"{name}: a run cannot save {part!r}, only its name, package.module:name")
 
 
 def _stored(name: str, value: Any) -> Any:
-    """Return the JSON's form of a field's value: the name of a file stands for an object."""
+    """Return a field's value in its JSON form, with a file name in place of an object."""
     if isinstance(value, tuple):
         return tuple(_stored(name, part) for part in value)
     if isinstance(value, Path):
@@ -100,9 +100,9 @@ def _stored(name: str, value: Any) -> Any:
 
 
 def load_env(stored: Any, info: ValidationInfo) -> EnvConfig:
-    """Return the configuration; `info.context` is the folder of the files beside the JSON, None where there are none.
+    """Return the configuration; `info.context` is the folder of the objects' files, or None if there are none.
 
-    Raises `ValueError` for fields that are not allowed, and `FormatError` for damaged files.
+    Raises `ValueError` for invalid fields, and `FormatError` for damaged files.
     """
     try:
         form = _stored_form().model_validate(stored)
@@ -114,7 +114,7 @@ def load_env(stored: Any, info: ValidationInfo) -> EnvConfig:
 
 
 def _loaded(name: str, value: Any, folder: Path | None) -> Any:
-    """Return a field's value from the JSON's form and the folder of the objects' files."""
+    """Return a field's value from its JSON form and the folder of the objects' files."""
     if isinstance(value, tuple):
         return tuple(_loaded(name, part, folder) for part in value)
     if isinstance(value, _StoredPath):
@@ -123,7 +123,7 @@ def _loaded(name: str, value: Any, folder: Path | None) -> Any:
 
 
 def object_files(config: EnvConfig) -> dict[str, bytes]:
-    """Return the content of the files beside the JSON, by name; raises `ValueError` for an object of another type."""
+    """Return the contents of the objects' files, by name; raises `ValueError` for an object of another type."""
     files: dict[str, bytes] = {}
     for name in OBJECT_FIELDS:
         value = getattr(config, name)
@@ -163,7 +163,7 @@ def _written(value: object) -> bytes:
 
 
 def _read_object(file: Path) -> Any:
-    """Return the object that a file holds; raises `FormatError` where it is missing or damaged."""
+    """Return the object that a file holds; raises `FormatError` if the file is missing or damaged."""
     objects: list[Any] = []
 
     def read(stored: Any, tensors: Any) -> Any:

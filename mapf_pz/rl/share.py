@@ -1,4 +1,4 @@
-"""`Share`: agents of the batched environment that also observe what their neighbors observe."""
+"""`Share`: observation sharing between neighbors in the batched environment."""
 
 from __future__ import annotations
 
@@ -19,29 +19,30 @@ class Share(Transform):
 
     | key | shape | |
     | --- | --- | --- |
-    | `("agents", "observation")` | (B, N, (1 + neighbors) * K, h, w) float32 | `image`, where it has entries |
-    | ... its entry `features` | (B, N, (1 + neighbors) * F) float32 | |
-    | `("agents", "position")` | (B, N, 2) int64 | read, and left as it is |
+    | `("agents", "observation")` | (B, N, (1 + neighbors) * K, h, w) float32 | or its entry `image` |
+    | its entry `features` | (B, N, (1 + neighbors) * F) float32 | if there are features |
+    | `("agents", "position")` | (B, N, 2) int64 | read, not changed |
     """
 
     def __init__(self, neighbors: int, radius: int) -> None:
         """Make the transform; raises `ValueError` for negative numbers.
 
         Args:
-            neighbors: how many others' observations each agent gets.
-            radius: how many rows, and how many columns, away a neighbor may be.
+            neighbors: number of neighbors whose observations each agent receives.
+            radius: maximum distance of a neighbor, in rows and in columns.
         """
         check_sharing(neighbors, radius)
         super().__init__(in_keys=[("agents", "observation")], out_keys=[("agents", "observation")])
         self.neighbors, self.radius = neighbors, radius
 
     def _share(self, tensordict: TensorDictBase) -> TensorDictBase:
-        seen, positions = tensordict.get(("agents", "observation")), tensordict.get(("agents", "position")).numpy()
+        observation = tensordict.get(("agents", "observation"))
+        positions = tensordict.get(("agents", "position")).numpy()
         near = torch.from_numpy(nearest(positions, positions[..., 0] >= 0, self.neighbors, self.radius))
-        if isinstance(seen, Tensor):
-            shared = _with_neighbors(seen, near)
+        if isinstance(observation, Tensor):
+            shared = _with_neighbors(observation, near)
         else:
-            shared = seen.apply(lambda part: _with_neighbors(part, near))
+            shared = observation.apply(lambda part: _with_neighbors(part, near))
         return tensordict.set(("agents", "observation"), shared)
 
     def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
@@ -51,7 +52,7 @@ class Share(Transform):
         return self._share(next_tensordict)
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
-        """Make room for the neighbors' planes and features."""
+        """Extend the observation by the neighbors' channels and features."""
         whole = cast("Composite", observation_spec)
         whole["agents", "observation"] = self._spec(whole["agents", "observation"])
         return whole
@@ -64,8 +65,8 @@ class Share(Transform):
         return Bounded(low, high, shape=low.shape, dtype=spec.dtype)
 
 
-def _with_neighbors(seen: Tensor, near: Tensor) -> Tensor:
-    """Return (B, N, (1 + k) * K, ...): `seen` (B, N, K, ...), then that of agents `near` (B, N, k); for -1, zeros."""
-    theirs = seen[torch.arange(len(seen)).view(-1, 1, 1), near]
-    theirs[near < 0] = 0
-    return torch.cat([seen, theirs.flatten(2, 3)], 2)
+def _with_neighbors(observation: Tensor, near: Tensor) -> Tensor:
+    """Append to `observation` (B, N, K, ...) those of the agents `near` (B, N, k), with zeros for the index -1."""
+    shared = observation[torch.arange(len(observation)).view(-1, 1, 1), near]
+    shared[near < 0] = 0
+    return torch.cat([observation, shared.flatten(2, 3)], 2)

@@ -1,4 +1,4 @@
-"""Where the time of a training run goes."""
+"""Timing of the parts of a training run."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from torch import nn
 
 
 class Stopwatch:
-    """Adds up seconds by name."""
+    """Accumulates seconds by name."""
 
     def __init__(self) -> None:
-        """Begin at zero."""
+        """Start at zero."""
         self._seconds: defaultdict[str, float] = defaultdict(float)
 
     @contextmanager
     def time(self, name: str) -> Generator[None]:
-        """Count the seconds of a `with` block under `name`."""
+        """Add the duration of a `with` block to `name`."""
         began = time.perf_counter()
         try:
             yield
@@ -28,7 +28,7 @@ class Stopwatch:
 
     @contextmanager
     def calls(self, module: nn.Module, name: str) -> Generator[None]:
-        """Count the seconds of all calls of a module in a `with` block under `name`."""
+        """Add the duration of all calls of a module within a `with` block to `name`."""
         began: list[float] = []
         hooks = (
             module.register_forward_pre_hook(lambda *_: began.append(time.perf_counter())),
@@ -41,7 +41,7 @@ class Stopwatch:
                 hook.remove()
 
     def lap(self) -> dict[str, float]:
-        """Return the seconds by name since the last lap."""
+        """Return the seconds by name since the previous lap."""
         seconds = dict(self._seconds)
         self._seconds.clear()
         return seconds

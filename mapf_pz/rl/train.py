@@ -1,4 +1,4 @@
-"""The training loop: collect, learn, log; the same for all algorithms."""
+"""The training loop, shared by all algorithms: collect, learn, log."""
 
 from __future__ import annotations
 
@@ -40,21 +40,21 @@ def train(
     make_algorithm: MakeAlgorithm = _named_algorithm,
     overwrite: bool = False,
 ) -> Path:
-    """Train a policy and return the folder that it, its configuration and its progress were written to.
+    """Train a policy, and return the folder that holds the policy, its configuration and its progress.
 
     Args:
-        config: the run.
+        config: the configuration of the run.
         output: the run's folder.
-        on_progress: called after each update with the row that goes to `progress.csv`.
-        make_algorithm: makes the algorithm, where it is not the one that the configuration names; a policy that
-            `load_policy` loads has the network of the named one.
-        overwrite: replace the run that `output` holds.
+        on_progress: called after each update with the row that is written to `progress.csv`.
+        make_algorithm: creates the algorithm, if it is not the one named by the configuration; `load_policy` always
+            uses the network of the named algorithm.
+        overwrite: replace an existing run in `output`.
 
-    Nothing is written before the networks and the environments have been created, so a configuration that is refused
-    leaves the folder as it was.
+    Nothing is written before the networks and the environments have been created, so an invalid configuration leaves
+    the folder unchanged.
 
-    An interrupt (Ctrl-C, SIGTERM) ends the run after the update that is going on, a second one at once: what was learnt
-    until then is saved before it is raised, and `resume` continues from there.
+    An interrupt (Ctrl-C, SIGTERM) ends the run after the current update, and a second one immediately. A checkpoint is
+    saved before the interrupt is raised, and `resume` continues from it.
 
     Raises:
         FileExistsError: The folder holds a run, and `overwrite` is False.
@@ -78,16 +78,16 @@ def resume(
 
     Args:
         folder: the run's folder.
-        agent_steps: minimum length of the whole run, in steps of all agents together; None: as the run was configured.
+        agent_steps: minimum length of the whole run, in steps of all agents together; None keeps the run's own value.
         on_progress: as in `train`.
         make_algorithm: as in `train`.
 
-    Environments are not in a checkpoint: they begin new episodes, with seeds that the run has not used before.
+    Checkpoints do not contain the environments: these start new episodes, with seeds that the run has not used before.
 
     Raises:
         FileNotFoundError: The folder has no configuration, no progress or no checkpoint.
         FormatError: One of them is damaged, or they do not belong together.
-        ValueError: The run is longer than `agent_steps` already.
+        ValueError: The run is already longer than `agent_steps`.
     """
     run = RunFolder(Path(folder))
     checkpoint = run.checkpoints.latest()
@@ -98,7 +98,7 @@ def resume(
     if agent_steps is not None:
         if agent_steps < position.agent_steps:
             raise ValueError(
-                f"agent_steps={agent_steps}: the run in {str(folder)!r} has come to {position.agent_steps} already"
+                f"agent_steps={agent_steps}: the run in {str(folder)!r} has already reached {position.agent_steps}"
             )
         config = replace(config, agent_steps=agent_steps)
     return _run(config, run, checkpoint, on_progress, make_algorithm)
@@ -107,7 +107,7 @@ def resume(
 def _run(
     config: TrainConfig, run: RunFolder, checkpoint: Path | None, on_progress: Progress | None, make: MakeAlgorithm
 ) -> Path:
-    """Train from the beginning, or from the checkpoint on."""
+    """Train from the start or from a checkpoint."""
     config_files(config)  # raises for a configuration that cannot be saved, before workers start
     torch.manual_seed(config.seed)
     torch.set_num_threads(config.num_threads)
@@ -139,7 +139,7 @@ def _run(
 
 
 def _device(config: TrainConfig) -> torch.device:
-    """Return where the networks compute; raises `ValueError` where a GPU is asked for and there is none."""
+    """Return the device of the networks; raises `ValueError` for `cuda` if there is no GPU."""
     present = torch.cuda.is_available()
     if config.device == "cuda" and not present:
         raise ValueError("device='cuda': torch finds no GPU; expected 'auto' or 'cpu'")
@@ -147,7 +147,7 @@ def _device(config: TrainConfig) -> torch.device:
 
 
 def _collecting(config: TrainConfig, algorithm: Algorithm, done: int) -> AbstractContextManager[BaseCollector | None]:
-    """Create the environments for the updates from `done` on; None if there are none left."""
+    """Return the collector for the updates from `done` on; it yields None if no updates are left."""
     left = config.num_updates - done
     if left <= 0:
         return nullcontext()
@@ -163,7 +163,7 @@ def _updates(
     done: int,
     seconds_before: float,
 ) -> Iterator[dict[str, float]]:
-    """Run the loop from update `done` on; yield a row of progress after each update."""
+    """Run the training loop from update `done` on, and yield a row of progress after each update."""
     if collector is None:
         return
     watch, validation = Stopwatch(), Validation(algorithm, config)
@@ -188,9 +188,9 @@ def _updates(
 
 
 def _shares(seconds: dict[str, float]) -> dict[str, float]:
-    """Return the shares of an update's time: environments and collector, the policy in them, and learning.
+    """Return the fractions of an update's time: environments and collector, the policy during collection, and learning.
 
-    What several workers do while this process waits for them counts as collecting.
+    Waiting for workers counts as collecting.
     """
     total, acting = seconds["collecting"] + seconds["learning"], seconds.get("acting", 0.0)
     return {

@@ -1,4 +1,4 @@
-"""How episodes ended: those of a training batch, and those on instances that the run does not train on."""
+"""Statistics of training episodes, and validation on held-out instances."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ MEANS: dict[OnTarget, tuple[str, ...]] = {
     "finish": ("CSR", "ISR", "return"),
     "restart": ("throughput", "return"),
 }
-"""What is reported of episodes: in lifelong ones nothing is ever solved, so that the goals reached count."""
+"""The reported means of episodes. Lifelong episodes are never solved, so their throughput is reported instead."""
 FIRST_SEED = 2_000_000
-"""Of the validation instances; those of runs with seeds far below are others."""
+"""First seed of the validation instances; training runs with much smaller seeds use other instances."""
 
 
 class Validation:
-    """Episodes played now and then: the same instances every time, and the same draws; what changes is the policy."""
+    """Validation episodes: every validation uses the same instances and the same random seed."""
 
     def __init__(self, algorithm: Algorithm, config: TrainConfig) -> None:
-        """Refer to the actor; the environments, one for each episode, are made when they are needed."""
+        """Keep the actor; the environments, one per episode, are created at the first validation."""
         self._config = config
         self._algorithm = algorithm
         self._env: EnvBase | None = None
         self._due = config.validation_interval
 
     def after(self, agent_steps: int, last: bool) -> dict[str, float]:
-        """Return what `measure` does if it is time for it, and the same names without numbers if not.
+        """Return the results of `measure` if a validation is due, otherwise the same names with NaN.
 
-        With an interval of 0 there are no names.
+        With an interval of 0, the result is empty.
         """
         if not self._config.validation_interval:
             return {}
@@ -45,7 +45,7 @@ class Validation:
         return self.measure()
 
     def measure(self) -> dict[str, float]:
-        """Play the episodes and return their means, those of `MEANS`, named `validation_...`."""
+        """Run the episodes and return the means in `MEANS` under the names `validation_...`."""
         if self._env is None:
             self._env = MakeEnv(self._algorithm, self._config, FIRST_SEED, self._config.validation_episodes)()
         self._env.set_seed(FIRST_SEED)
@@ -74,14 +74,14 @@ _AGENTS: list[NestedKey] = [("agents", name) for name in ("at_goal", "arrivals",
 
 
 def episode_means(task: TaskConfig, after: TensorDictBase, ended: Tensor) -> dict[str, float]:
-    """Return the number of episodes that ended and their means, those of `MEANS`; nan where none did.
+    """Return the number of episodes that ended and the means in `MEANS`, which are NaN if no episode ended.
 
     Throughput is the number of goals that all agents together reach per step.
 
     Args:
-        task: what the episodes are of.
-        after: what steps led to, (..., 1).
-        ended: bool (..., 1), the steps to count.
+        task: the training task.
+        after: the `next` entries of steps, (..., 1).
+        ended: bool (..., 1), the steps that end the counted episodes.
     """
     chosen = ended.squeeze(-1)
     at_goal, arrivals, rewards = (after.get(key)[chosen].float() for key in _AGENTS)

@@ -95,7 +95,7 @@ def test_a_finished_run_can_be_made_longer_and_not_shorter(tmp_path):
     resume(tmp_path, make_algorithm=Recording)
     assert not made  # no environments
     assert len(rows(tmp_path)) == 2
-    with pytest.raises(ValueError, match="has come to 384 already"):
+    with pytest.raises(ValueError, match="has already reached 384"):
         resume(tmp_path, agent_steps=192)
     resume(tmp_path, agent_steps=576)
     assert len(rows(tmp_path)) == 3

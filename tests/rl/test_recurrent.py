@@ -59,8 +59,8 @@ def test_the_loss_finds_the_log_probs_that_the_collector_acted_with(name, credit
     for number, batch in enumerate(batches(algorithm, 3)):
         assert batch["is_init"][:, 1:].any()
         assert batch["is_init"][:, 0].all() == (number == 0)
-        assert batch["memory"][batch["is_init"].squeeze(-1)].abs().max() == 0 or not batch["is_init"].any()
-        assert batch["memory"][~batch["is_init"].squeeze(-1)].abs().min() > 0
+        assert batch["hidden_state"][batch["is_init"].squeeze(-1)].abs().max() == 0 or not batch["is_init"].any()
+        assert batch["hidden_state"][~batch["is_init"].squeeze(-1)].abs().min() > 0
         with torch.no_grad(), set_recurrent_mode(True):
             found = algorithm.actor.get_dist(batch.clone()).log_prob(batch[GROUPS[name], "action"])
         torch.testing.assert_close(found, batch[key], rtol=1e-4, atol=1e-5)
@@ -129,7 +129,7 @@ def test_training_resuming_and_acting(tmp_path, name):
     observations, _ = env.reset(seed=1)
     algorithm = ALGORITHMS[name](config)
     algorithm.network.load_state_dict(policy.network.state_dict())
-    memory = torch.zeros(1, algorithm.num_memories(config), 12)
+    hidden_state = torch.zeros(1, algorithm.num_memories(config), 12)
     for step in range(4):
         actions = policy.act(observations)
         seen = {
@@ -138,12 +138,12 @@ def test_training_resuming_and_acting(tmp_path, name):
         }
         team = {"image": seen["image"].flatten(1, 2), "features": seen["features"].flatten(1)}
         begins = torch.full((1, 1), step == 0)
-        inputs = TensorDict({"memory": memory, "is_init": begins, "team": team}, batch_size=[1])
+        inputs = TensorDict({"hidden_state": hidden_state, "is_init": begins, "team": team}, batch_size=[1])
         inputs["agents", "observation"] = TensorDict(seen, batch_size=[1])
         with torch.no_grad():
             result = algorithm.network_module()(inputs)
-        memory = result["next", "memory"]
-        torch.testing.assert_close(torch.stack(list(policy._memories.values())), memory[0])
+        hidden_state = result["next", "hidden_state"]
+        torch.testing.assert_close(torch.stack(list(policy._hidden_states.values())), hidden_state[0])
         if name != "central-ppo":
             assert list(actions.values()) == result["agents", "logits"][0].argmax(-1).tolist()
         observations = env.step(actions)[0]
@@ -155,17 +155,17 @@ def test_each_agent_has_its_own_memory_until_it_is_reset(tmp_path):
     first, _ = mapf_pz.parallel_env(**policy.env_kwargs, num_agents=4).reset(seed=3)
     second, _ = mapf_pz.parallel_env(**policy.env_kwargs, num_agents=4).reset(seed=4)
 
-    def memories(*steps):
+    def hidden_states(*steps):
         policy.reset_states()
         for observations in steps:
             policy.act(observations)
-        return {name: memory.clone() for name, memory in policy._memories.items()}
+        return {name: state.clone() for name, state in policy._hidden_states.items()}
 
-    whole = memories(first, second)
-    fewer = memories(first, {name: second[name] for name in ("agent_3", "agent_1")})
+    whole = hidden_states(first, second)
+    fewer = hidden_states(first, {name: second[name] for name in ("agent_3", "agent_1")})
     for name in ("agent_1", "agent_3"):
         torch.testing.assert_close(fewer[name], whole[name])
-    assert not torch.allclose(memories(second)["agent_1"], whole["agent_1"])
+    assert not torch.allclose(hidden_states(second)["agent_1"], whole["agent_1"])
 
 
 def test_same_seed_same_actions(tmp_path):

@@ -100,7 +100,7 @@ def as_reference_batch(algorithm, batch):
         "active": active[..., :1] if one else active,
         "done": done,
         "terminated": terminated,
-        **{name: batch[name] for name in ("memory", "is_init") if name in batch.keys()},  # noqa: SIM118
+        **{name: batch[name] for name in ("hidden_state", "is_init") if name in batch.keys()},  # noqa: SIM118
     }
 
 
@@ -112,7 +112,7 @@ def make_reference(algorithm):
 
     def distribution(part):
         if config.model.recurrent:
-            return recurrent_distribution(actor, part["observation"], part["memory"], part["is_init"])
+            return recurrent_distribution(actor, part["observation"], part["hidden_state"], part["is_init"])
         return actor(*part["observation"])
 
     def log_prob_and_entropy(action, *parameters):
