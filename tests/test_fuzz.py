@@ -73,24 +73,24 @@ solution=
 """
 TURNING = b"solution=\n0:(0,0,X_PLUS),(3,2,Y_MINUS)\n1:(1,0,X_PLUS),(3,1,Y_MINUS)\n"
 SUITE = {
-    "about": "Mine.",
+    "description": "Mine.",
     "tasks": [
-        {"map": "tiny.map", "num_agents": [1, 2], "max_steps": 20, "seed": 7, "episodes": 5, "about": "a"},
+        {"map": "tiny.map", "num_agents": [1, 2], "max_steps": 20, "seed": 7, "episodes": 5, "name": "a"},
         {
             "map": "tiny.map",
             "scenarios": ["tiny.scen"],
             "num_agents": 2,
-            "about": "b",
+            "name": "b",
             "env": {"frame": "map", "action_model": "cardinal"},
         },
         {"random": [5, 7, 0.1], "num_agents": 2, "best": 1.5, "env": {"view_size": [3, 3], "channels": ["view"]}},
         {
             "pogema": "set.mapf.json",
             "num_agents": 2,
-            "about": "set",
+            "name": "set",
             "env": {"initial_heading": [0, 1]},
         },
-        {"lorr": "a.json", "max_steps": 6, "about": "lorr"},
+        {"lorr": "a.json", "max_steps": 6, "name": "lorr"},
     ],
 }
 EPISODES = f'{",".join(COLUMNS)}\na,"b,c",1,0,1,0.5,{"," * 10}2\nüä,b,2,1,{"," * 10}1e-3,7,0.25\n'.encode()
@@ -273,10 +273,10 @@ def test_folders_below_and_benchmark_folders_are_inside(folders, tmp_path, monke
     (tmp_path / "mine.json").write_bytes(as_json({"tasks": [{"map": "maps/tiny.map", "num_agents": 1}]}))
     refused(lambda: load_suite(tmp_path / "mine.json"), "no file 'maps/tiny.map'")
     monkeypatch.setenv("MAPF_PZ_BENCHMARK", str(folder))
-    assert load_suite(tmp_path / "mine.json")[0].family == "tiny"
+    assert load_suite(tmp_path / "mine.json")[0].name == "tiny"
     (folder / "mine.json").write_bytes((tmp_path / "mine.json").read_bytes())
     monkeypatch.delenv("MAPF_PZ_BENCHMARK")
-    assert load_suite(folder / "mine.json")[0].family == "tiny"
+    assert load_suite(folder / "mine.json")[0].name == "tiny"
 
 
 # What the changes above come upon too seldom.

@@ -1,12 +1,16 @@
 """The layout: packages, import rules, and how little an import does (DESIGN, section 8)."""
 
 import ast
+import dataclasses
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from mapf_pz.config import EnvConfig
 
 ROOT = Path(__file__).parents[1]
 TOP_FOLDERS = {"mapf_pz": ROOT / "mapf_pz", "mapf_pz.wrappers": ROOT / "wrappers", "mapf_pz.maps": ROOT / "maps"}
@@ -209,3 +213,50 @@ components(np.ones((3, 3), np.bool_))
     first, second = listings
     assert len(first) >= 2  # an index, and the code
     assert first == second
+
+
+# Sizes. The longest function and the longest file are limits, not goals.
+
+ENV_FIELDS = {field.name for field in dataclasses.fields(EnvConfig)}
+WITH_DEFAULTS_OF_THEIR_OWN = {
+    "About",  # what a plan file says about its plan
+    "EvaluateOptions",  # lists of scenarios and numbers of agents
+    "SolveOptions",  # an instance, not an environment
+    "TaskEntry",  # an entry of a suite's file
+    "Workload",  # a benchmark
+}
+
+
+def definitions(kind):
+    """Return the definitions of a kind in all modules: module and node."""
+    trees = {name: ast.parse(file.read_text("utf-8")) for name, file in MODULES.items()}
+    return [(name, node) for name, tree in trees.items() for node in ast.walk(tree) if isinstance(node, kind)]
+
+
+def test_functions_and_files_are_short():
+    lengths = {f"{name}.{node.name}": node.end_lineno - node.lineno + 1 for name, node in definitions(ast.FunctionDef)}
+    assert not {name: length for name, length in lengths.items() if length > 60}
+    files = {name: len(file.read_text("utf-8").splitlines()) for name, file in MODULES.items()}
+    assert not {name: length for name, length in files.items() if length > 300}
+
+
+def test_the_core_is_small():
+    parts = [name for name, file in MODULES.items() if part(name) == "core" and file.name != "__init__.py"]
+    assert len(parts) <= 16
+
+
+def test_few_types_are_ignored():
+    ignores = [
+        name for name, file in MODULES.items() for _ in re.findall("(?:type|pyright): ?ignore", file.read_text("utf-8"))
+    ]
+    assert len(ignores) <= 6, ignores
+
+
+def test_no_field_of_the_environment_has_a_second_default():
+    for name, node in definitions(ast.ClassDef):
+        if node.name in WITH_DEFAULTS_OF_THEIR_OWN | {"EnvConfig"}:
+            continue
+        for member in node.body:
+            if isinstance(member, ast.AnnAssign) and member.value is not None and member.target.id in ENV_FIELDS:
+                default = ast.unparse(member.value)
+                assert default == "None" or default.startswith("EnvConfig."), f"{name}.{node.name}.{member.target.id}"

@@ -10,7 +10,14 @@ def described(config):
     """Return the agents, maps, episodes, networks, optimization and length of a run."""
     task, model, ppo = config.task, config.model, config.ppo
     return (
-        (task.num_agents, task.height, task.width, task.density, task.env.max_steps, task.env.view_size),
+        (
+            task.num_agents,
+            task.mixture.height,
+            task.mixture.width,
+            task.mixture.density,
+            task.env.max_steps,
+            task.env.view_size,
+        ),
         (model.encoder, model.conv_channels, model.hidden, model.head),
         (ppo.num_envs, ppo.steps_per_batch, ppo.num_epochs, ppo.minibatch_size, ppo.learning_rate, ppo.entropy_coeff),
         config.agent_steps,
@@ -30,7 +37,7 @@ def test_the_default_run():
     [
         ("quickstart", ((8, 12, 12, 0.3, 96, (7, 7)), CONV, CONV_PPO, 2_000_000)),
         (
-            "central-ppo-8",  # docs/report.md
+            "central-ppo-8",  # docs/benchmark.md
             (
                 (8, 10, 10, 0.1, 64, (5, 5)),
                 ("report", (64, 64), 384, (192,)),

@@ -78,8 +78,7 @@ def find_path(
 ) -> int:
     """Return the first visit of a path of `agent` with the earliest arrival, which is at most `limit`.
 
-    The path is not reserved yet. Returns -1 if there is no path, or if too few visits are left. `rotation` (0 to 3) is
-    the first direction to try, which breaks ties.
+    The path is not reserved yet; -1: no path, or too few visits are left. `rotation` (0 to 3) is tried first, in ties.
     """
     visits, near, states, top = reservations.visits, reservations.near, scratch.states, scratch.top
     leads_to, weight, choices, cost = problem.leads_to, problem.weight, scratch.choices, scratch.cost
@@ -92,8 +91,7 @@ def find_path(
         return NONE
     scratch.count[0] += 1
     number, expanded = scratch.count[0], 0
-    for k in range(4):
-        choices[k] = (k + rotation) % 4
+    choices[:4] = (np.arange(4) + rotation) % 4
     lowest = highest = arrival = max(opens, int(steps[start, heading]))
     # Visit `start` is the sentinel of the start cell: no other agent is there at first.
     _stack(states, top, number, start * headings + heading, NONE, 0, 0, arrival)
