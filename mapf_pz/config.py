@@ -1,4 +1,4 @@
-"""The configuration of an environment: frozen dataclasses, the one home of every default."""
+"""The configuration of an environment: a frozen dataclass that holds every default."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ RenderMode = Literal["human", "rgb_array", "ansi"]
 WeightsName = Literal["uniform", "random", "crisscross"]
 HeadingName = Literal["random", "east"]
 DEFAULT_MAP = "empty-8-8"
-"""The map where neither `map` nor `source` is given."""
+"""The map if no map, scenario or source is given."""
 DEFAULT_NUM_AGENTS = 4
-"""The number of agents where nothing else determines it."""
-_OTHERWISE = ("edge_weights", "initial_heading")  # fields that need not be a name
+"""The number of agents if nothing else determines it."""
+_OBJECT_ALLOWED = ("edge_weights", "initial_heading")  # fields that need not be a name
 
 
 @dataclass(frozen=True, kw_only=True)
 class EnvConfig:
-    """All keywords of `parallel_env`. Raises `ValueError` that names the field and what is allowed.
+    """All keywords of `parallel_env`. Raises `ValueError`, naming the field and its allowed values.
 
     Configurations are equal if all fields are. A map given as an array becomes a `Grid`, headings become a tuple.
     """
@@ -53,50 +53,56 @@ class EnvConfig:
     Robot Runners) or `.mapf.json` and `.lmapf.json` (POGEMA). With several files, each episode samples one of them.
     Default: starts and goals are sampled."""
     num_agents: int | None = None
-    """N, the number of agents: the first of the scenario. Default: all agents of the scenario (of several, as many as
-    the smallest has) or of the source if one is given, otherwise 4."""
+    """Number of agents; a scenario's first N agents are used. Default: all agents of the scenario (of several, as many
+    as the smallest has) or of the source if one is given, otherwise 4."""
     max_steps: int = 256
-    """An episode is truncated after this many steps."""
+    """Maximum number of steps per episode, after which it is truncated."""
     action_model: ActionModel = "rotate"
-    """`rotate`: drive forward, turn, wait. `cardinal`: step up, down, left, right, wait."""
+    """Actions of the agents: `rotate` (move forward, turn left, turn right, wait) or `cardinal` (move up, down, left or
+    right, wait)."""
     collision_system: CollisionSystem = "soft"
-    """How conflicting moves are settled (POGEMA's names)."""
+    """How conflicting moves are resolved; the names are POGEMA's."""
     on_target: OnTarget = "nothing"
-    """What an agent does at its goal (POGEMA's names): stay, disappear, or get a new goal."""
+    """What happens to an agent at its goal: it stays (`nothing`), disappears (`finish`) or gets a new goal (`restart`).
+    The names are POGEMA's."""
     view_size: tuple[int, int] = (5, 5)
-    """(h, w) of each agent's view, at most the map's size."""
+    """Height and width of each agent's view in cells, at most the map's size."""
     view: View | None = None
-    """`front`: the agent at the bottom centre, looking up; `centered`. Default: front; cardinal: centered."""
+    """The agent's position in its view: `front` (at the bottom center, facing up) or `centered`. Default: `front`, or
+    `centered` with cardinal actions."""
     frame: Frame | None = None
-    """`egocentric`: up is the agent's heading; `map`: up is north. Default: egocentric; cardinal: map."""
+    """Orientation of the view: `egocentric` (up is the agent's heading) or `map` (up is north). Default: `egocentric`,
+    or `map` with cardinal actions."""
     see_through_walls: bool = True
-    """False hides what has an obstacle on the straight line to it."""
+    """Whether agents see through obstacles; if not, cells with an obstacle on the straight line to them are hidden."""
     channels: tuple[str | Channel, ...] = ("view", "goal", "orientation", "edge_weights")
-    """Channels of the observation's image, in order: names, `package.module:name`, or `Channel` objects. The default is
-    the report's."""
+    """Channels of the observation's image, in order: names, `package.module:name`, or `Channel` objects. The default
+    channels are the report's."""
     features: tuple[str | Feature, ...] = ()
-    """Numbers that are observed besides the image, in order: names, `package.module:name`, or `Feature` objects. With
-    any, the observation is a Dict(image, features)."""
+    """Features observed in addition to the image, in order: names, `package.module:name`, or `Feature` objects. If
+    there are any, the observation is a Dict(image, features)."""
     num_last_actions: int = 4
-    """How many actions the feature `last_actions` remembers."""
+    """Number of past actions in the feature `last_actions`."""
     edge_weights: WeightsName | GuidanceGraph = "uniform"
-    """The guidance graph, or the name of a generator; `random` draws new weights every episode."""
+    """Guidance graph, or the name of a generator; `random` samples new weights in every episode."""
     reward: str | RewardConfig | RewardFunction = "report"
-    """`report`, `progress`, the terms of a reward, or a function from a `Transition` to rewards (B, N); also as
-    `package.module:name`."""
+    """Reward: `report`, `progress`, a `RewardConfig`, a function from a `Transition` to rewards (B, N), or the
+    `package.module:name` of such an object."""
     initial_heading: HeadingName | ArrayLike = "random"
-    """`random`, `east`, or N headings; an instance that has headings keeps them. Cardinal agents always face north."""
+    """Initial headings: `random`, `east`, or N headings. Headings of an instance take precedence. With cardinal
+    actions, all agents face north."""
     source: InstanceSource | str | None = None
-    """Source of episodes, instead of `map` and `scenario`; an object or `package.module:name`. `num_agents`, if given,
-    must be the source's."""
+    """Source of episodes, in place of `map` and `scenario`: an object or `package.module:name`. `num_agents`, if given,
+    must equal the source's."""
     distance_bytes: int | None = None
-    """The most memory for cost-to-go tables, in bytes. Default: 1 GiB, or as much as the goals of all agents need, up
+    """Maximum memory of the cost-to-go tables, in bytes. Default: 1 GiB, or as much as the goals of all agents need, up
     to half of the machine's memory."""
     render_mode: RenderMode | None = None
-    """What `render()` gives: `rgb_array` a (rows, cols, 3) uint8 picture, `ansi` a text; `human` shows a window."""
+    """What `render()` does: `rgb_array` returns an image, (rows, cols, 3) uint8; `ansi` returns text; `human` shows a
+    window."""
 
     def __post_init__(self) -> None:
-        """Check every field that can be checked without the map, and give sequences one form."""
+        """Check every field that can be checked without the map, and convert sequences to tuples."""
         self._check_choices()
         if not isinstance(self.map, (str, Path, Grid, type(None))):
             object.__setattr__(self, "map", Grid.from_array(self.map))
@@ -133,7 +139,7 @@ class EnvConfig:
         }
         for name, allowed in choices.items():
             value = getattr(self, name)
-            if name not in _OTHERWISE and not isinstance(value, (str, type(None))):
+            if name not in _OBJECT_ALLOWED and not isinstance(value, (str, type(None))):
                 raise ValueError(f"{name}={_shown(value)}: expected one of {', '.join(map(repr, allowed))}")
             if (value is None or isinstance(value, str)) and value not in allowed:
                 raise ValueError(f"{name}={_shown(value)}: expected one of {', '.join(map(repr, allowed))}")
@@ -143,7 +149,7 @@ class EnvConfig:
         _resolved_reward(self.reward)
 
     def _check_source(self, source: object) -> None:
-        """Refuse what is no source, and other keywords that contradict it."""
+        """Raise for an object that is not a source, and for keywords that contradict the source."""
         if not isinstance(source, InstanceSource):
             raise TypeError(f"source={_shown(source)}: expected an InstanceSource, such as RandomObstacles or FixedMap")
         for name in ("map", "scenario"):
@@ -154,7 +160,7 @@ class EnvConfig:
 
     @classmethod
     def from_keywords(cls, **keywords: Any) -> EnvConfig:
-        """Make a configuration; raises `TypeError` that names an unknown keyword and the nearest known one."""
+        """Create a configuration; raises `TypeError` for an unknown keyword, and suggests the closest known one."""
         known = [field.name for field in dataclasses.fields(cls)]
         for name in keywords:
             if name not in known:
@@ -169,14 +175,14 @@ class EnvConfig:
 
     @property
     def scenarios(self) -> tuple[str | Path | Scenario, ...]:
-        """The scenarios, also where `scenario` is a single one; empty if there is none."""
+        """The scenarios as a tuple, also if there is only one; empty if there is none."""
         if self.scenario is None:
             return ()
         return self.scenario if isinstance(self.scenario, tuple) else (self.scenario,)
 
     @property
     def resolved_source(self) -> InstanceSource | None:
-        """The source, also where `source` is `package.module:name`; None if there is none."""
+        """The source, imported if it is given as `package.module:name`; None if there is none."""
         return import_object("source", self.source) if isinstance(self.source, str) else self.source
 
     @property
@@ -203,7 +209,7 @@ class EnvConfig:
 
 
 def _scenario(value: Any) -> str | Path | Scenario | tuple[str | Path, ...] | None:
-    """Return a scenario or scenarios, several as a tuple."""
+    """Return the scenario, with a list of scenarios as a tuple."""
     several = tuple(value) if isinstance(value, (tuple, list)) else (value,)
     paths = all(isinstance(item, (str, Path)) for item in several)
     if not several or not (paths or isinstance(value, (Scenario, type(None)))):
@@ -261,5 +267,5 @@ def _resolved_reward(given: Any) -> Any:
 
 
 def _shown(value: object) -> str:
-    """Return a value as messages show it: in one line, and not at length."""
+    """Return a value for error messages: in one line, shortened."""
     return " ".join(shortened(value).split())

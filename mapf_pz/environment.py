@@ -1,4 +1,4 @@
-"""The PettingZoo environment: agent names, spaces and dictionaries over the simulator. No dynamics live here."""
+"""The PettingZoo environment: agent names, spaces and dictionaries on top of the simulator, which has the dynamics."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ StepResult: TypeAlias = (
 
 
 class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
-    """Multi-agent path finding: N agents on a grid map, each with a goal of its own.
+    """Multi-agent path finding: N agents on a grid map, each with its own goal.
 
     | | |
     | --- | --- |
@@ -50,7 +50,7 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
     }
 
     def __init__(self, config: EnvConfig) -> None:
-        """Make the environment; raises `ValueError` where configuration, map and scenario do not fit."""
+        """Create the environment; raises `ValueError` if configuration, map and scenario do not fit together."""
         self.config = config
         self.simulator = Simulator(config)
         self.render_mode = config.render_mode
@@ -64,12 +64,12 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
             self.possible_agents, self._action_space
         )
         self.state_space = spaces.Box(-1, 1, (len(STATE_PLANES), *self.simulator.shape), np.float32)
-        self._began = False
+        self._was_reset = False
         self._canvas: Any = None
         self._window: Any = None
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
-        """Return the space of the agent's observations: the same object for all agents and calls.
+        """Return the observation space of the agent; the same object for all agents and calls.
 
         Raises `ValueError` for an unknown agent.
         """
@@ -77,7 +77,7 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         return self._observation_space
 
     def action_space(self, agent: str) -> spaces.Discrete:
-        """Return the space of the agent's actions: the same object for all agents and calls.
+        """Return the action space of the agent; the same object for all agents and calls.
 
         Raises `ValueError` for an unknown agent.
         """
@@ -91,17 +91,17 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, AgentObservation], dict[str, AgentInfo]]:
-        """Begin an episode and return observations and infos.
+        """Start an episode, and return observations and infos.
 
         Args:
-            seed: decides the episode; without one, the next episode differs from the last.
-            options: `{"instance": Instance or Scenario}` sets the episode instead of drawing it. Others are ignored
-                with a warning.
+            seed: random seed that determines the episode; without a seed, every episode differs from the last.
+            options: `{"instance": Instance or Scenario}` sets the episode instead of sampling it. Other options are
+                ignored with a warning.
 
-        Raises `TypeError` or `ValueError` for an instance that is none or does not fit.
+        Raises `TypeError` for an instance of another type, and `ValueError` for one that does not fit the environment.
         """
         given = options or {}
-        if unknown := given.keys() - {"instance"}:  # no error: PettingZoo's own test passes one
+        if unknown := given.keys() - {"instance"}:  # not an error, since PettingZoo's API test passes one
             warnings.warn(f"reset: ignored unknown options {sorted(unknown)}, expected 'instance'", stacklevel=2)
         instance = given.get("instance")
         if isinstance(instance, Scenario):
@@ -109,12 +109,12 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
             instance = Instance(grid, instance)
         if instance is not None and not isinstance(instance, Instance):
             raise TypeError(f"options['instance']: expected an Instance or a Scenario, got {type(instance).__name__}")
-        self.agents = []  # should this fail, there is no episode
+        self.agents = []  # if the reset fails, there is no episode
         self.simulator.reset(
             seeds=None if seed is None else {0: seed}, instances=None if instance is None else {0: instance}
         )
         self.agents = self.possible_agents.copy()
-        self._began = True
+        self._was_reset = True
         if self.render_mode == "human":
             self.render()
         return self._observe()
@@ -123,7 +123,8 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         """Take one step with an action for each of `self.agents`.
 
         Returns observations, rewards, terminations, truncations and infos of the agents that acted. Raises
-        `ValueError` for a missing, unknown or impossible action, `RuntimeError` before `reset()` and after the end.
+        `ValueError` for missing actions, unknown agents or invalid actions, and `RuntimeError` before `reset()` and
+        after the end of the episode.
         """
         self._require_episode("step")
         if not self.agents:
@@ -142,7 +143,7 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         return observations, rewards, terminations, truncations, infos
 
     def _numbers(self, actions: Mapping[str, SupportsIndex]) -> Ints:
-        """Return the actions as (1, N) int64, 0 for agents that have left; raises `ValueError`."""
+        """Return the actions as (1, N) int64, with 0 for agents that have disappeared; raises `ValueError`."""
         given = [actions[agent] for agent in self.agents if agent in actions]
         if not len(given) == len(self.agents) == len(actions):
             self._check_agents(actions)
@@ -151,7 +152,7 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         return numbers
 
     def _check_agents(self, actions: Mapping[str, SupportsIndex]) -> None:
-        """Raise `ValueError` for an unknown agent, and for one that has no action; those who have left may have one."""
+        """Raise `ValueError` for unknown agents and missing actions; agents that have disappeared may have actions."""
         for agent in actions:
             if agent not in self._index:
                 raise ValueError(f"action for an unknown agent {agent!r}: expected names out of possible_agents")
@@ -160,7 +161,7 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
                 raise ValueError(f"no action for {agent!r}: expected one for each of the agents left")
 
     def _are_numbers(self, actions: list[Any]) -> bool:
-        """Tell at a glance whether all are whole numbers that are allowed."""
+        """Return whether all actions are ints in the allowed range: a fast check of the common case."""
         return set(map(type, actions)) <= {int, np.int64} and min(actions) >= 0 and max(actions) < self._action_space.n
 
     def _number(self, agent: str, action: SupportsIndex) -> int:
@@ -175,20 +176,20 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
 
     @property
     def _rows(self) -> slice | list[int]:
-        """Which of the N agents act."""
+        """Indices of the agents that act."""
         return slice(None) if len(self.agents) == len(self.possible_agents) else [self._index[a] for a in self.agents]
 
     @property
     def _agents(self) -> NDArray[np.void]:
-        """(N,) AGENT: the agents' records."""
+        """The agents' records, (N,) AGENT."""
         return self.simulator.agents[0]
 
     def _observe(self) -> tuple[dict[str, AgentObservation], dict[str, AgentInfo]]:
-        seen, agents, rows = self.simulator.observe(), self._agents, self._rows
+        batch, agents, rows = self.simulator.observe(), self._agents, self._rows
         moved = agents["cell"] != agents["was_cell"]
         flags = (agents["at_goal"], agents["arrived"], agents["blocked"], moved)
         numbers = (column[rows].tolist() for column in (*(flag.view(np.int8) for flag in flags), agents["arrivals"]))
-        told = zip(self.agents, seen.action_mask[0][rows], *numbers, strict=True)
+        columns = zip(self.agents, batch.action_mask[0][rows], *numbers, strict=True)
         infos: dict[str, AgentInfo] = {
             agent: {
                 "action_mask": mask,
@@ -198,25 +199,25 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
                 "arrivals": arrivals,
                 "moved": moves,
             }
-            for agent, mask, at_goal, arrived, blocked, moves, arrivals in told
+            for agent, mask, at_goal, arrived, blocked, moves, arrivals in columns
         }
-        observations: Any = seen.image[0][rows]
+        observations: Any = batch.image[0][rows]
         if self.simulator.layout.num_features:
-            pairs = zip(observations, seen.features[0][rows], strict=True)
+            pairs = zip(observations, batch.features[0][rows], strict=True)
             observations = ({"image": image, "features": features} for image, features in pairs)
         return dict(zip(self.agents, observations, strict=True)), infos
 
     def state(self) -> NDArray[np.float32]:
-        """Return the whole map as (7, H, W) float32, in [-1, 1]; `STATE_PLANES` names the planes.
+        """Return the global state, (7, H, W) float32 in [-1, 1]; `STATE_PLANES` names its planes.
 
-        The distance to go stands on the agent's cell, in units of `(H + W) * mean weight`, at most 1. Raises
+        The distance to go is at the agent's cell, in units of `(H + W) * mean weight`, at most 1. Raises
         `RuntimeError` before `reset()`.
         """
         self._require_episode("state")
         return global_state(self.simulator, 0)
 
     def metrics(self) -> dict[str, float]:
-        """Return the episode's metrics as if it ended now: see `mapf_pz.metrics.episode_metrics`.
+        """Return the metrics of the episode up to now; see `mapf_pz.metrics.episode_metrics`.
 
         Raises `RuntimeError` before `reset()`.
         """
@@ -224,13 +225,13 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         return self.simulator.metrics(0)
 
     def _require_episode(self, method: str) -> None:
-        if not self._began:
+        if not self._was_reset:
             raise RuntimeError(f"call reset() before {method}()")
 
     def render(self) -> NDArray[np.uint8] | str | None:
-        """Return a picture (rows, cols, 3) uint8 or a text, by `render_mode`; None without one.
+        """Return an image, (rows, cols, 3) uint8, or text, depending on `render_mode`; None without a mode.
 
-        With `human` it is shown in a window, also after each reset and step, at `render_fps` and no faster.
+        With `human`, the image is shown in a window instead, also after each reset and step, at most at `render_fps`.
         """
         if self.render_mode is None:
             return None
@@ -243,56 +244,56 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
 
         if self._canvas is None or self._canvas.free is not free:
             self._canvas = Canvas(free, self.simulator.num_agents)
-        picture = self._canvas.draw(*self.scene())
+        image = self._canvas.draw(*self.scene())
         if self.render_mode == "rgb_array":
-            return picture
+            return image
         if self._window is None:
             from mapf_pz.render.window import Window
 
             self._window = Window(self.simulator.grid(0).name or "mapf-pz", self.metadata["render_fps"])
-        self._window.show(picture, f"step {self.step_count}")
+        self._window.show(image, f"step {self.step_count}")
         return None
 
     def close(self) -> None:
-        """Close the window, if there is one; nothing else is held open."""
+        """Close the window, if there is one."""
         if self._window is not None:
             self._window.close()
             self._window = None
 
     def scene(self) -> tuple[Ints, Ints | None, Ints, Bools]:
-        """Return what pictures show: positions (N, 2), headings (N,) or None, goals (N, 2), who is active (N,)."""
+        """Return what is rendered: positions (N, 2), headings (N,) or None, goals (N, 2), active flags (N,)."""
         headings = self.headings if self.config.action_model == "rotate" else None
         return self.positions, headings, self.goals, self._agents["active"].copy()
 
     @property
     def positions(self) -> Ints:
-        """(N, 2) int: where each agent is, [row, col]; a copy."""
+        """The agents' positions, (N, 2) int, [row, col]; a copy."""
         return self.simulator.positions(0)
 
     @property
     def goals(self) -> Ints:
-        """(N, 2) int: where each agent shall go now, [row, col]; a copy."""
+        """The agents' current goals, (N, 2) int, [row, col]; a copy."""
         return self.simulator.goals(0)
 
     @property
     def headings(self) -> Ints:
-        """(N,) int: where each agent looks, a `Heading`; a copy."""
+        """The agents' headings, (N,) int, numbers of `Heading`; a copy."""
         return self._agents["heading"].astype(np.int64)
 
     @property
     def grid(self) -> Bools:
-        """(H, W) bool: True where a cell is free; read-only."""
+        """The map, (H, W) bool, True where a cell is free; read-only."""
         return self.simulator.grid(0).free
 
     @property
     def step_count(self) -> int:
-        """Steps taken in this episode."""
+        """Number of steps taken in this episode."""
         return int(self.simulator.steps[0])
 
 
 @with_fields_of(EnvConfig)
 def parallel_env(**keywords: Any) -> MapfEnv:
-    """Create the environment; the keywords are the fields of `EnvConfig`, which documents each.
+    """Create the environment; the keywords are the fields of `EnvConfig`, which documents them.
 
     Raises:
         TypeError: A keyword is unknown.
@@ -306,5 +307,5 @@ def parallel_env(**keywords: Any) -> MapfEnv:
 @with_fields_of(EnvConfig)
 def env(**keywords: Any) -> AECEnv[str, AgentObservation, SupportsIndex | None]:
     """Create the environment in its AEC form, in which agents act sequentially; keywords as in `parallel_env`."""
-    # Its annotation asks for an environment that takes None for an action: only the AEC form does.
+    # The annotation expects an environment that accepts None as an action, but only the AEC form does.
     return parallel_to_aec(parallel_env(**keywords))  # pyright: ignore[reportArgumentType]

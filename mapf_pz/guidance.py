@@ -1,4 +1,4 @@
-"""Guidance graphs: what leaving a cell costs, in each direction, and what waiting or turning there costs."""
+"""Guidance graphs: the costs of leaving a cell in each direction, and of waiting or turning there."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from mapf_pz.arrays import Bools, EqualByValue, Floats, frozen
 
 @dataclass(frozen=True, eq=False)
 class GuidanceGraph(EqualByValue):
-    """Edge weights of a map. Weights are planning costs, not durations: every action still takes one step.
+    """Edge weights of a map. Weights are planning costs, not durations: every action takes one step.
 
-    Raises `ValueError` unless the shapes fit and every weight is greater than 0.
+    Raises `ValueError` unless the shapes match and every weight is greater than 0.
     """
 
     move: Floats
-    """(4, H, W) float32: the cost of leaving a cell to the east, south, west, north; `inf` where it is blocked."""
+    """(4, H, W) float32: the cost of leaving a cell to the east, south, west, north; `inf` if blocked."""
     wait: Floats
     """(H, W) float32: the cost of waiting or turning on a cell."""
 
@@ -39,21 +39,21 @@ class GuidanceGraph(EqualByValue):
 
     @classmethod
     def uniform(cls, free: Bools) -> GuidanceGraph:
-        """Every action costs 1 on the map `free` (H, W)."""
+        """Return the graph in which every action costs 1, for the map `free` (H, W)."""
         return cls(np.where(open_edges(free), 1, np.inf), np.ones(free.shape))
 
     @classmethod
     def random(cls, free: Bools, rng: np.random.Generator, low: float = 0.1, high: float = 1.0) -> GuidanceGraph:
-        """Draw every weight uniformly between `low` and `high`, as the report's own test does."""
+        """Sample every weight uniformly between `low` and `high`, as in the report's test."""
         move = rng.uniform(low, high, (4, *free.shape))
         return cls(np.where(open_edges(free), move, np.inf), rng.uniform(low, high, free.shape))
 
     @classmethod
     def crisscross(cls, free: Bools, along: float = 0.5, against: float = 1.0) -> GuidanceGraph:
-        """One-way preferences that alternate: even rows lead east, odd rows west, even columns north, odd ones south.
+        """Return alternating directions: even rows lead east, odd rows west, even columns north, odd columns south.
 
-        A move along its row's or column's direction costs `along`, all else `against` (waiting 1): the baseline of
-        Zhang et al., *Guidance Graph Optimization for Lifelong MAPF*, IJCAI 2024.
+        Moves in the direction of their row or column cost `along`, other moves `against`, and waiting 1. This is the
+        baseline of Zhang et al., *Guidance Graph Optimization for Lifelong MAPF*, IJCAI 2024.
         """
         rows, cols = np.indices(free.shape)
         move = np.full((4, *free.shape), against)
@@ -65,7 +65,7 @@ class GuidanceGraph(EqualByValue):
 
 
 def open_edges(free: Bools) -> Bools:
-    """Tell which moves of the map `free` (H, W) lead from a free cell to a free cell: (4, H, W) by heading."""
+    """Return which moves on the map `free` (H, W) lead from a free cell to a free cell: (4, H, W), by heading."""
     height, width = free.shape
     padded = np.zeros((height + 2, width + 2), np.bool_)
     padded[1:-1, 1:-1] = free

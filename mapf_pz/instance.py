@@ -18,7 +18,7 @@ from mapf_pz.arrays import Bools, EqualByValue, Ints, frozen
 
 @dataclass(frozen=True, eq=False)
 class Grid(EqualByValue):
-    """A map: which cells are free. Raises `ValueError` unless `free` is a two-dimensional array with cells."""
+    """A grid map. Raises `ValueError` unless `free` is a two-dimensional, non-empty array."""
 
     free: Bools
     """(H, W) bool, read-only: True where an agent can stand."""
@@ -26,7 +26,7 @@ class Grid(EqualByValue):
     """The map's name, for messages and file headers."""
 
     def __post_init__(self) -> None:
-        """Copy, freeze and check the array."""
+        """Copy the array, make the copy read-only, and check it."""
         free = frozen(self.free, np.bool_)
         if free.ndim != 2 or free.size == 0:
             raise ValueError(f"map {self.name!r}: expected an array of H x W cells, got the shape {free.shape}")
@@ -34,8 +34,8 @@ class Grid(EqualByValue):
 
     @classmethod
     def from_array(cls, array: ArrayLike) -> Grid:
-        """Return the map of a bool array (H, W), True where a cell is free; raises `TypeError` for another dtype."""
-        # Other arrays are not converted: in many of them 1 is an obstacle.
+        """Return the map of a bool array (H, W), True where a cell is free; raises `TypeError` for other dtypes."""
+        # Other dtypes are not converted, since 1 often means an obstacle there.
         free = np.asarray(array)
         if free.dtype != np.bool_:
             got = f"{type(array).__name__} of {free.dtype}"
@@ -51,17 +51,17 @@ class Grid(EqualByValue):
 
 @dataclass(frozen=True, eq=False)
 class Scenario(EqualByValue):
-    """Where agents start and where they shall go. Raises `ValueError` unless the shapes are as said below."""
+    """Starts and goals of agents. Raises `ValueError` unless the arrays have the shapes below."""
 
     starts: Ints
     """(M, 2) int32, [row, col]."""
     goals: Ints
-    """(M, 2) int32, [row, col]; or (M, L, 2): each agent's goals one after the other (lifelong)."""
+    """(M, 2) int32, [row, col]; or (M, L, 2), the sequence of each agent's goals (lifelong)."""
     goal_counts: Ints | None = None
-    """(M,) int32, 1 to L: how many of its goals each agent has; the others are ignored. None: all L."""
+    """(M,) int32, 1 to L: the number of goals of each agent; the others are ignored. None: all L."""
 
     def __post_init__(self) -> None:
-        """Copy, freeze and check the arrays."""
+        """Copy the arrays, make the copies read-only, and check them."""
         starts, goals = _coordinates("starts", self.starts), _coordinates("goals", self.goals)
         if starts.ndim != 2 or starts.shape[1] != 2:
             raise ValueError(f"scenario starts: expected the shape (M, 2), got {starts.shape}")
@@ -88,7 +88,7 @@ class Scenario(EqualByValue):
 
 
 def _coordinates(name: str, values: ArrayLike) -> Ints:
-    """Return a read-only copy; raise `ValueError` unless the values are an array of numbers."""
+    """Return a read-only int32 copy; raises `ValueError` unless the values form an array of whole numbers."""
     try:
         return frozen(values, np.int32)
     except (ValueError, TypeError):
@@ -98,10 +98,10 @@ def _coordinates(name: str, values: ArrayLike) -> Ints:
 
 @dataclass(frozen=True, eq=False)
 class Instance(EqualByValue):
-    """One episode's beginning: a map and a scenario of exactly N agents, checked against each other.
+    """A MAPF instance: a map and a scenario of exactly N agents, checked against each other.
 
-    Raises `ValueError` naming the first agent that starts or ends outside the map or on an obstacle, or that shares
-    another agent's start.
+    Raises `ValueError`, naming the first agent whose start or goal is outside the map or on an obstacle, or whose start
+    is also another agent's.
     """
 
     grid: Grid
@@ -111,9 +111,9 @@ class Instance(EqualByValue):
     headings: Ints | None = None
     """(N,) int8 initial headings; None leaves them to the environment's `initial_heading`."""
     start_cells: Ints = field(init=False, repr=False, compare=False)
-    """(N,) int64 numbers of the start cells, `row * W + col`."""
+    """(N,) int64, the numbers of the start cells, `row * W + col`."""
     goal_cells: Ints = field(init=False, repr=False, compare=False)
-    """(N, L) int64 numbers of the goal cells."""
+    """(N, L) int64, the numbers of the goal cells."""
 
     def __post_init__(self) -> None:
         """Check starts, goals and headings against the map."""
@@ -124,7 +124,7 @@ class Instance(EqualByValue):
         if len(set(start_cells.tolist())) < len(starts):
             first = np.unique(start_cells, return_index=True)[1]
             agent = int(np.setdiff1d(np.arange(len(starts)), first)[0])
-            raise ValueError(f"agent {agent}: start {_place(starts[agent])} is another agent's start too")
+            raise ValueError(f"agent {agent}: start {_position(starts[agent])} is another agent's start too")
         object.__setattr__(self, "start_cells", start_cells)
         object.__setattr__(self, "goal_cells", goal_cells.reshape(-1, per_agent))
         if self.headings is not None:
@@ -135,16 +135,16 @@ class Instance(EqualByValue):
 
     @property
     def num_agents(self) -> int:
-        """N."""
+        """N, the number of agents."""
         return len(self.scenario)
 
 
-def _place(cell: Ints) -> str:
+def _position(cell: Ints) -> str:
     return f"[row {cell[0]}, col {cell[1]}]"
 
 
 def _cell_numbers(grid: Grid, what: str, cells: Ints, per_agent: int = 1) -> Ints:
-    """Number `cells` (M, 2); raise `ValueError` for the first that is outside the map or on an obstacle."""
+    """Return the numbers of `cells` (M, 2); raises `ValueError` for the first outside the map or on an obstacle."""
     try:
         numbers = np.ravel_multi_index((cells[:, 0], cells[:, 1]), grid.shape)
     except ValueError:
@@ -155,21 +155,20 @@ def _cell_numbers(grid: Grid, what: str, cells: Ints, per_agent: int = 1) -> Int
 
 
 def _misplaced(grid: Grid, what: str, cells: Ints, per_agent: int) -> str:
-    """Say which agent is the first whose cell is not free, and why."""
+    """Return a message about the first agent whose cell is not free."""
     height, width = grid.shape
     inside: Bools = np.all((cells >= 0) & (cells < np.array(grid.shape)), axis=1)
     usable = inside.copy()
     usable[inside] = grid.free[cells[inside, 0], cells[inside, 1]]
     worst = int(np.argmin(usable))
     problem = "is an obstacle" if inside[worst] else "is outside"
-    return (
-        f"agent {worst // per_agent}: {what} {_place(cells[worst])} {problem} of map {grid.name!r} ({height} x {width})"
-    )
+    place = f"{problem} of map {grid.name!r} ({height} x {width})"
+    return f"agent {worst // per_agent}: {what} {_position(cells[worst])} {place}"
 
 
 @runtime_checkable
 class InstanceSource(Protocol):
-    """Where episodes come from. All instances of one source have the same map size and number of agents."""
+    """A source of episodes. All instances of a source have the same map size and number of agents."""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -183,9 +182,9 @@ class InstanceSource(Protocol):
 
     @property
     def grid(self) -> Grid | None:
-        """The one map of all instances, or None where maps differ."""
+        """The map, if all instances have the same one, otherwise None."""
         ...
 
     def sample(self, rng: np.random.Generator) -> Instance:
-        """Draw one instance; everything random in it comes from `rng`."""
+        """Sample an instance; `rng` is the only source of randomness."""
         ...

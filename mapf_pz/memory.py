@@ -1,15 +1,15 @@
-"""How much memory this process may use."""
+"""The memory available to this process."""
 
 from __future__ import annotations
 
 import os
 
 CGROUP_LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
-"""The files in which Linux states a container's memory limit: control groups version 2 and version 1."""
+"""The files with a container's memory limit on Linux: control groups version 2 and version 1."""
 
 
 def usable_memory() -> int | None:
-    """Return the bytes of the machine's memory, or of the container's limit if that is less; None: unknown."""
+    """Return the machine's memory in bytes, or the container's limit if that is less; None if unknown."""
     limits: list[int] = []
     if {"SC_PAGE_SIZE", "SC_PHYS_PAGES"} <= getattr(os, "sysconf_names", {}).keys():  # not on Windows
         limits.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))

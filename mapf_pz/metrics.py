@@ -12,34 +12,35 @@ from mapf_pz.config import OnTarget
 
 @dataclass(frozen=True, eq=False)
 class EpisodeRecord:
-    """What the metrics are computed from: N agents after `num_steps` steps."""
+    """The data that metrics are computed from: N agents after `num_steps` steps."""
 
     on_target: OnTarget
-    """The mode: which metrics there are."""
+    """The mode, which determines the metrics."""
     num_steps: int
-    """Steps taken so far."""
+    """Number of steps taken so far."""
     max_steps: int
-    """The episode's limit."""
+    """Maximum number of steps of the episode."""
     resting_since: Ints
-    """(N,): the step since which the agent is on its goal (or has disappeared there); -1 where it is not."""
+    """(N,): the step since which each agent has been at its goal (or has disappeared there); -1 if it is not there."""
     arrivals: Ints
-    """(N,): goals reached."""
+    """(N,): number of goals that each agent has reached."""
     goal_counts: Ints
-    """(N,): goals of each agent's sequence, after which it starts over."""
+    """(N,): length of each agent's goal sequence, after which the sequence starts over."""
     shortest: Ints
-    """(N,): length of each agent's own shortest path from start to goal, in steps; -1 where there is none."""
+    """(N,): length in steps of each agent's shortest path from start to goal; -1 if there is none."""
 
 
 def episode_metrics(record: EpisodeRecord) -> dict[str, float]:
     """Return the metrics as if the episode ended now.
 
-    `CSR`: 1 if all agents are on their goals (`finish`: have reached them), else 0. `ISR`: the share who are. `SoC`:
-    sum over agents of the step since which they stay on their goals, unsolved ones counting all steps; `makespan`: the
-    latest of these. `ep_length`: steps taken (`finish`: mean step of arrival). `SoC_ratio`: SoC over the sum of the
-    agents' shortest paths. `avg_throughput`: goals reached per step of the limit (`restart` only).
+    `CSR`: 1 if all agents are at their goals (`finish`: have reached them), else 0. `ISR`: the fraction of agents that
+    are. `SoC`: the sum over agents of the step since which they have been at their goals, or of all steps for agents
+    that are not; `makespan`: the maximum of these. `ep_length`: number of steps taken (`finish`: mean step of arrival).
+    `SoC_ratio`: SoC divided by the sum of the agents' shortest paths. `avg_throughput`: goals reached, divided by the
+    maximum number of steps (`restart` only).
 
-    `exhausted_agents` (`restart` only; not POGEMA's): agents that reached the end of the goal sequence that their
-    instance gave them, and started it over. Above 0, the throughput is not that of the instance.
+    `exhausted_agents` (`restart` only; not in POGEMA): number of agents that reached the end of their instance's goal
+    sequence and started it over. If it is not 0, the throughput is not that of the instance.
     """
     if record.on_target == "restart":
         return {
