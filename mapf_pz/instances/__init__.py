@@ -1,4 +1,4 @@
-"""Benchmark files, generators, and the sources that episodes come from."""
+"""Benchmark files, map generators, and sources of episodes."""
 
 from mapf_pz.instances.bundled import generate_bundled
 from mapf_pz.instances.library import load_map, load_scenario, map_names

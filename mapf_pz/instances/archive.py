@@ -1,4 +1,4 @@
-"""The zip files of the MovingAI benchmark: which there are, and how their maps and scenarios are taken out."""
+"""The zip files of the MovingAI benchmark, and the extraction of their maps and scenarios."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from mapf_pz.errors import FormatError
 from mapf_pz.io.atomic import replacing
 
 FOLDERS = {".map": "maps", ".scen": "scens"}
-"""Where files go, by their ending; others are left in the archive."""
+"""Target folders by file extension; other files are not extracted."""
 MAX_MEMBERS = 10_000
-"""Archives of more files are refused."""
+"""Maximum number of files in an archive; larger archives are rejected."""
 MAX_BYTES = 2**30
-"""Archives that would take more than this when they are unpacked are refused."""
+"""Maximum unpacked size of an archive; larger archives are rejected."""
 
 
 @dataclass(frozen=True)
@@ -25,13 +25,13 @@ class Archive:
     """A zip file on a server."""
 
     url: str
-    """Where it is served."""
+    """The address of the file."""
     sha256: str
-    """Its checksum, in hexadecimal digits."""
+    """The SHA-256 checksum, in hexadecimal digits."""
 
     @property
     def name(self) -> str:
-        """The last part of the address."""
+        """The file name: the last part of the address."""
         return self.url.rpartition("/")[2]
 
 
@@ -54,15 +54,15 @@ ARCHIVES = {
 
 
 def unpack(file: Path, folder: Path) -> int:
-    """Take maps and scenarios out of a zip file, and return how many were written.
+    """Extract maps and scenarios from a zip file, and return the number of files written.
 
-    They go to `folder/maps` and `folder/scens`, without the folders that they have in the archive. Files that are there
-    already, of the same size, are left alone.
+    They are written to `folder/maps` and `folder/scens`, without their folders in the archive. Existing files of the
+    same size are not overwritten.
 
     Raises:
         OSError: The archive cannot be read, or a file cannot be written.
-        FormatError: It is no zip file or a spoilt one; it holds a link or a path that leads out of the folder; it would
-            take more than `MAX_BYTES`, or holds more than `MAX_MEMBERS` files.
+        FormatError: The file is not a zip file or is damaged, contains a link or a path that leads out of the folder,
+            has more than `MAX_MEMBERS` files, or unpacks to more than `MAX_BYTES`.
     """
     written = 0
     try:
@@ -74,17 +74,17 @@ def unpack(file: Path, folder: Path) -> int:
                 if target is None or (target.is_file() and target.stat().st_size == member.file_size):
                     continue
                 target.parent.mkdir(parents=True, exist_ok=True)
-                # Piece by piece: a member that holds more than it says does not fill the memory.
-                with archive.open(member) as source, replacing(target) as beside, beside.open("wb") as sink:
+                # In chunks: a member that is larger than it claims must not fill the memory.
+                with archive.open(member) as source, replacing(target) as temporary, temporary.open("wb") as sink:
                     shutil.copyfileobj(source, sink)
                 written += 1
     except (zipfile.BadZipFile, zlib.error, EOFError) as error:
-        raise FormatError(file, f"expected a sound zip file: {error}") from None
+        raise FormatError(file, f"expected a valid zip file: {error}") from None
     return written
 
 
 def _check(members: list[zipfile.ZipInfo], file: Path) -> None:
-    """Refuse an archive that no honest server would send."""
+    """Raise `FormatError` for an archive that could be malicious."""
     if len(members) > MAX_MEMBERS:
         raise FormatError(file, f"expected at most {MAX_MEMBERS:,} files in the archive, got {len(members):,}")
     size = sum(member.file_size for member in members)
@@ -99,7 +99,7 @@ def _check(members: list[zipfile.ZipInfo], file: Path) -> None:
 
 
 def _target(member: zipfile.ZipInfo, folder: Path) -> Path | None:
-    """Return where a member goes; None for one that is no map and no scenario."""
+    """Return the target path of a member; None if it is neither a map nor a scenario."""
     path = PurePosixPath(member.filename)
     if member.is_dir() or path.name.startswith(".") or path.suffix not in FOLDERS:  # macOS adds hidden files
         return None

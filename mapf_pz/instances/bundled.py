@@ -1,4 +1,4 @@
-"""The bundled maps: the one table that says how each of them is made."""
+"""The bundled maps, and the recipes that generate them."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from mapf_pz.instances.movingai import write_map
 
 
 class Recipe(NamedTuple):
-    """How a bundled map is made."""
+    """The recipe of a bundled map."""
 
     generator: Callable[..., Grid]
-    """Makes the map; takes `rng` where a seed is given."""
+    """Generates the map; receives `rng` if there is a seed."""
     seed: int | None = None
-    """The seed, or None where nothing is random."""
+    """The random seed; None if nothing is random."""
     blocked: str = "@"
-    """The character of obstacles in the file."""
+    """The character for obstacles in the file."""
 
     def make(self) -> Grid:
-        """Make the map."""
+        """Generate the map."""
         if self.seed is None:
             return self.generator()
         return self.generator(rng=np.random.default_rng(self.seed))
@@ -47,11 +47,11 @@ BUNDLED: dict[str, Recipe] = {
     "room-16-16-4": Recipe(partial(generate.room, 16, 16, size=4), seed=0),
     "room-20-20-5": Recipe(partial(generate.room, 20, 20, size=5), seed=0),
 }
-"""How each bundled map is made, by name. The random ones have the least seed that makes a map of one component."""
+"""The recipes of the bundled maps, by name. Random maps use the smallest seed whose map is connected."""
 
 
 def generate_bundled(folder: str | Path) -> list[Path]:
-    """Write all bundled maps into `folder`, which is made where it is missing, and return their files."""
+    """Write all bundled maps to `folder`, which is created if necessary, and return the files."""
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
     files: list[Path] = []

@@ -1,4 +1,4 @@
-"""The source that a configuration asks for."""
+"""The source of episodes for a configuration."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from mapf_pz.instances.sources import FixedMap, InstanceList
 
 
 def goals_per_agent(config: EnvConfig) -> int:
-    """Return how many goals an agent may need in one episode."""
+    """Return the maximum number of goals that an agent may need in one episode."""
     return config.max_steps + 1 if config.on_target == "restart" else 1
 
 
 def make_source(config: EnvConfig) -> InstanceSource:
-    """Return `config.source`, or a source of random episodes on `config.map` or of the episodes of `config.scenario`.
+    """Return `config.source`, or else a source of the instances of `config.scenario` or of random ones on `config.map`.
 
     Raises as `load_map` and `load_instances` do.
     """

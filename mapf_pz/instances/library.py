@@ -1,4 +1,4 @@
-"""Maps and scenarios by name, file, drawing or array."""
+"""Loading of maps and scenarios by name, file, text drawing or array."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ from mapf_pz.instances.download import cache_folder
 from mapf_pz.instances.movingai import parse_cells, read_map, read_scenario
 
 BENCHMARK_VARIABLE = "MAPF_PZ_BENCHMARK"
-"""The environment variable that names folders of benchmark data, as `PATH` does: for `maps/`, `scens/` and others."""
+"""Environment variable with a list of folders of benchmark data, separated as in `PATH`, with `maps/` and `scens/`."""
 ADVICE = (
     "for the files of the MovingAI benchmark, run mapf-pz maps download, or set "
     f"{BENCHMARK_VARIABLE} to a folder with its maps/ and scens/"
 )
-"""What to do about a name that is not known."""
+"""Advice in errors about unknown names."""
 
 
 def load_map(map: str | Path | Bools | Grid) -> Grid:
-    """Return the map that `map` stands for.
+    """Return the map specified by `map`.
 
     Args:
-        map: One of these, told apart in this order:
-            a `Grid`, returned as it is; a bool array (H, W), True where a cell is free;
+        map: One of these, checked in this order:
+            a `Grid`, which is returned unchanged; a bool array (H, W), True where a cell is free;
             a `Path`: a file;
-            a str with a line end: a drawing, `.` free and any of `#@OTW` blocked; indentation and empty lines around
-            it do not count;
-            a str that ends in `.map`: a file's path;
-            any other str: a name of `map_names()`, of a map in the folder `$MAPF_PZ_BENCHMARK/maps`, or of one that
-            `mapf-pz maps download` has downloaded.
+            a str with a newline: a text drawing, with `.` for free cells and any of `#@OTW` for obstacles; indentation
+            and surrounding empty lines are ignored;
+            a str that ends in `.map`: the path of a file;
+            any other str: the name of a map in `map_names()`, in the folder `$MAPF_PZ_BENCHMARK/maps`, or among those
+            downloaded by `mapf-pz maps download`.
 
     Raises:
-        FileNotFoundError: There is no such file.
+        FileNotFoundError: The file does not exist.
         FormatError: The file or the drawing is malformed.
-        ValueError: There is no map of that name, the file is a problem's, or the array is not two-dimensional.
-        TypeError: `map` is none of these.
+        ValueError: The name is unknown, the file is a problem file, or the array is not two-dimensional.
+        TypeError: `map` has another type.
     """
     if isinstance(map, Grid):
         return map
@@ -55,18 +55,19 @@ def load_map(map: str | Path | Bools | Grid) -> Grid:
 
 
 def load_scenario(scenario: str | Path | Scenario, grid: Grid | None = None) -> Scenario:
-    """Return the scenario that `scenario` stands for.
+    """Return the scenario specified by `scenario`.
 
     Args:
-        scenario: A `Scenario`, returned as it is; a `Path` or a str that ends in `.scen`: a file; any other str: a
-            name in the folder `$MAPF_PZ_BENCHMARK/scens` or among the downloaded ones, such as `den312d-random-1`.
-        grid: The map; a file that does not fit it is refused.
+        scenario: A `Scenario`, which is returned unchanged; a `Path` or a str that ends in `.scen`: a file; any other
+            str: the name of a scenario in the folder `$MAPF_PZ_BENCHMARK/scens` or among the downloaded ones, such as
+            `den312d-random-1`.
+        grid: The map that a file must fit.
 
     Raises:
-        FileNotFoundError: There is no such file.
+        FileNotFoundError: The file does not exist.
         FormatError: The file is malformed, or does not fit the map.
-        ValueError: There is no scenario of that name, or the file is a problem's.
-        TypeError: `scenario` is none of these.
+        ValueError: The name is unknown, or the file is a problem file.
+        TypeError: `scenario` has another type.
     """
     if isinstance(scenario, Scenario):
         return scenario
@@ -86,7 +87,7 @@ def _bundled() -> Path:
 
 
 def benchmark_file(name: str) -> Path:
-    """Return the file of this relative path in the folders of benchmark data; raises `FileNotFoundError`."""
+    """Return the file with this relative path in the folders of benchmark data; raises `FileNotFoundError`."""
     for file in _benchmark(name):
         if os.path.isfile(file):
             return file
@@ -94,7 +95,7 @@ def benchmark_file(name: str) -> Path:
 
 
 def _benchmark(name: str) -> Iterator[Path]:
-    """Yield this relative path in each of the folders of benchmark data; that of downloads is the last."""
+    """Yield this relative path in each folder of benchmark data; the folder of downloads is the last."""
     for folder in os.environ.get(BENCHMARK_VARIABLE, "").split(os.pathsep):
         if folder:
             yield Path(folder) / name
@@ -102,7 +103,7 @@ def _benchmark(name: str) -> Iterator[Path]:
 
 
 def _resolve(source: object, ending: str, folders: Iterable[Path]) -> Path:
-    """Return the file that a path or a name stands for; the first of `folders` that has a name wins."""
+    """Return the file for a path or a name; names are searched in `folders` in order."""
     if isinstance(source, Path):
         return source
     if not isinstance(source, str):
@@ -121,11 +122,11 @@ def _resolve(source: object, ending: str, folders: Iterable[Path]) -> Path:
 
 
 def _parse_drawing(text: str) -> Grid:
-    """Parse a map drawn as text; messages count its lines from the first, empty ones included."""
+    """Parse a map drawn as text; line numbers in messages include leading empty lines."""
     lines = [line.rstrip() for line in textwrap.dedent(text).split("\n")]
-    drawn = [number for number, line in enumerate(lines) if line]
-    if not drawn:
+    row_lines = [number for number, line in enumerate(lines) if line]
+    if not row_lines:
         raise ValueError("map: the drawing is empty")
-    first, last = drawn[0], drawn[-1]
+    first, last = row_lines[0], row_lines[-1]
     rows = lines[first : last + 1]
     return Grid(parse_cells(rows, len(rows[0]), "map", first + 1, passable=".", blocked="#@OTW"))

@@ -1,4 +1,4 @@
-"""Instances from files: scenarios of a map, and problems that name their own maps."""
+"""Loading of instances: from scenarios of a map, and from problem files that name their own maps."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from mapf_pz.instances.place import check_reachable, place
 from mapf_pz.instances.pogema import load_pogema
 
 PROBLEM_ENDING = ".json"
-"""How files end that name their own maps."""
+"""Extension of problem files, which name their own maps."""
 POGEMA_ENDINGS = (".mapf.json", ".lmapf.json")
-"""How those of POGEMA end; the others are problems of the League of Robot Runners."""
+"""Extensions of POGEMA's files; other problem files are those of the League of Robot Runners."""
 
 
 def load_instance(
@@ -33,20 +33,20 @@ def load_instance(
     headings: HeadingName | ArrayLike = "east",
     seed: int = 0,
 ) -> Instance:
-    """Return the instance of the first agents of a scenario on a map.
+    """Return the instance of a scenario's first agents on a map.
 
     Args:
-        map: As `load_map` takes it.
-        scenario: As `load_scenario` takes it; None draws starts and goals.
-        num_agents: How many agents; None: all of the scenario's.
-        action_model: `rotate`: agents have headings; `cardinal`: they have none.
-        headings: At the start, for agents that turn: `east`, `random`, or (N,) numbers 0 to 3 (`Heading`).
-        seed: Of what is drawn.
+        map: The map, as in `load_map`.
+        scenario: The scenario, as in `load_scenario`; None samples starts and goals.
+        num_agents: Number of agents; None: all agents of the scenario.
+        action_model: `rotate`: agents have headings; `cardinal`: they do not.
+        headings: Initial headings with `rotate`: `east`, `random`, or (N,) numbers 0 to 3 (`Heading`).
+        seed: Random seed.
 
     Raises:
-        FileNotFoundError: There is no such file.
+        FileNotFoundError: A file does not exist.
         FormatError: A file is malformed, or the scenario does not fit the map.
-        ValueError: The scenario has fewer agents, one cannot reach its goal, or a value is not allowed.
+        ValueError: The scenario has too few agents, an agent cannot reach its goal, or a value is not allowed.
     """
     rng = np.random.default_rng(seed)
     grid = load_map(map)
@@ -72,20 +72,20 @@ def load_instances(
 ) -> list[Instance]:
     """Return the instances of one or more scenarios, all with the same map size and number of agents.
 
-    If maps differ in size, all are placed in the upper left corner of a canvas of obstacles that holds the largest.
+    If maps differ in size, they are placed in the upper left corner of a map of obstacles as large as the largest.
 
     Args:
-        scenarios: Scenarios of one map, as `load_scenario` takes them; or paths of problem files, which name their own
+        scenarios: Scenarios of one map, as in `load_scenario`; or paths of problem files, which name their own
             maps: `.mapf.json` and `.lmapf.json` of POGEMA's benchmark, each with several instances, and `.json` of the
             League of Robot Runners.
-        map: The map of the scenarios, as `load_map` takes it; None: `empty-8-8`. Not allowed with problem files.
-        num_agents: The number of agents, the first of each instance; None: all, or as many as the smallest has.
-        goals_per_agent: The number of goals of each robot of a League of Robot Runners problem.
+        map: The map of the scenarios, as in `load_map`; None: `empty-8-8`. Not allowed with problem files.
+        num_agents: Number of agents, the first of each instance; None: as many as the smallest instance has.
+        goals_per_agent: Number of goals of each robot of a League of Robot Runners problem.
 
     Raises:
-        FileNotFoundError: There is no such file.
+        FileNotFoundError: A file does not exist.
         FormatError: A file is malformed, or a scenario does not fit the map.
-        ValueError: An instance has fewer agents, an agent cannot reach a goal, or the arguments contradict each other.
+        ValueError: An instance has too few agents, an agent cannot reach a goal, or arguments contradict each other.
     """
     problems = [str(item) for item in scenarios if not isinstance(item, Scenario) and _is_problem(item)]
     if not problems:
@@ -118,7 +118,7 @@ def _of_scenario(scenario: str | Path | Scenario, grid: Grid, num_agents: int | 
 
 
 def _of_problem(path: str, num_agents: int | None, goals_per_agent: int) -> list[Instance]:
-    """Return the instances of a problem file, each checked."""
+    """Return the instances of a problem file, after checking them."""
     if path.endswith(POGEMA_ENDINGS):
         instances = load_pogema(path, num_agents)
         for number, instance in enumerate(instances):
@@ -141,7 +141,7 @@ def _check_file(instance: Instance, where: object) -> None:
 
 
 def _first(instance: Instance, count: int, grid: Grid) -> Instance:
-    """Return the instance of the first `count` agents, on a map that holds the instance's own."""
+    """Return the instance of the first `count` agents on the map `grid`, which contains the instance's map."""
     if count == instance.num_agents and grid is instance.grid:
         return instance
     headings = None if instance.headings is None else instance.headings[:count]
@@ -153,7 +153,7 @@ def _name(scenario: str | Path | Scenario) -> str:
 
 
 def _count(num_agents: int | None, available: int, origin: str) -> int:
-    """Return how many agents to take; raises `ValueError` if there are not enough."""
+    """Return the number of agents to use; raises `ValueError` if there are too few."""
     if num_agents is not None and num_agents > available:
         raise ValueError(f"num_agents={num_agents}: {origin} has {available} agents")
     return available if num_agents is None else num_agents

@@ -1,6 +1,6 @@
-"""Problems of the League of Robot Runners, 2023 to 2026: a map, where robots start, and the tasks that they get.
+"""Problems of the League of Robot Runners, 2023 to 2026: a map, the robots' starts, and their tasks.
 
-A problem is a JSON file that names three others. Cells are numbers, `row * width + col`; robots start facing east.
+A problem is a JSON file that names three other files. Cells are numbers, `row * width + col`; robots start facing east.
 Source: github.com/MAPF-Competition/Start-Kit and Benchmark-Archive.
 """
 
@@ -29,72 +29,73 @@ from mapf_pz.io.text import read_text
 
 ROUND_ROBIN, ENTRANT = "roundrobin", "entrant"
 STRATEGIES = (ROUND_ROBIN, "roundrobin_fixed", "greedy", ENTRANT)
-"""Who gets which task. `entrant`: since 2024 a competitor's own scheduler decides; such files name no strategy."""
+"""Strategies of task assignment. `entrant`: since 2024, an entrant's scheduler decides, and files name no strategy."""
 MODELED = ("mapFile", "agentFile", "taskFile", "teamSize", "taskAssignmentStrategy", "version")
-"""The members of a problem that this package implements."""
+"""The members of a problem file that this package supports."""
 NEUTRAL = {"numTasksReveal": 1, "agentCounter": 1, "agentSize": 1}
-"""The values of other members under which they change nothing."""
+"""Values of other members that have no effect."""
 MAX_PROBLEM_CHARACTERS = 100_000
-"""Longer JSON files are refused as problems: they only name others."""
+"""Maximum length of a problem's JSON file; longer ones are rejected."""
 MAX_ERRANDS_PER_TASK = 100
-"""Tasks of more errands are refused."""
+"""Maximum number of errands per task; files with longer tasks are rejected."""
 MAX_GOALS = 16_000_000
-"""An instance of more goals in all is refused."""
+"""Maximum total number of goals of an instance; larger ones are rejected."""
 
 _NUMBER = r"\d{1,9}"
 
 
 @dataclass(frozen=True, eq=False)
 class LorrProblem:
-    """A problem: M robots and K tasks, each of one or more errands that a robot runs in order."""
+    """A problem: M robots and K tasks, each of one or more errands that a robot visits in order."""
 
     grid: Grid
     """The map."""
     starts: Ints
     """(M, 2) int32, [row, col]."""
     errands: Ints
-    """(E, 2) int32, [row, col]: the errands of all tasks, one task after the other."""
+    """(E, 2) int32, [row, col]: the errands of all tasks, concatenated."""
     offsets: Ints
     """(K + 1,) int64: task `k` is `errands[offsets[k]:offsets[k + 1]]`."""
     strategy: str
     """One of `STRATEGIES`."""
     version: str | None
-    """As the file says, such as `2024 LoRR`; None in 2023."""
+    """The version in the file, such as `2024 LoRR`; None in 2023."""
     name: str = "problem"
-    """The file's name without its ending."""
+    """The file name without its extension."""
     not_modeled: tuple[str, ...] = ()
-    """Members of the file that an instance leaves out, such as `delayConfig` (random delays) and `agentCounter` (ticks
-    per action) of 2026, or `numTasksReveal` (tasks that a scheduler knows in advance) since 2024."""
+    """Members of the file that instances do not represent, such as `delayConfig` (random delays) and `agentCounter`
+    (ticks per action) of 2026, or `numTasksReveal` (number of tasks revealed in advance) since 2024."""
 
     @property
     def team_size(self) -> int:
-        """M."""
+        """M, the number of robots."""
         return len(self.starts)
 
     @property
     def num_tasks(self) -> int:
-        """K."""
+        """K, the number of tasks."""
         return len(self.offsets) - 1
 
     def task(self, number: int) -> Ints:
-        """Return the errands of a task, (L, 2), [row, col]; after the last task the first follows again."""
+        """Return the errands of a task, (L, 2), [row, col]; numbers beyond the last task start over."""
         k = number % self.num_tasks
         return self.errands[self.offsets[k] : self.offsets[k + 1]]
 
     def instance(self, goals_per_agent: int | None = None) -> Instance:
-        """Return the lifelong instance: all robots face east, and each has its goals in order.
+        """Return the lifelong instance: all robots face east, and each has a fixed sequence of goals.
 
-        Robot `i` gets the tasks `i`, `i + M`, `i + 2M` and so on, going round the file. That is the competition's own
-        `roundrobin` of 2023. Since 2024 an entrant's scheduler chooses instead, so there it is only a stand-in, in
-        which a robot runs all errands of a task in order. Warns of what is `not_modeled`: results are then not
-        comparable with the competition's.
+        Robot `i` gets the tasks `i`, `i + M`, `i + 2M` and so on, modulo the number of tasks. This is the competition's
+        `roundrobin` of 2023. Since 2024 an entrant's scheduler assigns tasks, so for these problems it is only a
+        substitute, in which a robot visits all errands of a task in order. Warns about `not_modeled` members, since
+        results are then not comparable with the competition's.
 
         Args:
-            goals_per_agent: L; None: until the tasks of all robots repeat, or the fewest goals that any has until then.
+            goals_per_agent: L, the number of goals; None: the smallest number of goals that any robot has before its
+                tasks repeat.
 
         Raises:
-            ValueError: The strategy is another, whose choice depends on who is free first or which runs out of tasks;
-                or there are more than `MAX_GOALS` goals in all, or one that its robot cannot reach.
+            ValueError: The strategy gives no fixed sequence, because it depends on which robot is free first or runs
+                out of tasks; or there are more than `MAX_GOALS` goals in total, or one that its robot cannot reach.
         """
         if self.strategy not in (ROUND_ROBIN, ENTRANT):
             expected = f"expected {ROUND_ROBIN!r}, or none since 2024"
@@ -130,13 +131,13 @@ class LorrProblem:
 
 
 def load_problem(path: str | Path) -> LorrProblem:
-    """Read a problem's JSON file and the three files that it names, which must lie in the JSON's folder or below.
+    """Read a problem's JSON file and the three files that it names, which must be in the JSON file's folder or below.
 
-    `teamSize` may be smaller than the agents' file: then its first agents are taken.
+    If `teamSize` is smaller than the number of agents in the agents' file, the first ones are used.
 
     Raises:
-        FileNotFoundError: There is no such file.
-        FormatError: A file is malformed, or a cell lies outside the map, on an obstacle, or is two robots' start.
+        FileNotFoundError: A file does not exist.
+        FormatError: A file is malformed, a cell is outside the map or an obstacle, or two robots have the same start.
     """
     text = read_text(path)
     if len(text) > MAX_PROBLEM_CHARACTERS:
@@ -166,12 +167,12 @@ def load_problem(path: str | Path) -> LorrProblem:
 
 
 def _named_file(data: JsonObject, name: str, origin: str | Path) -> Path:
-    """Return the file that the JSON names, which must not lead out of the JSON's folder."""
+    """Return the file that the JSON file names, which must be inside the JSON file's folder."""
     return named_file(text_member(data, name, origin), name, Path(origin).parent, origin)
 
 
 def _read_cells(path: Path, grid: Grid, errands: int) -> tuple[Ints, Ints, int]:
-    """Read a file of cells, up to `errands` a line: all cells (E, 2), how many in each line (K,), the first line."""
+    """Read a file of up to `errands` cells per line; return cells (E, 2), counts per line (K,) and first line."""
     lines = _content(path)
     number, line = next(lines, (1, ""))
     if not re.fullmatch(_NUMBER, line, re.ASCII) or int(line) < 1:
@@ -198,17 +199,17 @@ def _read_cells(path: Path, grid: Grid, errands: int) -> tuple[Ints, Ints, int]:
 
 
 def _content(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield the lines and their numbers, without the comments at the file's beginning."""
+    """Yield the numbered lines, without the comments at the start of the file."""
     lines = enumerate((line.rstrip("\r\n") for line in io.StringIO(read_text(path))), 1)
-    begun = False
+    in_comments = True
     for number, line in lines:
-        begun = begun or not line.startswith("#")
-        if begun:
+        in_comments = in_comments and line.startswith("#")
+        if not in_comments:
             yield number, line
 
 
 def _check_free(places: Ints, counts: Ints, grid: Grid, path: Path, first_line: int) -> None:
-    """Raise `FormatError` for the first of `places` (E, 2), `counts` (K,) a line, that is no free cell."""
+    """Raise `FormatError` for the first of `places` (E, 2), with `counts` (K,) per line, that is not a free cell."""
     height, width = grid.shape
     inside = places[:, 0] < height
     usable = inside.copy()
@@ -222,7 +223,7 @@ def _check_free(places: Ints, counts: Ints, grid: Grid, path: Path, first_line: 
 
 
 def _check_different(starts: Ints, first_line: int, path: Path) -> None:
-    """Raise `FormatError` for the first line with a cell that an earlier line has."""
+    """Raise `FormatError` for the first line whose cell is in an earlier line, too."""
     _, first = np.unique(starts, axis=0, return_index=True)
     if len(first) < len(starts):
         agent = int(np.setdiff1d(np.arange(len(starts)), first)[0])

@@ -1,4 +1,4 @@
-"""Mixtures of map families: which maps the episodes of a training run take place on."""
+"""Mixtures of maps and map families for the episodes of training runs."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from mapf_pz.instances.library import load_map
 from mapf_pz.instances.sources import FixedMap, RandomMaps, SourceMixture
 
 SHELF_DEPTH = 2
-"""Cells that a shelf of a generated warehouse takes from top to bottom, as in the benchmark's warehouses."""
+"""Height in cells of the shelves of generated warehouses, as in the benchmark's warehouses."""
 
 
 @dataclass(frozen=True)
 class MapMixture:
     """Map families and the ranges of their parameters.
 
-    A number is a fixed value; two numbers are a range, both ends included, that is sampled for every map. Raises
-    `ValueError` for a value that is not allowed, or a size that is too small for one of the families.
+    A number is a fixed value; two numbers are an inclusive range that is sampled for every map. Raises `ValueError` for
+    invalid values, or a size that is too small for one of the families.
     """
 
     maps: tuple[str, ...] = ("random",)
@@ -60,13 +60,13 @@ class MapMixture:
     def source(self, num_agents: int, goals_per_agent: int = 1) -> SourceMixture:
         """Return the source of episodes with `num_agents` agents on these maps.
 
-        All maps of a source have the same shape: that of the largest. A smaller map is placed in the upper left corner
-        of a canvas of obstacles. A generated map that has no room for the agents is generated again.
+        All maps of a source have the shape of the largest map. Smaller maps are placed in the upper left corner and
+        padded with obstacles. Generated maps without enough space for the agents are generated again.
 
         Raises:
-            FileNotFoundError: There is no such map file.
+            FileNotFoundError: A map file does not exist.
             FormatError: A map file is malformed.
-            ValueError: There is no map of a name, or one of the maps is too small for the agents.
+            ValueError: A map name is unknown, or one of the maps is too small for the agents.
         """
         grids = {name: load_map(name) for name in self.maps if name not in _FAMILIES}
         shapes = [grid.shape for grid in grids.values()]
@@ -85,7 +85,7 @@ class MapMixture:
         return SourceMixture([source_of(name) for name in self.maps])
 
     def _check_size(self, family: str) -> None:
-        """Raise `ValueError` unless the smallest size in range holds the family's largest pattern."""
+        """Raise `ValueError` if the smallest size is too small for the family's largest pattern."""
         least = {"height": 1 if family == "random" else 2, "width": 1 if family == "random" else 2}
         if family == "warehouse":
             walls_and_aisles = 2 + 2 * _bounds(self.corridor)[1]
@@ -114,12 +114,12 @@ def _bounds(value: float | tuple[float, float]) -> tuple[Any, Any]:
 
 
 def _sample(value: int | tuple[int, int], rng: np.random.Generator) -> int:
-    """Return a fixed value, for which nothing is sampled, or a sample from a range."""
+    """Return a fixed value, without sampling, or a sample from a range."""
     return int(rng.integers(*value, endpoint=True)) if isinstance(value, tuple) else value
 
 
 def _generate(family: str, mixture: MapMixture, shape: tuple[int, int], rng: np.random.Generator) -> Grid:
-    """Generate a map of a family on a canvas of `shape` (H, W)."""
+    """Generate a map of a family, padded with obstacles to `shape` (H, W)."""
     height, width = _sample(mixture.height, rng), _sample(mixture.width, rng)
     return generate.on_canvas(_FAMILIES[family](mixture, height, width, rng), shape)
 
@@ -138,7 +138,7 @@ def _room(mixture: MapMixture, height: int, width: int, rng: np.random.Generator
 
 
 def _warehouse(mixture: MapMixture, height: int, width: int, rng: np.random.Generator) -> Grid:
-    """Generate a warehouse of as many shelves as fit."""
+    """Generate a warehouse with the maximum number of shelves for its size."""
     length, aisle = _sample(mixture.shelf_length, rng), _sample(mixture.corridor, rng)
     columns = (width - 2 - aisle) // (length + aisle)
     rows = (height - 2 - aisle) // (SHELF_DEPTH + aisle)

@@ -1,6 +1,7 @@
-"""The files of the MovingAI benchmark: `.map` (which cells are free) and `.scen` (where agents start and go).
+"""The file formats of the MovingAI benchmark: `.map` (free cells and obstacles) and `.scen` (starts and goals).
 
-Both are read as untrusted, and written as the benchmark writes them. Only here, x is the column and y the row.
+Files are treated as untrusted input, and written as in the benchmark. Only in these files, x is the column and y the
+row.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ PASSABLE = ".GSE"
 BLOCKED = "@OTW"
 """Characters of obstacles: out of bounds (two), trees, water."""
 MAX_CELLS = 16_000_000
-"""Larger maps are refused."""
+"""Maximum number of cells of a map; larger maps are rejected."""
 
 _NUMBER = r"\d{1,9}"
 _HEADER = {
@@ -52,19 +53,19 @@ _AGENT = re.compile(r"\t".join(_COLUMNS.values()), re.ASCII)
 
 
 def read_map(path: str | Path) -> Grid:
-    """Read a `.map` file; the map is named like the file.
+    """Read a `.map` file; the map's name is that of the file.
 
     Raises:
-        FileNotFoundError: There is no such file.
+        FileNotFoundError: The file does not exist.
         FormatError: The file is not a map.
     """
     return parse_map(read_text(path), path)
 
 
 def parse_map(text: str, origin: str | Path) -> Grid:
-    """Parse the text of a `.map` file that came from `origin`; a second map after the first is ignored.
+    """Parse the text of the `.map` file `origin`; a second map after the first is ignored.
 
-    Characters in `PASSABLE` are free cells, others in `BLOCKED` obstacles. Raises `FormatError` for anything else.
+    Characters in `PASSABLE` are free cells, those in `BLOCKED` obstacles. Raises `FormatError` for anything else.
     """
     lines = _lines(text)
     height, width = _parse_header(lines, origin)
@@ -89,14 +90,14 @@ def parse_cells(
     passable: str = PASSABLE,
     blocked: str = BLOCKED,
 ) -> Bools:
-    """Parse drawn rows of `width` characters each into a (rows, width) array, True where the cell is free.
+    """Parse rows of `width` characters into a (rows, width) array, True where the cell is free.
 
-    Raises `FormatError` for a row of another length or with a strange character; `first_line` is the first row's line.
+    Raises `FormatError` for a row of another length or with an unknown character; `first_line` is the first row's line.
     """
-    strange = re.compile(f"[^{re.escape(passable + blocked)}]")
+    unknown = re.compile(f"[^{re.escape(passable + blocked)}]")
     cells = bytearray()
     for line, row in enumerate(rows, first_line):
-        if found := strange.search(row):
+        if found := unknown.search(row):
             message = f"expected one of {passable}{blocked}, got {found[0]!r}"
             raise FormatError(origin, message, line, found.start() + 1)
         if len(row) != width:
@@ -125,14 +126,14 @@ def read_scenario(path: str | Path, grid: Grid | None = None) -> Scenario:
     """Read a `.scen` file and, with a `grid`, check that it fits that map.
 
     Raises:
-        FileNotFoundError: There is no such file.
-        FormatError: The file is not a scenario, or not one of this map.
+        FileNotFoundError: The file does not exist.
+        FormatError: The file is not a scenario, or does not fit the map.
     """
     return parse_scenario(read_text(path), path, grid)
 
 
 def parse_scenario(text: str, origin: str | Path, grid: Grid | None = None) -> Scenario:
-    """Parse the text of a `.scen` file that came from `origin`; raises `FormatError` as `read_scenario` does."""
+    """Parse the text of the `.scen` file `origin`; raises `FormatError` as `read_scenario` does."""
     numbers = array("i")
     first = 1
     for number, line in enumerate(_lines(text.rstrip()), 1):
@@ -157,9 +158,9 @@ def parse_scenario(text: str, origin: str | Path, grid: Grid | None = None) -> S
 
 
 def format_scenario(scenario: Scenario, grid: Grid) -> str:
-    """Return the text of a `.scen` file, with the octile distances that the format asks for.
+    """Return the text of a `.scen` file, with the octile distances that the format requires.
 
-    Raises `ValueError` for an agent that has several goals, that starts or ends off the map's free cells, or that
+    Raises `ValueError` for an agent that has several goals, whose start or goal is not a free cell of the map, or that
     cannot reach its goal.
     """
     if scenario.goals.ndim != 2:
@@ -187,12 +188,12 @@ def write_scenario(scenario: Scenario, grid: Grid, path: str | Path) -> None:
 
 
 def _lines(text: str) -> Iterator[str]:
-    """Yield the lines one by one, so that a hostile file cannot take memory for millions of them."""
+    """Yield the lines lazily, so that a malicious file cannot take memory for millions of them."""
     return (line.rstrip("\r\n") for line in io.StringIO(text))
 
 
 def _parse_header(lines: Iterator[str], origin: str | Path) -> tuple[int, int]:
-    """Take the header off `lines` and return (H, W)."""
+    """Consume the header of `lines`, and return (H, W)."""
     sizes: list[int] = []
     for number, (expected, pattern) in enumerate(_HEADER.items(), 1):
         line = next(lines, "")
@@ -209,7 +210,7 @@ def _parse_header(lines: Iterator[str], origin: str | Path) -> tuple[int, int]:
 
 
 def _malformed_agent(line: str, origin: str | Path, number: int) -> FormatError:
-    """Say what is wrong with a line that should be an agent's."""
+    """Return the error for a malformed line of an agent."""
     if number == 1 and line.startswith("version"):
         return FormatError(origin, f"expected 'version 1', got {shortened(line)}", number, 1)
     fields = line.split("\t")
@@ -220,16 +221,16 @@ def _malformed_agent(line: str, origin: str | Path, number: int) -> FormatError:
         if not re.fullmatch(pattern, fields[index], re.ASCII):
             message = f"expected the {name}, got {shortened(fields[index])}"
             return FormatError(origin, message, number, _column_start(line, index))
-    raise AssertionError("a line whose columns are all right is an agent's line")
+    raise AssertionError("a line whose columns are all valid is not malformed")
 
 
 def _column_start(line: str, index: int) -> int:
-    """Return where, from 1, the column `index` of a tab-separated line starts."""
+    """Return the position, from 1, where the column `index` of a tab-separated line starts."""
     return 1 + sum(len(field) + 1 for field in line.split("\t")[:index])
 
 
 def _first_misfit(sizes: Ints, scenario: Scenario, grid: Grid | None) -> tuple[int, str, str] | None:
-    """Find an agent that does not fit its map of size `sizes` (M, 2) or the `grid`: (agent, column, what is wrong)."""
+    """Return an agent that does not fit its map size in `sizes` (M, 2) or the `grid`, as (agent, column, message)."""
     if grid is not None:
         fits: Bools = np.all(sizes == grid.shape, axis=1)
         if not fits.all():

@@ -1,6 +1,6 @@
-"""Instances of POGEMA's benchmark, converted to JSON: one file of maps, and one of starts and goals.
+"""Instances of POGEMA's benchmark, converted to JSON: one file with maps, and one with starts and goals.
 
-Source: github.com/Cognitive-AI-Systems/pogema-benchmark. Coordinates are [row, col], though their keys say `xy`.
+Source: github.com/Cognitive-AI-Systems/pogema-benchmark. Coordinates are [row, col], although the keys say `xy`.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from mapf_pz.io.json import are_whole, list_member, parse_json, parse_object, te
 from mapf_pz.io.text import read_text
 
 PASSABLE, BLOCKED = ".@$!", "#"
-"""Characters of free cells (three of them say who may start or end there, all may pass), and of obstacles."""
+"""Characters of free cells (three of them mark where agents may start or end; all are passable), and of obstacles."""
 MAX_GOALS = 16_000_000
-"""Files of more goals are refused, when each sequence counts as long as the longest."""
+"""Maximum number of goals in a file, with all sequences padded to the longest; larger files are rejected."""
 
 
 def load_pogema(path: str | Path, num_agents: int | None = None) -> list[Instance]:
-    """Read the instances of a file `SET.mapf.json` or `SET.lmapf.json`, whose maps are in `SET.maps.json` beside it.
+    """Read the instances of `SET.mapf.json` or `SET.lmapf.json`, whose maps are in `SET.maps.json` in the same folder.
 
-    The first `num_agents` agents of each are taken; None: as many as the smallest instance has. In lifelong instances
-    each agent has a sequence of goals; sequences may differ in length. The metric `exhausted_agents` counts the agents
-    that reached the end of theirs.
+    The first `num_agents` agents of each instance are used; None: as many as the smallest instance has. In lifelong
+    instances, each agent has a sequence of goals; sequences may differ in length. The metric `exhausted_agents` counts
+    the agents that reached the end of their sequence.
 
     Raises:
-        FileNotFoundError: There is no such file.
-        FormatError: A file is malformed, or an instance has fewer agents or does not fit its map.
+        FileNotFoundError: A file does not exist.
+        FormatError: A file is malformed, or an instance has too few agents or does not fit its map.
         ValueError: `num_agents` is less than 1.
     """
     if num_agents is not None and num_agents < 1:
@@ -49,7 +49,7 @@ def load_pogema(path: str | Path, num_agents: int | None = None) -> list[Instanc
 
 
 def pogema_keys(path: str | Path) -> list[tuple[str, str]]:
-    """Return map name and seed of each instance of a file, in the order of `load_pogema`; raises as that does."""
+    """Return the map name and seed of each instance, in the order of `load_pogema`; raises as `load_pogema`."""
     file = Path(path)
     return [
         (text_member(entry, "map_name", f"{file}: instance {number}"), str(entry.get("seed", "")))
@@ -68,7 +68,7 @@ def _entries(file: Path) -> list[Any]:
 
 
 def _grid(name: str, rows: Any, origin: Path) -> Grid:
-    """Return a map; its rows count from 1 in messages."""
+    """Return a map; row numbers in messages start at 1."""
     where = f"{origin}: map {shortened(name)}"
     if not isinstance(rows, list) or not all(isinstance(row, str) for row in rows) or not any(rows):
         raise FormatError(where, f"expected rows of text, got {shortened(rows)}")
@@ -76,7 +76,7 @@ def _grid(name: str, rows: Any, origin: Path) -> Grid:
 
 
 def _instance(entry: dict[str, Any], num_agents: int, grids: dict[str, Grid], most_goals: int, where: str) -> Instance:
-    """Return the instance of an entry; with more than `most_goals` goals it is refused."""
+    """Return the instance of an entry; raises `FormatError` for more than `most_goals` goals."""
     name = text_member(entry, "map_name", where)
     if name not in grids:
         raise FormatError(where, f"expected the name of a map, got {shortened(name)}")
@@ -90,7 +90,7 @@ def _instance(entry: dict[str, Any], num_agents: int, grids: dict[str, Grid], mo
         if num_agents * longest > most_goals:
             raise FormatError(where, f"expected at most {most_goals} goals, got {num_agents} x {longest}")
         counts = np.array(list(map(len, goals)))
-        goals = [own + own[:1] * (longest - len(own)) for own in goals]
+        goals = [sequence + sequence[:1] * (longest - len(sequence)) for sequence in goals]
     elif not all(map(_is_cell, goals)):
         raise FormatError(where, "expected 'targets_xy' to be [row, col] of each agent, or lists of them")
     try:

@@ -1,4 +1,4 @@
-"""Sources of instances: where the episodes of an environment come from."""
+"""Sources of instances for the episodes of an environment."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from mapf_pz.instances import generate
 from mapf_pz.instances.place import check_reachable, largest_component, place_on
 
 MAX_DRAWS = 100
-"""So many maps are drawn in search of one that holds all agents."""
+"""Maximum number of maps that are sampled to find one with enough space for all agents."""
 
 
 @dataclass(frozen=True)
 class FixedMap:
-    """New random starts and goals on one map in each episode, all in its largest component.
+    """Samples starts and goals in the largest component of one map in each episode.
 
-    Raises `ValueError` when that has fewer cells than there are agents.
+    Raises `ValueError` if that component has fewer cells than there are agents.
     """
 
     grid: Grid
     """The map."""
     num_agents: int
-    """N."""
+    """N, the number of agents."""
     goals_per_agent: int = 1
-    """L, the goals of each agent, one after the other."""
+    """L, the number of goals of each agent."""
     _cells: Ints = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Find the component, and try it once."""
+        """Find the component, and check that it holds the agents."""
         object.__setattr__(self, "_cells", largest_component(self.grid.free))
         self.sample(np.random.default_rng(0))
 
@@ -43,23 +43,23 @@ class FixedMap:
         return self.grid.shape
 
     def sample(self, rng: np.random.Generator) -> Instance:
-        """Draw starts and goals."""
+        """Sample starts and goals."""
         return Instance(self.grid, place_on(self._cells, self.num_agents, rng, self.goals_per_agent))
 
 
 @dataclass(frozen=True)
 class FixedScenario:
-    """The first agents of one scenario in each episode.
+    """Returns the first agents of one scenario in each episode.
 
-    Raises `ValueError` when the scenario has fewer agents, does not fit the map, or has a goal that cannot be reached.
+    Raises `ValueError` if the scenario has too few agents, does not fit the map, or has a goal that cannot be reached.
     """
 
     grid: Grid
     """The map."""
     scenario: Scenario
-    """The agents, of which the first `num_agents` are taken."""
+    """The scenario, whose first `num_agents` agents are used."""
     num_agents: int
-    """N."""
+    """N, the number of agents."""
     _instance: Instance = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -75,30 +75,30 @@ class FixedScenario:
         return self.grid.shape
 
     def sample(self, rng: np.random.Generator) -> Instance:
-        """Return the one instance; nothing is drawn."""
+        """Return the instance; nothing is sampled."""
         return self._instance
 
 
 @dataclass(frozen=True)
 class RandomMaps:
-    """A new map, starts and goals in each episode.
+    """Samples a new map, starts and goals in each episode.
 
-    `partial(generate.maze, 12, 12)` is a generator that can be pickled. Raises `ValueError` when the maps' largest
-    components are too small for the agents again and again, or when a map has another size than the first.
+    `partial(generate.maze, 12, 12)` is a generator that can be pickled. Raises `ValueError` if no sampled map has
+    enough space for the agents, or if a map has another size than the first.
     """
 
     generator: Callable[[np.random.Generator], Grid] = field(compare=False)
-    """Draws a map; always of the same size."""
+    """Function that samples a map, always of the same size."""
     num_agents: int
-    """N."""
+    """N, the number of agents."""
     goals_per_agent: int = 1
-    """L, the goals of each agent, one after the other."""
+    """L, the number of goals of each agent."""
     shape: tuple[int, int] = field(init=False)
     """(H, W) of every map."""
     _generates: tuple[object, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Try the generator."""
+        """Check the generator by sampling from it."""
         object.__setattr__(self, "_generates", _call(self.generator))
         rng = np.random.default_rng(0)
         object.__setattr__(self, "shape", self.generator(rng).shape)
@@ -106,11 +106,11 @@ class RandomMaps:
 
     @property
     def grid(self) -> None:
-        """Maps differ."""
+        """None, since maps differ."""
         return
 
     def sample(self, rng: np.random.Generator) -> Instance:
-        """Draw a map that holds all agents, starts and goals."""
+        """Sample a map with enough space for all agents, starts and goals."""
         largest = 0
         for _ in range(MAX_DRAWS):
             grid = self.generator(rng)
@@ -127,22 +127,22 @@ class RandomMaps:
 
 @dataclass(frozen=True)
 class RandomObstacles:
-    """A new map of random obstacles, starts and goals in each episode; raises `ValueError` as `RandomMaps` does."""
+    """Samples random obstacles, starts and goals in each episode; raises `ValueError` as `RandomMaps`."""
 
     height: int
-    """H."""
+    """H, the number of rows."""
     width: int
-    """W."""
+    """W, the number of columns."""
     density: float
-    """Share of cells that are obstacles."""
+    """Fraction of cells that are obstacles."""
     num_agents: int
-    """N."""
+    """N, the number of agents."""
     goals_per_agent: int = 1
-    """L, the goals of each agent, one after the other."""
+    """L, the number of goals of each agent."""
     _maps: RandomMaps = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Make the source."""
+        """Create the source."""
         generator = partial(generate.random, self.height, self.width, self.density)
         object.__setattr__(self, "_maps", RandomMaps(generator, self.num_agents, self.goals_per_agent))
 
@@ -153,32 +153,32 @@ class RandomObstacles:
 
     @property
     def grid(self) -> None:
-        """Maps differ."""
+        """None, since maps differ."""
         return
 
     def sample(self, rng: np.random.Generator) -> Instance:
-        """Draw a map that holds all agents, starts and goals."""
+        """Sample a map with enough space for all agents, starts and goals."""
         return self._maps.sample(rng)
 
 
 @dataclass(frozen=True)
 class InstanceList:
-    """One of some instances in each episode, each as likely as the others.
+    """Samples one of several instances in each episode, all equally likely.
 
-    Raises `ValueError` when there are none, or when they differ in map size or number of agents.
+    Raises `ValueError` if there are no instances, or if they differ in map size or number of agents.
     """
 
     instances: Sequence[Instance]
     """The instances."""
 
     def __post_init__(self) -> None:
-        """Check that one environment can hold all of them."""
+        """Check that all instances have the same size."""
         object.__setattr__(self, "instances", tuple(self.instances))
         _check_alike("instance", [_size(instance.grid.shape, instance.num_agents) for instance in self.instances])
 
     @property
     def size(self) -> str:
-        """Map size and number of agents, which all instances share."""
+        """Map size and number of agents of all instances, as text."""
         return _size(self.shape, self.num_agents)
 
     @property
@@ -188,7 +188,7 @@ class InstanceList:
 
     @property
     def num_agents(self) -> int:
-        """N."""
+        """N, the number of agents."""
         return self.instances[0].num_agents
 
     @property
@@ -198,7 +198,7 @@ class InstanceList:
         return grid if all(instance.grid is grid for instance in self.instances) else None
 
     def sample(self, rng: np.random.Generator) -> Instance:
-        """Draw one of the instances."""
+        """Sample one of the instances."""
         return self.instances[int(rng.integers(len(self.instances)))]
 
 
@@ -213,7 +213,7 @@ class SourceMixture:
     """The sources."""
 
     def __post_init__(self) -> None:
-        """Check that one environment can hold the instances of all sources."""
+        """Check that the instances of all sources have the same size."""
         object.__setattr__(self, "sources", tuple(self.sources))
         _check_alike("source", [_size(source.shape, source.num_agents) for source in self.sources])
 
@@ -224,7 +224,7 @@ class SourceMixture:
 
     @property
     def num_agents(self) -> int:
-        """N."""
+        """N, the number of agents."""
         return self.sources[0].num_agents
 
     @property
@@ -239,7 +239,7 @@ class SourceMixture:
 
 
 def _call(generator: Callable[[np.random.Generator], Grid]) -> tuple[object, ...]:
-    """Return what a generator calls and with which arguments: equal partials are different objects."""
+    """Return a generator's function and arguments, for comparison, since equal partials are different objects."""
     if not isinstance(generator, partial):
         return (generator,)
     return generator.func, generator.args, tuple(sorted(generator.keywords.items()))

@@ -145,8 +145,8 @@ class RunFolder:
         lifelong = "throughput" in curves
         rates.set(xlabel="million agent steps", ylabel="training episodes", ylim=(0, None if lifelong else 1.02))
         rates.legend(loc="lower right")
-        with replacing(self.path / CURVE) as beside:
-            figure.savefig(beside, dpi=150)
+        with replacing(self.path / CURVE) as temporary:
+            figure.savefig(temporary, dpi=150)
 
 
 def _read_rows(file: Path, position: Position) -> list[dict[str, float]]:
