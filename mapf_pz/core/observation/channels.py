@@ -14,7 +14,7 @@ import numpy as np
 
 from mapf_pz.core.observation import draw
 from mapf_pz.core.observation.inputs import ObservationInputs
-from mapf_pz.core.observation.layers import EDGES, HEADING, OCCUPANCY
+from mapf_pz.core.observation.layers import EDGES, GOAL, HEADING, OCCUPANCY
 from mapf_pz.core.state import Array
 from mapf_pz.plugins import resolve
 
@@ -44,7 +44,7 @@ CHANNELS: dict[str, Channel] = {
     # 0 free, 0.5 another agent, 1 obstacle or outside, -1 hidden
     "view": Channel(layers=(OCCUPANCY,), low=-1),
     # 1 on the agent's own goal
-    "goal": Channel(draw.draw_goal),
+    "goal": Channel(layers=(GOAL,)),
     # on each agent in view, including the observer, (1 + k) / 4 with k its heading
     "orientation": Channel(layers=(HEADING,)),
     # weight of leaving each cell in four directions, divided by the largest; blocked -1, outside 0
@@ -74,16 +74,19 @@ class LayerPlanes(NamedTuple):
     shown: Array  # (W,) int64: layers of the map
     drawn: Array  # (W,) int64: planes of the image
     view_at: int  # the plane of the channel `view`; -1: not drawn
+    goal_at: int
     orientation_at: int
 
 
 def layer_planes(channels: Sequence[Channel]) -> LayerPlanes:
     """Return where the channels that show layers are in an image of all `channels`."""
-    at, shown, drawn, first = 0, [], [], {OCCUPANCY: -1, HEADING: -1}
+    at, shown, drawn, first = 0, [], [], {OCCUPANCY: -1, GOAL: -1, HEADING: -1}
     for channel in channels:
-        shown += channel.layers
-        drawn += range(at, at + len(channel.layers))
+        if channel.layers and channel.layers != (GOAL,):
+            shown += channel.layers
+            drawn += range(at, at + len(channel.layers))
         if channel.layers:
             first[channel.layers[0]] = at
         at += channel.planes
-    return LayerPlanes(np.array(shown, np.int64), np.array(drawn, np.int64), first[OCCUPANCY], first[HEADING])
+    planes = np.array(shown, np.int64), np.array(drawn, np.int64)
+    return LayerPlanes(*planes, first[OCCUPANCY], first[GOAL], first[HEADING])

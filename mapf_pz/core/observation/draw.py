@@ -6,13 +6,15 @@ on one environment after another, with the cells of a view in one axis: (B, N, K
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import prange
 
 from mapf_pz.core.cost_to_go import next_cell
 from mapf_pz.core.jit import BatchKernel, jit
 from mapf_pz.core.observation.inputs import ObservationInputs
-from mapf_pz.core.observation.layers import MapLayers, ViewShape, clear, mark
+from mapf_pz.core.observation.layers import clear, mark
 from mapf_pz.core.state import Array
 
 
@@ -20,40 +22,25 @@ def _flat(image: Array) -> Array:
     return image.reshape(*image.shape[:3], -1)
 
 
-def draw_goal(inputs: ObservationInputs, image: Array, plane: int) -> None:
-    """1 on the agent's own goal."""
-    geometry = (inputs.view_shape, inputs.layers, *inputs.origins)
-    _draw_goal(inputs.num_threads, *geometry, inputs.state.agents, _flat(image), plane)
-
-
-@BatchKernel
-def _draw_goal(
-    view_shape: ViewShape, layers: MapLayers, turn: Array, corner: Array, agents: Array, image: Array, plane: int
-) -> None:
-    for b in prange(image.shape[0]):
-        for i in range(image.shape[1]):
-            clear(image[b], i, plane)
-            mark(view_shape, layers, turn[b, i], corner[b, i], agents[b, i].goal, image[b], i, plane)
-
-
 def draw_cost_to_go(inputs: ObservationInputs, image: Array, plane: int) -> None:
     """How much closer to the goal each cell is: `clip((D_own - D) / scale, -1, 1)`, `scale = (h + w) * mean weight`.
 
     `D` is the least cost to go over headings, `D_own` the observer's own; -1 where there is no path.
     """
-    state, view_shape, cells = inputs.state, inputs.view_shape, inputs.cells
-    scale = (view_shape.height + view_shape.width) * inputs.world.mean_weight.astype(np.float64)
-    _draw_costs(inputs.num_threads, *inputs.distances, scale, state.map, state.agents, cells, _flat(image), plane)
+    state, view_shape, weights = inputs.state, inputs.view_shape, inputs.world.mean_weight
+    scale = view_shape.height + view_shape.width
+    tables = (*inputs.distances, weights, scale, state.map, state.agents, inputs.cells)
+    _draw_costs(inputs.num_threads, *tables, _flat(image), plane)
 
 
 @BatchKernel
 def _draw_costs(
-    slot: Array, to_go: Array, nearest: Array, scale: Array, maps: Array, agents: Array, cells: Array, image: Array,
-    plane: int
+    slot: Array, to_go: Array, nearest: Array, mean_weight: Array, scale: int, maps: Array, agents: Array,
+    cells: Array, image: Array, plane: int
 ) -> None:  # fmt: skip
     for b in prange(image.shape[0]):
         m = maps[b]
-        _draw_costs_of(slot[m], to_go, nearest, scale[m], agents[b], cells[b], image[b], plane)
+        _draw_costs_of(slot[m], to_go, nearest, scale * mean_weight[m], agents[b], cells[b], image[b], plane)
 
 
 @jit
@@ -104,46 +91,61 @@ def _draw_heuristic_of(
 
 def draw_other_goals(inputs: ObservationInputs, image: Array, plane: int) -> None:
     """1 on the goals of the other agents in view."""
-    _mark_of_others(inputs, inputs.state.agents["goal"], image, plane)
+    _draw_other_goals(inputs.num_threads, *_in_view(inputs), inputs.state.agents, _flat(image), plane)
 
 
 def draw_others_next(inputs: ObservationInputs, image: Array, plane: int) -> None:
     """1 on the cells that the other agents in view would enter next on their own cheapest paths."""
     world, state, distances = inputs.world, inputs.state, inputs.distances
-    tables = (world.leads_to, world.weight, distances.slot, distances.to_go)
-    _find_next_cells(inputs.num_threads, *tables, state.map, state.agents)
-    _mark_of_others(inputs, state.agents["next_cell"], image, plane)
+    tables = (world.leads_to, world.weight, distances.slot, distances.to_go, state.map)
+    _draw_others_next(inputs.num_threads, *tables, *_in_view(inputs), state.agents, _flat(image), plane)
 
 
-def _mark_of_others(inputs: ObservationInputs, cells: Array, image: Array, plane: int) -> None:
-    """Write 1 to the cell (B, N) of each other agent in view, -1 for none, and 0 elsewhere."""
-    others, geometry = inputs.others, (inputs.view_shape, inputs.layers, *inputs.origins)
-    _mark_cells(inputs.num_threads, *geometry, others.count, others.agents, cells, _flat(image), plane)
+def _in_view(inputs: ObservationInputs) -> tuple[Any, ...]:
+    """Return the geometry of the views, and the other agents in each: what `_mark_cells` takes."""
+    # Single arrays, since a named tuple takes longer to pass to a kernel.
+    shape, layers, others = inputs.view_shape, inputs.layers, inputs.others
+    geometry = (shape.height, shape.width, layers.corner, layers.own, layers.stride, *inputs.origins)
+    return (*geometry, others.count, others.agents)
 
 
 @BatchKernel
-def _mark_cells(
-    view_shape: ViewShape, layers: MapLayers, turn: Array, corner: Array, count: Array, others: Array, cells: Array,
-    image: Array, plane: int
+def _draw_other_goals(
+    height: int, width: int, corners: Array, own: Array, stride: Array, turn: Array, corner: Array, count: Array,
+    others: Array, agents: Array, image: Array, plane: int
 ) -> None:  # fmt: skip
     for b in prange(image.shape[0]):
-        for i in range(image.shape[1]):
-            clear(image[b], i, plane)
-            for k in range(count[b, i]):
-                cell = cells[b, others[b, i, k]]
-                if cell >= 0:
-                    mark(view_shape, layers, turn[b, i], corner[b, i], cell, image[b], i, plane)
+        geometry = (height, width, corners, own, stride, turn[b], corner[b])
+        _mark_cells(geometry, count[b], others[b], agents[b].goal, image[b], plane)
 
 
 @BatchKernel
-def _find_next_cells(leads_to: Array, weight: Array, slot: Array, to_go: Array, maps: Array, all_agents: Array) -> None:
-    for b in prange(maps.size):
+def _draw_others_next(
+    leads_to: Array, weight: Array, slot: Array, to_go: Array, maps: Array, height: int, width: int, corners: Array,
+    own: Array, stride: Array, turn: Array, corner: Array, count: Array, others: Array, agents: Array, image: Array,
+    plane: int
+) -> None:  # fmt: skip
+    for b in prange(image.shape[0]):
         m = maps[b]
-        _find_next_cells_of(leads_to[m], weight[m], slot[m], to_go, all_agents[b])
+        _find_next_cells(leads_to[m], weight[m], slot[m], to_go, agents[b])
+        geometry = (height, width, corners, own, stride, turn[b], corner[b])
+        _mark_cells(geometry, count[b], others[b], agents[b].next_cell, image[b], plane)
 
 
 @jit
-def _find_next_cells_of(leads_to: Array, weight: Array, slot: Array, to_go: Array, agents: Array) -> None:
+def _mark_cells(geometry: tuple[Any, ...], count: Array, others: Array, cells: Array, image: Array, plane: int) -> None:
+    """Write 1 to the cell (N,) of each other agent in view, unless it is -1, and 0 elsewhere."""
+    height, width, corners, own, stride, turn, corner = geometry
+    for i in range(image.shape[0]):
+        clear(image, i, plane)
+        for k in range(count[i]):
+            cell = cells[others[i, k]]
+            if cell >= 0:
+                mark(height, width, corners, own, stride, turn[i], corner[i], cell, image, i, plane)
+
+
+@jit
+def _find_next_cells(leads_to: Array, weight: Array, slot: Array, to_go: Array, agents: Array) -> None:
     """Set each agent's next cell on its own cheapest path."""
     for i in range(agents.size):
         agents[i].next_cell = next_cell(

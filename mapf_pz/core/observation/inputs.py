@@ -122,7 +122,8 @@ class ObservationInputs:
 
         Rows of the view follow each other; (h, w) is `view_shape.height` and `view_shape.width`.
         """
-        _find_cells(self.num_threads, self.rows, self.columns, self.layers, *self.origins, self._cells)
+        layers, width = self.layers, self.view_shape.width
+        _find_cells(self.num_threads, width, layers.cell, layers.stride, *self.origins, self._cells)
         return self._cells
 
     @cached_property
@@ -146,21 +147,20 @@ class ObservationInputs:
 
 
 @BatchKernel
-def _find_cells(rows: Span, columns: Span, layers: MapLayers, turn: Array, corner: Array, cells: Array) -> None:
+def _find_cells(width: int, cell: Array, stride: Array, turn: Array, corner: Array, cells: Array) -> None:
     for b in prange(cells.shape[0]):
-        _find_cells_of(rows, columns, layers, turn[b], corner[b], cells[b])
+        _find_cells_of(width, cell, stride, turn[b], corner[b], cells[b])
 
 
 @jit
-def _find_cells_of(rows: Span, columns: Span, layers: MapLayers, turn: Array, corner: Array, cells: Array) -> None:
+def _find_cells_of(width: int, cell: Array, stride: Array, turn: Array, corner: Array, cells: Array) -> None:
     for i in range(cells.shape[0]):
-        here, found = layers.cell[turn[i]], cells[i]
-        source, target = np.uint64(corner[i]), np.uint64(0)
-        for _ in range(len(rows)):
-            for col in range(len(columns)):
-                found[target + np.uint64(col)] = here[source + np.uint64(col)]
-            source += np.uint64(layers.stride[turn[i]])
-            target += np.uint64(len(columns))
+        here, found = cell[turn[i]], cells[i]
+        source = np.uint64(corner[i])
+        for first in range(0, found.size, width):
+            for col in range(width):
+                found[np.uint64(first + col)] = here[source + np.uint64(col)]
+            source += np.uint64(stride[turn[i]])
 
 
 @BatchKernel

@@ -17,6 +17,8 @@ from mapf_pz.core.state import Array
 
 OCCUPANCY, HEADING, EDGES = 0, 1, (2, 3, 4, 5)
 """The planes: 1 on obstacles and 0.5 on agents; `(1 + k) / 4` on agents of heading `k`; weights of edges."""
+GOAL = -1
+"""Not a plane: each agent's own goal, which is drawn into its view."""
 
 
 class ViewShape(NamedTuple):
@@ -236,13 +238,17 @@ def clear(image: Array, i: int, plane: int) -> None:
 
 @jit
 def mark(
-    view_shape: ViewShape, layers: MapLayers, turn: int, corner: int, cell: int, image: Array, i: int, plane: int
-) -> None:
-    """Write 1 to the cell of agent `i`'s view that shows the map's `cell`, if there is one."""
-    ahead = layers.corner[cell, turn] + layers.own[turn] - np.int64(corner)
+    height: int, width: int, corners: Array, own: Array, stride: Array, turn: int, corner: int, cell: int,
+    image: Array, i: int, plane: int
+) -> None:  # fmt: skip
+    """Write 1 to the cell of agent `i`'s view that shows the map's `cell`, if there is one.
+
+    `height` and `width` are those of the view; `corners`, `own` and `stride` are fields of `MapLayers`.
+    """
+    ahead = corners[cell, turn] + own[turn] - np.int64(corner)
     if ahead >= 0:
-        # Both numbers are below 2^32, for which a processor divides faster.
-        row = np.int64(np.uint32(ahead) // np.uint32(layers.stride[turn]))
-        col = ahead - row * layers.stride[turn]
-        if row < view_shape.height and col < view_shape.width:
-            image[i, plane, row * view_shape.width + col] = 1.0
+        # Both numbers are below 2^32, which are divided faster.
+        row = np.int64(np.uint32(ahead) // np.uint32(stride[turn]))
+        col = ahead - row * stride[turn]
+        if row < height and col < width:
+            image[i, plane, row * width + col] = 1.0

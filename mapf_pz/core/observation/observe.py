@@ -15,10 +15,12 @@ from mapf_pz.core.observation.layers import (
     Span,
     ViewOrigins,
     ViewShape,
+    clear,
     copy_windows,
     draw_agents,
     erase_agents,
     heading_value,
+    mark,
 )
 from mapf_pz.core.state import Array
 
@@ -42,7 +44,7 @@ def observe(inputs: ObservationInputs, channels: Sequence[Channel], planes: Laye
 @BatchKernel
 def _copy_layers(
     view_shape: ViewShape, rows: Span, columns: Span, layers: MapLayers, turn: Array, corner: Array, shown: Array,
-    drawn: Array, view_at: int, orientation_at: int, maps: Array, all_agents: Array, image: Array
+    drawn: Array, view_at: int, goal_at: int, orientation_at: int, maps: Array, all_agents: Array, image: Array
 ) -> None:  # fmt: skip
     """Find where each view is, and copy it from the layers."""
     for thread in prange(layers.num_threads):
@@ -53,6 +55,8 @@ def _copy_layers(
             copy_windows(rows, columns, layers.stride, origins, planes, shown, views, drawn)
             erase_agents(view_shape, layers, agents, planes)
             _draw_observers(view_shape, origins.turn, agents, views, view_at, orientation_at)
+            if goal_at >= 0:
+                _draw_goals(view_shape, layers, origins, agents, views, goal_at)
 
 
 @jit
@@ -66,6 +70,19 @@ def _draw_observers(
             image[i, view_at, here] = 0.0
         if orientation_at >= 0:
             image[i, orientation_at, here] = heading_value(turn[i], agents[i].heading)
+
+
+@jit
+def _draw_goals(
+    view_shape: ViewShape, layers: MapLayers, origins: ViewOrigins, agents: Array, image: Array, plane: int
+) -> None:
+    """Write 1 to each agent's own goal, and 0 elsewhere."""
+    for i in range(agents.size):
+        clear(image, i, plane)
+        mark(
+            view_shape.height, view_shape.width, layers.corner, layers.own, layers.stride, origins.turn[i],
+            origins.corner[i], agents[i].goal, image, i, plane
+        )  # fmt: skip
 
 
 @BatchKernel
