@@ -154,7 +154,7 @@ class EnvConfig:
             raise TypeError(f"source={_shown(source)}: expected an InstanceSource, such as RandomObstacles or FixedMap")
         for name in ("map", "scenario"):
             if getattr(self, name) is not None:
-                raise ValueError(f"{name}: not allowed beside source, which determines the maps, starts and goals")
+                raise ValueError(f"{name}: not allowed together with source, which determines maps, starts and goals")
         if self.num_agents not in (None, source.num_agents):
             raise ValueError(f"num_agents={self.num_agents}: the source has {source.num_agents} agents")
 

@@ -155,10 +155,10 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         """Raise `ValueError` for unknown agents and missing actions; agents that have disappeared may have actions."""
         for agent in actions:
             if agent not in self._index:
-                raise ValueError(f"action for an unknown agent {agent!r}: expected names out of possible_agents")
+                raise ValueError(f"action for an unknown agent {agent!r}: expected names from possible_agents")
         for agent in self.agents:
             if agent not in actions:
-                raise ValueError(f"no action for {agent!r}: expected one for each of the agents left")
+                raise ValueError(f"no action for {agent!r}: expected one for each active agent")
 
     def _are_numbers(self, actions: list[Any]) -> bool:
         """Return whether all actions are ints in the allowed range: a fast check of the common case."""

@@ -92,8 +92,8 @@ def _coordinates(name: str, values: ArrayLike) -> Ints:
     try:
         return frozen(values, np.int32)
     except (ValueError, TypeError):
-        expected = "[row, col] of each agent, or equally many of them for each agent"
-        raise ValueError(f"scenario {name}: expected {expected}; got no array of whole numbers") from None
+        expected = "whole numbers [row, col] for each agent, or a sequence of them with the same length for each agent"
+        raise ValueError(f"scenario {name}: expected {expected}") from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +124,7 @@ class Instance(EqualByValue):
         if len(set(start_cells.tolist())) < len(starts):
             first = np.unique(start_cells, return_index=True)[1]
             agent = int(np.setdiff1d(np.arange(len(starts)), first)[0])
-            raise ValueError(f"agent {agent}: start {_position(starts[agent])} is another agent's start too")
+            raise ValueError(f"agent {agent}: start {_position(starts[agent])} is also another agent's start")
         object.__setattr__(self, "start_cells", start_cells)
         object.__setattr__(self, "goal_cells", goal_cells.reshape(-1, per_agent))
         if self.headings is not None:

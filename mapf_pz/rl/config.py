@@ -117,7 +117,7 @@ class ModelConfig:
     """Encoder of observations: `conv` (3 x 3 convolutions), `report` (the report's two convolutions), `residual`
     (stages of residual blocks), or `package.module:Class`, an `nn.Module` with the interface of `Encoder`."""
     conv_channels: tuple[int, ...] = (16,)
-    """Output channels of each convolution, or of each stage of `residual`; `report` has exactly two."""
+    """Output channels of each convolution, or of each stage of `residual`; `report` has two (in the report: 32, 64)."""
     num_blocks: int = 2
     """Number of residual blocks in each stage of the encoder `residual`."""
     hidden: int = 128
@@ -180,8 +180,8 @@ class CuriosityConfig:
     """Curiosity reward. `rnd`: error in predicting a random network's embedding of the next observation;
     `random-features`, `inverse-dynamics`: error in predicting the effect of an action on the embedding."""
     weight: Annotated[float, arg(name="curiosity-weight")] = 0.1
-    """Weight of the curiosity reward. Normalized, it is about 0.03 per step, and the task's reward about 0.1; it should
-    dominate only where the task's reward is 0."""
+    """Weight of the curiosity reward, which is normalized to about 0.03 per step (the task's reward: about 0.1).
+    Curiosity should dominate only where the task's reward is 0."""
     gamma: Annotated[float, arg(name="curiosity-gamma")] = 0.99
     """Discount factor of the curiosity return used for normalization."""
     size: Annotated[int, arg(name="curiosity-size")] = 64

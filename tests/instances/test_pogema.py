@@ -104,7 +104,7 @@ TARGETS = WHERE + "expected 'targets_xy' to be [row, col] of each agent, or list
             WHERE + "agent 1: start [row 0, col 2] is an obstacle of map 'a' (2 x 3)",
         ),
         (changed(targets_xy=[[0, 0], [2, 0]]), WHERE + "agent 1: goal [row 2, col 0] is outside of map 'a' (2 x 3)"),
-        (changed(agents_xy=[[0, 0], [0, 0]]), WHERE + "agent 1: start [row 0, col 0] is another agent's start too"),
+        (changed(agents_xy=[[0, 0], [0, 0]]), WHERE + "agent 1: start [row 0, col 0] is also another agent's start"),
     ],
 )
 def test_malformed_instances(tmp_path, entries, message):
