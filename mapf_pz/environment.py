@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from operator import index
 from typing import Any, SupportsIndex, TypeAlias
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import parallel_to_aec
 
+from mapf_pz.action_checks import check_agents, whole_number
 from mapf_pz.arrays import Bools, Ints
 from mapf_pz.config import EnvConfig
 from mapf_pz.global_state import STATE_PLANES, global_state
@@ -146,33 +146,16 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         """Return the actions as (1, N) int64, with 0 for agents that have disappeared; raises `ValueError`."""
         given = [actions[agent] for agent in self.agents if agent in actions]
         if not len(given) == len(self.agents) == len(actions):
-            self._check_agents(actions)
+            check_agents(actions, self.agents, self.possible_agents)
         numbers = np.zeros((1, self.simulator.num_agents), np.int64)
-        numbers[0, self._rows] = given if self._are_numbers(given) else list(map(self._number, self.agents, given))
+        if not self._are_numbers(given):
+            given = [whole_number(*pair, self.simulator.num_actions) for pair in zip(self.agents, given, strict=True)]
+        numbers[0, self._rows] = given
         return numbers
-
-    def _check_agents(self, actions: Mapping[str, SupportsIndex]) -> None:
-        """Raise `ValueError` for unknown agents and missing actions; agents that have disappeared may have actions."""
-        for agent in actions:
-            if agent not in self._index:
-                raise ValueError(f"action for an unknown agent {agent!r}: expected names from possible_agents")
-        for agent in self.agents:
-            if agent not in actions:
-                raise ValueError(f"no action for {agent!r}: expected one for each active agent")
 
     def _are_numbers(self, actions: list[Any]) -> bool:
         """Return whether all actions are ints in the allowed range: a fast check of the common case."""
         return set(map(type, actions)) <= {int, np.int64} and min(actions) >= 0 and max(actions) < self._action_space.n
-
-    def _number(self, agent: str, action: SupportsIndex) -> int:
-        allowed = range(self.simulator.num_actions)
-        try:
-            number = index(action)
-        except TypeError:
-            number = -1
-        if number not in allowed:
-            raise ValueError(f"action {action!r} of {agent!r}: expected a whole number from 0 to {allowed[-1]}")
-        return number
 
     @property
     def _rows(self) -> slice | list[int]:

@@ -26,6 +26,7 @@ ORDER = [
     "interrupts",
     "guidance",
     "action_modes",
+    "action_checks",
     "plugins",
     "signatures",
     "core",

@@ -51,7 +51,7 @@ def simulator_of(told, collision_system, on_target):
 
 def expected_rewards(simulator):
     """Who earns a reward in POGEMA: all when all are done, or each at its goal."""
-    agents = simulator.state.agents[0]
+    agents = simulator.agents[0]
     if simulator.config.on_target == "nothing":
         return np.repeat(agents["at_goal"].all(), len(agents))
     return agents["arrived"]
@@ -63,7 +63,7 @@ def test_as_recorded(collision_system, on_target):
     for number, (told, moved, rewarded) in enumerate(episodes(collision_system, on_target)):
         simulator = simulator_of(told, collision_system, on_target)
         draw = random.Random(told["seed"])
-        agents = simulator.state.agents[0]
+        agents = simulator.agents[0]
         left_at_last = False
         for step in range(told["num_steps"]):
             where = f"episode {number}, step {step}"

@@ -127,7 +127,7 @@ def test_malformed_members(tmp_path, changes, message):
         ("[1]", "a.json:1: expected a JSON object, got [1]"),
         ('{"a":' * 40_000, "a.json: expected a problem of at most 100000 characters"),
         ("[" * 20_000, "a.json: expected JSON that is not nested deeply"),
-        ('{"a": ' + "9" * 9000 + "}", "a.json: expected JSON, got a number of thousands of digits"),
+        ('{"a": ' + "9" * 9000 + "}", "a.json: expected JSON, got a number with thousands of digits"),
     ],
 )
 def test_malformed_json(tmp_path, text, message):
