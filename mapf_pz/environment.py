@@ -17,6 +17,7 @@ from mapf_pz.arrays import Bools, Ints
 from mapf_pz.config import EnvConfig
 from mapf_pz.global_state import STATE_PLANES, global_state
 from mapf_pz.instance import Instance, Scenario
+from mapf_pz.render.state import RenderState
 from mapf_pz.signatures import with_fields_of
 from mapf_pz.simulator import Simulator
 
@@ -222,12 +223,12 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         if self.render_mode == "ansi":
             from mapf_pz.render import ansi
 
-            return ansi.draw(free, *self.scene())
+            return ansi.draw(free, *self.render_state())
         from mapf_pz.render.rgb import Canvas
 
         if self._canvas is None or self._canvas.free is not free:
             self._canvas = Canvas(free, self.simulator.num_agents)
-        image = self._canvas.draw(*self.scene())
+        image = self._canvas.draw(*self.render_state())
         if self.render_mode == "rgb_array":
             return image
         if self._window is None:
@@ -243,10 +244,10 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
             self._window.close()
             self._window = None
 
-    def scene(self) -> tuple[Ints, Ints | None, Ints, Bools]:
-        """Return what is rendered: positions (N, 2), headings (N,) or None, goals (N, 2), active flags (N,)."""
+    def render_state(self) -> RenderState:
+        """Return what is rendered, in copies."""
         headings = self.headings if self.config.action_model == "rotate" else None
-        return self.positions, headings, self.goals, self._agents["active"].copy()
+        return RenderState(self.positions, headings, self.goals, self._agents["active"].copy())
 
     @property
     def positions(self) -> Ints:

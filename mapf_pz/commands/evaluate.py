@@ -27,9 +27,9 @@ from mapf_pz.evaluation import (
     policy_factory,
     terminal_table,
 )
+from mapf_pz.evaluation.episodes import Policy, PolicyFactory
 from mapf_pz.evaluation.policies import is_trained
 from mapf_pz.evaluation.report import exhausted
-from mapf_pz.evaluation.rollout import Policy, PolicyFactory
 from mapf_pz.instance import Grid
 from mapf_pz.instances import load_instance, load_map
 from mapf_pz.interrupts import interruptible

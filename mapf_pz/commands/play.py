@@ -58,7 +58,7 @@ def play(options: PlayOptions) -> None:
     me = env.possible_agents[0]
     canvas = Canvas(inner.grid, len(env.possible_agents))
     while not window.is_closed:
-        window.show(canvas.draw(*inner.scene(), chosen=0), message)
+        window.show(canvas.draw(*inner.render_state(), chosen=0), message)
         for key in window.wait():
             if key == "escape":
                 window.close()

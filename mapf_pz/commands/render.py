@@ -6,14 +6,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import track
+from rich.progress import Progress
 from tyro.conf import Positional
 
 from mapf_pz.commands.env_flags import changed_keywords
 from mapf_pz.commands.planfile import load_plan
 from mapf_pz.config import EnvConfig
+from mapf_pz.evaluation.episodes import AnyEnv, Policy, rollout
 from mapf_pz.evaluation.policies import policy_factory
-from mapf_pz.evaluation.rollout import AnyEnv, Policy, play
 from mapf_pz.planners import record_plan, validate
 from mapf_pz.render import Recording, save_recording
 from mapf_pz.render.save import check_output
@@ -81,8 +81,7 @@ def _save(recording: Recording, output: Path, fps: float) -> None:
 def _record(env: AnyEnv, policy: Policy, seed: int) -> Recording:
     """Run an episode with a progress bar, and return its recording."""
     console, recorded = Console(stderr=True), RecordEpisode(env)
-    steps = play(recorded, policy, seed)
-    hidden = not console.is_terminal
-    for _ in track(steps, "Running", env.config.max_steps + 1, console=console, transient=True, disable=hidden):
-        pass
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("Running", total=env.config.max_steps + 1)
+        rollout(recorded, policy, seed, on_step=lambda: bar.advance(task))
     return recorded.recording

@@ -1,10 +1,10 @@
 """Evaluation of policies and planners on the same episodes, with the same rules."""
 
+from mapf_pz.evaluation.episodes import Policy, Rollout, make_env, rollout
 from mapf_pz.evaluation.evaluate_policies import evaluate
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.evaluation.report import markdown_table, terminal_table
 from mapf_pz.evaluation.results import Episode
-from mapf_pz.evaluation.rollout import Policy, make_env, play
 from mapf_pz.evaluation.suite import load_suite, suite_names
 from mapf_pz.evaluation.task import EvaluationTask
 
@@ -12,12 +12,13 @@ __all__ = [
     "Episode",
     "EvaluationTask",
     "Policy",
+    "Rollout",
     "evaluate",
     "load_suite",
     "make_env",
     "markdown_table",
-    "play",
     "policy_factory",
+    "rollout",
     "suite_names",
     "terminal_table",
 ]

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, cast
 
+from mapf_pz.evaluation.episodes import Policy, PolicyFactory, run_episodes
 from mapf_pz.evaluation.parallel import run_jobs
 from mapf_pz.evaluation.policies import factory_for, policy_factory
 from mapf_pz.evaluation.results import Episode, Results
-from mapf_pz.evaluation.rollout import Policy, PolicyFactory, run_episodes
 from mapf_pz.evaluation.suite import load_suite
 from mapf_pz.evaluation.task import EvaluationTask
 

@@ -19,8 +19,8 @@ from mapf_pz.actions import CardinalAction
 from mapf_pz.arrays import Bools, Floats, Ints
 from mapf_pz.config import CollisionSystem, EnvConfig, OnTarget
 from mapf_pz.environment import MapfEnv
+from mapf_pz.evaluation.episodes import AnyEnv, Policy, PolicyFactory, simulator_of
 from mapf_pz.evaluation.policies import policy_factory
-from mapf_pz.evaluation.rollout import AnyEnv, Policy, PolicyFactory, simulator_of
 from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances import InstanceList
 from mapf_pz.planners import Planner

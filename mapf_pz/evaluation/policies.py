@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, cast
 
 from mapf_pz.environment import MapfEnv, parallel_env
+from mapf_pz.evaluation.episodes import AnyEnv, Policy, PolicyFactory, check_policy, make_env
 from mapf_pz.evaluation.random_policy import RandomPolicy
-from mapf_pz.evaluation.rollout import AnyEnv, Policy, PolicyFactory, check_policy, make_env
 from mapf_pz.planners import PLANNERS, Planner, Shield
 
 SHIELD_SUFFIX = "+pibt"

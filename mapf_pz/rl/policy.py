@@ -32,7 +32,7 @@ class LearnedPolicy:
     each other forever. A recurrent policy keeps a separate hidden state for each agent until `reset_states`.
 
     `env_kwargs` are the keywords that give an environment the policy's observations, and `env_wrappers` the names and
-    keywords of the wrappers that it also needs, innermost first; `mapf_pz.evaluation.rollout.make_env` applies both.
+    keywords of the wrappers that it also needs, innermost first; `mapf_pz.evaluation.episodes.make_env` applies both.
     """
 
     def __init__(self, network: nn.Module, config: TrainConfig, seed: int = 0, deterministic: bool = False) -> None:

@@ -4,7 +4,7 @@ import pytest
 
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation import Episode, EvaluationTask, evaluate, policy_factory
-from tests.evaluation.test_rollout import Right
+from tests.evaluation.test_episodes import Right
 from tests.helpers.text_instances import drawn
 
 TASKS = (

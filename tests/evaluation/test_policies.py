@@ -4,11 +4,11 @@ import re
 import pytest
 
 from mapf_pz.evaluation import EvaluationTask, policy_factory
+from mapf_pz.evaluation.episodes import run_episodes
 from mapf_pz.evaluation.policies import factory_for, is_trained
-from mapf_pz.evaluation.rollout import run_episodes
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import EPIBT, PIBT, PLANNERS, LaCAM
-from tests.evaluation.test_rollout import Right
+from tests.evaluation.test_episodes import Right
 
 ROOM = {"map": "empty-8-8", "num_agents": 2, "max_steps": 12}
 CARDINAL = ROOM | {"action_model": "cardinal"}

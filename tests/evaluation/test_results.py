@@ -7,7 +7,7 @@ from mapf_pz.errors import FormatError
 from mapf_pz.evaluation import Episode, EvaluationTask, evaluate
 from mapf_pz.evaluation.results import COLUMNS, METRICS, Results, discard
 from mapf_pz.instances import RandomObstacles
-from tests.evaluation.test_rollout import TIMES, Right
+from tests.evaluation.test_episodes import TIMES, Right
 from tests.helpers.text_instances import drawn
 
 TASKS = (

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation import load_suite, suite_names
+from mapf_pz.evaluation.episodes import run_episodes
 from mapf_pz.evaluation.policies import factory_for
-from mapf_pz.evaluation.rollout import run_episodes
 from mapf_pz.instance import Grid, Scenario
 from mapf_pz.instances import write_map, write_scenario
-from tests.evaluation.test_rollout import Right
+from tests.evaluation.test_episodes import Right
 
 SHARED = Path(__file__).parents[3] / "shared"
 DATA = [SHARED / "mapf-benchmark", SHARED / "pogema-benchmark"]

@@ -7,7 +7,7 @@ import mapf_pz
 from mapf_pz.cli import main
 from mapf_pz.commands.train import SUITES
 from mapf_pz.evaluation import load_suite, make_env, policy_factory
-from mapf_pz.evaluation.rollout import run_episodes
+from mapf_pz.evaluation.episodes import run_episodes
 from mapf_pz.rl import load_policy, policy_names, train
 from mapf_pz.rl import policy as policies
 from mapf_pz.rl.presets import PRESETS

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from mapf_pz.actions import Action, CardinalAction
-from mapf_pz.evaluation import EvaluationTask, evaluate, make_env, play, policy_factory
+from mapf_pz.evaluation import EvaluationTask, evaluate, make_env, policy_factory, rollout
+from mapf_pz.evaluation.episodes import run_episodes
 from mapf_pz.evaluation.policies import factory_for
-from mapf_pz.evaluation.rollout import run_episodes
 from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances import RandomObstacles
 from tests.helpers.text_instances import drawn
@@ -105,7 +105,7 @@ def test_what_is_not_a_policy(policy, message):
     with pytest.raises(TypeError, match=message):
         evaluate({"mine": policy}, [task])
     with pytest.raises(TypeError, match=message):
-        next(play(make_env(Right(), **task.env_keywords(0)), policy, seed=0))
+        rollout(make_env(Right(), **task.env_keywords(0)), policy, seed=0)
 
 
 # Metrics.
@@ -124,13 +124,13 @@ def test_time_limit_counts_as_unsolved():
     assert (episode["CSR"], episode["ISR"], episode["ep_length"]) == (0, 0, 3)
 
 
-def test_play_yields_the_beginning_and_each_step():
-    policy = Forward()
+def test_a_rollout_calls_after_the_reset_and_after_each_step():
+    policy, columns = Forward(), []
     env = make_env(policy, **on("a...A").env_keywords(0))
-    played = [(env.positions[0, 1], seconds) for seconds in play(env, policy, seed=0)]
-    assert [position for position, _ in played] == [0, 1, 2, 3, 4]
-    assert played[0][1] == 0
-    assert all(seconds > 0 for _, seconds in played[1:])
+    result = rollout(env, policy, seed=0, on_step=lambda: columns.append(env.positions[0, 1]))
+    assert columns == [0, 1, 2, 3, 4]
+    assert (result.num_steps, result.metrics) == (4, env.metrics())
+    assert result.runtime > 0
     assert policy.episodes == 1
 
 
@@ -151,7 +151,7 @@ def test_agents_that_have_left_do_not_count():
 
 def test_times_belong_together(monkeypatch):
     clock = iter(range(1000))
-    monkeypatch.setattr("mapf_pz.evaluation.rollout.time.perf_counter", lambda: 0.5 * next(clock))
+    monkeypatch.setattr("mapf_pz.evaluation.episodes.time.perf_counter", lambda: 0.5 * next(clock))
     task = EvaluationTask("drawn", 2, {"max_steps": 5}, 1, instances=(drawn("a.B\nb.A"),))
     (episode,) = measured(Right(), task)
     assert episode["runtime"] == 5 * 0.5

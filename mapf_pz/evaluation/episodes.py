@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias, cast
 
 from pettingzoo.utils import BaseParallelWrapper
@@ -70,21 +71,49 @@ def simulator_of(env: AnyEnv) -> Simulator:
     return cast("MapfEnv", env.unwrapped).simulator
 
 
-def play(env: AnyEnv, policy: Policy, seed: int, instance: Instance | None = None) -> Iterator[float]:
-    """Run an episode; yield 0.0 after the reset, and the runtime of the policy in seconds after each step.
+@dataclass(frozen=True)
+class Rollout:
+    """An episode that a policy has run."""
 
-    Raises `TypeError` if `policy` is not a policy.
+    metrics: Metrics
+    """The metrics of the episode: see `mapf_pz.metrics`."""
+    num_steps: int
+    """Number of steps."""
+    runtime: float
+    """Runtime of the policy in seconds."""
+
+
+def rollout(
+    env: AnyEnv,
+    policy: Policy,
+    seed: int | None = None,
+    instance: Instance | None = None,
+    on_step: Callable[[], object] = lambda: None,
+) -> Rollout:
+    """Run an episode.
+
+    Args:
+        env: The environment.
+        policy: The policy of all agents.
+        seed: Random seed of the episode, as in `reset`.
+        instance: Instance of the episode; None: the environment samples it.
+        on_step: Is called after the reset and after each step.
+
+    Raises:
+        TypeError: `policy` is not a policy.
     """
     check_policy(policy)
     observations, _ = env.reset(seed=seed, options=None if instance is None else {"instance": instance})
     policy.reset_states()
-    yield 0.0
+    on_step()
+    runtime = 0.0
     while env.agents:
         start = time.perf_counter()
         actions = policy.act(observations)
-        seconds = time.perf_counter() - start
+        runtime += time.perf_counter() - start
         observations = env.step(actions)[0]
-        yield seconds
+        on_step()
+    return Rollout(env.metrics(), env.step_count, runtime)
 
 
 def run_episodes(factory: PolicyFactory, task: EvaluationTask, episodes: Iterable[int]) -> Iterator[Metrics]:
@@ -115,14 +144,19 @@ def _compile(env: AnyEnv, policy: Policy, seed: int) -> None:
 
 def _metrics(env: AnyEnv, policy: Policy, task: EvaluationTask, episode: int) -> Metrics:
     """Run an episode and return its metrics."""
-    agents = simulator_of(env).state.agents[0]
-    runtime, steps, blocked, acting = 0.0, 0, 0, 0
-    for seconds in play(env, policy, task.seed + episode, task.instance(episode)):
+    agents = simulator_of(env).agents[0]
+    acting: list[int] = []
+    blocked: list[int] = []
+
+    def count() -> None:
         if env.step_count:
-            runtime, steps = runtime + seconds, steps + 1
-            blocked, acting = blocked + int(agents["blocked"].sum()), acting + int(agents["was_active"].sum())
-    metrics = env.metrics() | {"runtime": runtime, "collisions": blocked / max(acting, 1)}
-    metrics |= {"step_ms": 1e3 * runtime / max(steps, 1), "agent_us": 1e6 * runtime / max(acting, 1)}
+            acting.append(int(agents["was_active"].sum()))
+            blocked.append(int(agents["blocked"].sum()))
+
+    result = rollout(env, policy, task.seed + episode, task.instance(episode), count)
+    runtime, agent_steps = result.runtime, max(sum(acting), 1)
+    metrics = result.metrics | {"runtime": runtime, "collisions": sum(blocked) / agent_steps}
+    metrics |= {"step_ms": 1e3 * runtime / max(result.num_steps, 1), "agent_us": 1e6 * runtime / agent_steps}
     if task.best is not None and "avg_throughput" in metrics:
         metrics["best_ratio"] = metrics["avg_throughput"] / task.best
     return metrics
