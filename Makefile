@@ -12,7 +12,7 @@ BIN := .venv/bin
 COVERAGE := --cov=mapf_pz --cov=wrappers --cov-branch
 PLAIN_TESTS := tests/core $(addprefix tests/planners/test_, pibt.py epibt.py shield.py prioritized.py refine.py neighborhood.py lacam.py decisions.py)
 OUTSIDE_TESTS := tests/test_env.py tests/wrappers tests/instances/test_library.py tests/render
-KERNEL_TESTS := $(addprefix tests/core/test_, properties.py symmetry.py collision_table.py distance.py)
+KERNEL_TESTS := $(addprefix tests/core/test_, properties.py symmetry.py collision_table.py cost_to_go.py)
 
 .PHONY: train test lint format docs figures reproduction bench-peers soak faults coverage mutation mutation-sample record-pogema wheel clean results
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # The tests that a mutant must fail, those that see most first, without plugins; mutants of kernels as plain Python.
 set -e
-export PYTHONDONTWRITEBYTECODE=1 PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 OMP_NUM_THREADS=1
+export MAPF_PZ_DECISIONS=1 PYTHONDONTWRITEBYTECODE=1 PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 OMP_NUM_THREADS=1
 # They take less than half of so many seconds of the processor; a mutant that takes more is in an endless loop.
 tests() { (ulimit -t "$1"; exec "$MAPF_PZ_PYTHON" -m pytest -x -p no:cacheprovider "${@:2}"); }
 
@@ -21,7 +21,7 @@ rules() {
 planners() {
     local files recorded=$1 slow="wants or plain_python or legal or prevented or earliest or exactly or benchmark"
     mapfile -t files < <(printf "tests/planners/test_%s.py\n" "${@:2}")
-    tests 12 tests/planners/test_decisions.py "${files[@]}" -p _hypothesis_pytestplugin -W "ignore:overflow:RuntimeWarning" \
+    tests 25 tests/planners/test_decisions.py "${files[@]}" -p _hypothesis_pytestplugin -W "ignore:overflow:RuntimeWarning" \
         -k "(as_recorded and ($recorded)) or not (recorded or $slow or narrow or no_more_room or time_makes or likes_best \
             or share_goals or seed)"
 }
@@ -37,22 +37,25 @@ package() {
 }
 
 file=$(git diff --name-only)
+# Kernels, as plain Python.
 case $file in
-    mapf_pz/core/* | mapf_pz/metrics.py) export NUMBA_DISABLE_JIT=1 ;;
-    mapf_pz/rl/*) package tests/rl tests/rl/test_{update,train,policies}.py; exit ;;
-    mapf_pz/evaluation/*) package tests/evaluation tests/commands/test_evaluate.py; exit ;;
-    mapf_pz/instances/*) package tests/instances tests/test_bad_input.py tests/test_cli.py; exit ;;
-    mapf_pz/planners/*) package tests/planners tests/commands/test_solve.py tests/commands/test_validate.py; exit ;;
-    mapf_pz/render/*) package tests/render tests/wrappers/test_record_episode.py tests/plans/test_record.py; exit ;;
-    wrappers/*) package tests/wrappers; exit ;;
+    mapf_pz/core/* | mapf_pz/metrics.py) NUMBA_DISABLE_JIT=1 rules; exit ;;
+    mapf_pz/planners/random.py) NUMBA_DISABLE_JIT=1 planners "(pibt or shield or refine) and not epibt" pibt shield; exit ;;
+    mapf_pz/planners/pibt/*kernels.py) NUMBA_DISABLE_JIT=1 planners "(pibt or shield) and not epibt" pibt shield; exit ;;
+    mapf_pz/planners/epibt/kernels.py) NUMBA_DISABLE_JIT=1 planners epibt epibt; exit ;;
+    mapf_pz/planners/lacam/s*.py) NUMBA_DISABLE_JIT=1 planners lacam lacam; exit ;;
+    mapf_pz/planners/sipp/reservations.py | mapf_pz/planners/sipp/search.py)
+        NUMBA_DISABLE_JIT=1 planners "prioritized or refine" prioritized refine neighborhood; exit ;;
+    mapf_pz/planners/sipp/improve.py | mapf_pz/planners/sipp/neighborhood.py)
+        NUMBA_DISABLE_JIT=1 planners refine refine neighborhood; exit ;;
 esac
 
-case $(basename "$file" .py) in
-    pibt | shield) planners "(pibt or shield) and not epibt" pibt shield ;;
-    random) planners "(pibt or shield or refine) and not epibt" pibt shield ;;
-    epibt) planners epibt epibt ;;
-    lacam*) planners lacam lacam ;;
-    reservations | sipp) planners "prioritized or refine" prioritized refine neighborhood ;;
-    sipp_*) planners refine refine neighborhood ;;
-    *) rules ;;
+case $file in
+    mapf_pz/rl/*) package tests/rl tests/rl/test_{update,train,policies}.py ;;
+    mapf_pz/evaluation/*) package tests/evaluation tests/commands/test_evaluate.py ;;
+    mapf_pz/instances/*) package tests/instances tests/test_bad_input.py tests/test_cli.py ;;
+    mapf_pz/planners/*) package tests/planners tests/commands/test_solve.py ;;
+    mapf_pz/plans/*) package tests/plans tests/commands/test_validate.py ;;
+    mapf_pz/render/*) package tests/render tests/wrappers/test_record_episode.py tests/plans/test_record.py ;;
+    wrappers/*) package tests/wrappers ;;
 esac

@@ -3,8 +3,6 @@
 Published results of a planner are valid for these decisions. After a change of decisions, measure the results again.
 """
 
-import csv
-import hashlib
 from functools import partial
 from itertools import count, product
 from pathlib import Path
@@ -20,7 +18,7 @@ from mapf_pz.planners import EPIBT, PIBT, LaCAM, PrioritizedSIPP, Shield
 from mapf_pz.planners.sipp.refine import NeighborhoodSearch
 from tests.helpers.text_instances import drawn, problem
 
-RECORDING = Path(__file__).parents[1] / "recordings" / "decisions.csv"
+RECORDING = Path(__file__).parents[1] / "recordings" / "decisions.npz"
 MODELS = ("cardinal", "rotate")
 WEIGHTS = ("uniform", "crisscross", "random")
 MODES = ("nothing", "restart", "finish")
@@ -143,16 +141,26 @@ def cases():
 
 
 def decided(case):
-    """Return the record of a case: the arrivals or the sum of costs, and a hash of all decisions."""
+    """Return the decisions of a case, int32, one row for each step; the last row starts with arrivals or cost."""
     decisions, figure = case()
-    return str(figure), hashlib.sha256(decisions.astype("<i4").tobytes()).hexdigest()[:16]
+    rows = decisions.astype(np.int32).reshape(len(decisions), -1)
+    return np.vstack([rows, np.full((1, rows.shape[1]), figure, np.int32)])
+
+
+def difference(recorded, now):
+    """Return a line on the first step that differs, or None."""
+    for step, (before, after) in enumerate(zip(recorded[:-1], now[:-1], strict=False)):
+        if before.shape != after.shape or (before != after).any():
+            return f"step {step}: recorded {before.tolist()}, now {after.tolist()}"
+    if recorded.shape != now.shape:
+        return f"recorded {len(recorded) - 1} steps, now {len(now) - 1}"
+    if recorded[-1, 0] != now[-1, 0]:
+        return f"arrivals or cost: recorded {recorded[-1, 0]}, now {now[-1, 0]}"
+    return None
 
 
 def main():
-    with RECORDING.open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(["case", "arrivals_or_cost", "digest"])
-        table.writerows([name, *decided(case)] for name, case in cases().items())
+    np.savez_compressed(RECORDING, **{name: decided(case) for name, case in cases().items()})
 
 
 if __name__ == "__main__":
