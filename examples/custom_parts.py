@@ -1,4 +1,4 @@
-"""Train with a channel, a reward and an encoder of one's own: `python examples/custom_parts.py`.
+"""Train with your own channel, reward and encoder: `python examples/custom_parts.py`.
 
 On the command line: `mapf-pz train mappo --channels view cost_to_go custom_parts:congestion --reward custom_parts:pace
 --encoder custom_parts:Pooled`, in this folder.

@@ -19,7 +19,7 @@ def nearest(positions: Ints, active: Bools, neighbors: int, radius: int) -> Ints
 
     Args:
         positions: (B, N, 2) int, [row, col].
-        active: (B, N) bool: who is on the map. Nobody else has neighbors or is one.
+        active: (B, N) bool: the agents on the map; the others have no neighbors and are none.
         neighbors: k, which may be more than there are.
         radius: how many rows, and how many columns, away another agent may be.
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from experiments.words import found_words, load_words, main
+from experiments.words import found_words, load_words, main, prose_of
 
 WORDS = {"anew": "again", "colour*": "color", "at hand": "available"}
 
@@ -18,6 +18,12 @@ WORDS = {"anew": "again", "colour*": "color", "at hand": "available"}
 )
 def test_found_words(text, expected):
     assert list(found_words(text, WORDS)) == expected
+
+
+def test_comments_and_docstrings_of_programs_are_prose(tmp_path):
+    file = tmp_path / "a.py"
+    file.write_text('anew = "anew"  # drawn anew\n\n\ndef f():\n    """Do.\n\n    Anew.\n    """\n')
+    assert list(found_words(prose_of(file), WORDS)) == [(1, "anew", "again"), (7, "Anew", "again")]
 
 
 def test_list_is_sorted_and_complete():

@@ -77,7 +77,7 @@ def _lowest_index_claims(agents: Array, claim: Array) -> None:
 
 @jit
 def _stop_followers_of_stayers(agents: Array, claim: Array) -> None:
-    """Stop whoever claims a stayer's cell, then whoever claims the stopped one's cell, and so on; free all claims."""
+    """Stop each agent that claims the cell of an agent that stays, then the agents behind it; free all claims."""
     for i in range(agents.size):
         if agents[i].active and agents[i].want == agents[i].cell:
             held = agents[i].cell

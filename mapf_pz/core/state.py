@@ -90,7 +90,7 @@ class State(NamedTuple):
     truncated: Array  # (B,) bool: it is over, as its time is up
     goals: Array  # (B, N, G) int32: each agent's goals in order
     history: Array  # (B, N, L, 2) int8: the last L actions, newest first, and whether they moved; action -1: none
-    occupant: Array  # (B, C + 1) int32: the agent on each cell; -1: nobody
+    occupant: Array  # (B, C + 1) int32: the agent on each cell; -1: none
     claim: Array  # (B, C + 1) int32: scratch of the conflict kernels, -1 between steps
 
 

@@ -79,5 +79,5 @@ def _set_map(
                         max(largest, price),
                         min(smallest, price),
                     )
-    mean_weight[0] = total / count  # there is a free cell, or nobody could stand anywhere
+    mean_weight[0] = total / count  # there is a free cell, since agents start on one
     equal_weight[0] = largest if largest == smallest and not one_way else 0.0

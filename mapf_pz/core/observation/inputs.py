@@ -186,7 +186,7 @@ def _find_visible_of(view_shape: ViewShape, obstacle: Array, cells: Array, visib
 
 @jit
 def _between(offset: int, k: int, length: int) -> int:
-    """Return step `k` of `length` towards `offset`, rounded to a whole cell, halves away from the observer."""
+    """Return step `k` of `length` toward `offset`, rounded to a whole cell, halves away from the observer."""
     return np.sign(offset) * ((2 * k * abs(offset) + length) // (2 * length))
 
 

@@ -26,7 +26,7 @@ from mapf_pz.core.state import Array
 
 
 def observe(inputs: ObservationInputs, channels: Sequence[Channel], planes: LayerPlanes, image: Array) -> None:
-    """Fill `image` (B, N, K, h, w) float32 with the `channels`, one after another."""
+    """Fill `image` (B, N, K, h, w) float32 with the `channels`, in their order."""
     inputs.forget()
     shape, state = inputs.view_shape, inputs.state
     flat = image.reshape(*image.shape[:3], -1)
