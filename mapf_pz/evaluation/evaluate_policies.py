@@ -29,7 +29,7 @@ class Job(NamedTuple):
 def evaluate(
     policies: Mapping[str, PolicyFactory | Policy | str] | Iterable[str],
     suite: str | Path | Sequence[EvaluationTask] = "standard",
-    output: Path | None = None,
+    output: str | Path | None = None,
     jobs: int | str = 1,
     show: Callable[[Episode | None, int], None] = lambda episode, left: None,
 ) -> list[Episode]:
@@ -55,7 +55,7 @@ def evaluate(
     factories = {name: _factory(policy) for name, policy in named.items()}
     tasks = load_suite(suite) if isinstance(suite, (str, Path)) else tuple(suite)
     _check_names(tasks)
-    results = Results(tasks, output)
+    results = Results(tasks, None if output is None else Path(output))
     done = results.done()
     pending = [
         Job(name, factory, task, episodes)

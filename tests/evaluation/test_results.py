@@ -63,7 +63,7 @@ def test_nothing_is_done_twice(tmp_path):
     before, _ = evaluated(Right(), TASKS, tmp_path)
     text = (tmp_path / "episodes.csv").read_bytes()
     policy = Right()
-    after, left = evaluated(policy, TASKS, tmp_path)
+    after, left = evaluated(policy, TASKS, str(tmp_path))  # a string is a path, too
     assert (after, left, policy.episodes) == (before, 0, 0)
     assert (tmp_path / "episodes.csv").read_bytes() == text
 
