@@ -14,6 +14,13 @@ Floats = NDArray[np.floating]
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 
+def coordinates(cells: Ints, width: int) -> Ints:
+    """Return [row, col] (..., 2) int64 of cell numbers on a map of `width` columns."""
+    pairs = np.empty((*cells.shape, 2), np.int64)
+    np.divmod(cells, width, out=(pairs[..., 0], pairs[..., 1]))
+    return pairs
+
+
 def frozen(array: ArrayLike, dtype: type[Scalar]) -> NDArray[Scalar]:
     """Return a read-only copy of `array`."""
     copy = np.array(array, dtype=dtype)

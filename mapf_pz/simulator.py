@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.arrays import Bools, Floats, Ints
+from mapf_pz.arrays import Bools, Floats, Ints, coordinates
 from mapf_pz.config import EnvConfig
 from mapf_pz.core import world
 from mapf_pz.core.action_mask import write_masks
@@ -248,6 +248,4 @@ class Simulator:
 
     def coordinates(self, cells: Ints) -> Ints:
         """Return [row, col] (..., 2) int64 of cell numbers."""
-        coordinates = np.empty((*cells.shape, 2), np.int64)
-        np.divmod(cells, self.shape[1], out=(coordinates[..., 0], coordinates[..., 1]))
-        return coordinates
+        return coordinates(cells, self.shape[1])

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
-from mapf_pz.arrays import Bools, Floats, Ints
+from mapf_pz.arrays import Bools, Floats, Ints, coordinates
 from mapf_pz.core.state import Array
 
 
@@ -84,4 +82,4 @@ class Transition:
         return self._cost_to_go(self.agents["was_goal"], self.agents["cell"], self.agents["heading"])
 
     def _coordinates(self, field: str) -> Ints:
-        return np.stack(np.divmod(self.agents[field].astype(np.int64), self.shape[1]), axis=-1)
+        return coordinates(self.agents[field], self.shape[1])

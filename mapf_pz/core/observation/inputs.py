@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
+from mapf_pz.arrays import coordinates
 from mapf_pz.core.jit import BatchKernel, jit
 from mapf_pz.core.observation.layers import MapLayers, Span, ViewOrigins, ViewShape
 from mapf_pz.core.state import Array, Distances, State, World
@@ -143,7 +144,7 @@ class ObservationInputs:
 
     def coordinates(self, cells: Array) -> Array:
         """Return [row, col] (..., 2) int64 of cell numbers."""
-        return np.stack(np.divmod(cells.astype(np.int64), self.world.width), axis=-1)
+        return coordinates(cells, self.world.width)
 
 
 @BatchKernel
