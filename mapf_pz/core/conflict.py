@@ -1,4 +1,4 @@
-"""Propose and resolve: which cell each agent wants, and which it gets. POGEMA's three collision systems.
+"""Moves: which the map allows, which cell each agent wants, and which it gets. POGEMA's three collision systems.
 
 Kernels work on one environment: `agents` (N,) AGENT, and `occupant`, `claim` (C + 1,) int32. After
 `resolve`, the cells that active agents want are pairwise different, and no two agents swap.
@@ -6,8 +6,10 @@ Kernels work on one environment: `agents` (N,) AGENT, and `occupant`, `claim` (C
 
 from __future__ import annotations
 
-from mapf_pz.actions import CardinalAction, Heading
-from mapf_pz.core.jit import jit
+from numba import prange
+
+from mapf_pz.actions import Action, CardinalAction, Heading
+from mapf_pz.core.jit import BatchKernel, jit
 from mapf_pz.core.state import Array
 
 SOFT, PRIORITY, BLOCK_BOTH = 0, 1, 2
@@ -15,6 +17,7 @@ COLLISION_SYSTEMS = {"soft": SOFT, "priority": PRIORITY, "block_both": BLOCK_BOT
 
 NO_MOVE = -1
 FORWARD = 0
+_WAIT, _CARDINAL_WAIT = int(Action.WAIT), int(CardinalAction.WAIT)
 _CARDINAL_DIRECTION = (NO_MOVE, int(Heading.NORTH), int(Heading.SOUTH), int(Heading.WEST), int(Heading.EAST))
 assert [a.name for a in CardinalAction] == ["WAIT", "UP", "DOWN", "LEFT", "RIGHT"]  # the order of the line above
 
@@ -127,3 +130,22 @@ def _enter_only_unclaimed_and_empty(agents: Array, occupant: Array, claim: Array
         else:
             claim[~agent.want] = -1
             agent.want = agent.cell
+
+
+@BatchKernel
+def write_masks(cardinal: bool, leads_to: Array, maps: Array, all_agents: Array, mask: Array) -> None:
+    """Write `mask` (B, N, A) int8: waiting is always legal; turning, and moves to free cells, while active.
+
+    Other agents do not count.
+    """
+    wait = _CARDINAL_WAIT if cardinal else _WAIT
+    for b in prange(maps.size):
+        m, agents = maps[b], all_agents[b]
+        for i in range(agents.size):
+            agent = agents[i]
+            for action in range(mask.shape[2]):
+                towards = direction(cardinal, agent.heading, action)
+                if towards == NO_MOVE:
+                    mask[b, i, action] = agent.active or action == wait
+                else:
+                    mask[b, i, action] = agent.active and leads_to[m, towards, agent.cell] != agent.cell

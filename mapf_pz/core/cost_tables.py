@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mapf_pz.arrays import Ints
+from mapf_pz.core.cost_sweeps import FEWEST_GOALS, fill_by_sweeps
 from mapf_pz.core.cost_to_go import fill_tables
 from mapf_pz.core.jit import jit
 from mapf_pz.core.state import Array, Distances, World
@@ -57,6 +58,10 @@ class CostTables:
         self._unused.extend(slots[slots >= 0].tolist())
         slots[:] = -1
 
+    def has_room_for(self, maps: Ints, goals: Ints) -> bool:
+        """Return whether the missing tables to `goals` (B, N) on `maps` (B,) fit beside those that are known."""
+        return _count_missing(self.arrays.slot, maps, goals) <= len(self._unused)
+
     def require(self, maps: Ints, goals: Ints) -> None:
         """Compute the missing tables to `goals` (B, N) on `maps` (B,), which must be all that are needed at present.
 
@@ -80,7 +85,19 @@ class CostTables:
         slots = np.array([self._unused.pop() for _ in range(count)], np.int32)
         slot.flat[wanted] = slots
         maps, goals = np.array(np.unravel_index(wanted, slot.shape), np.int32)
-        fill_tables(self._num_threads, self._world, maps, goals, slots, self.arrays, self._scratch)
+        self._fill(maps, goals, slots)
+
+    def _fill(self, maps: Ints, goals: Ints, slots: Ints) -> None:
+        """Compute the tables `slots` (K,) of `goals` (K,) on `maps` (K,), which are sorted."""
+        counts = np.bincount(maps, minlength=len(self._world.equal_weight))
+        sweeps = (counts >= FEWEST_GOALS) & (self._world.equal_weight == 0)
+        single = ~sweeps[maps]
+        if single.any():
+            work = maps[single], goals[single], slots[single]
+            fill_tables(self._num_threads, self._world, *work, self.arrays, self._scratch)
+        for m in np.flatnonzero(sweeps):
+            here = maps == m
+            fill_by_sweeps(self._num_threads, self._world, int(m), goals[here], slots[here], self.arrays)
 
     def _drop_all_but(self, maps: Ints, goals: Ints) -> None:
         slot = self.arrays.slot
@@ -107,3 +124,12 @@ def _all_known(slot: Array, maps: Array, goals: Array) -> bool:
             if slot[maps[b], goal] < 0:
                 return False
     return True
+
+
+@jit
+def _count_missing(slot: Array, maps: Array, goals: Array) -> int:
+    counted = np.zeros(slot.shape, np.bool_)
+    for b in range(maps.size):
+        for goal in goals[b]:
+            counted[maps[b], goal] |= slot[maps[b], goal] < 0
+    return counted.sum()

@@ -8,6 +8,8 @@ from mapf_pz import memory
 from mapf_pz.actions import HEADING_STEPS
 from mapf_pz.config import EnvConfig
 from mapf_pz.core import cost_tables as tables
+from mapf_pz.core import world
+from mapf_pz.core.cost_sweeps import FEWEST_GOALS, LANES
 from mapf_pz.guidance import GuidanceGraph, open_edges
 from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances import RandomObstacles
@@ -81,14 +83,15 @@ def cost_to_go(free, weights, goals, action_model):
     return to_go
 
 
+@pytest.mark.parametrize("num_goals", [3, FEWEST_GOALS, LANES + FEWEST_GOALS])
 @pytest.mark.parametrize("action_model", MODELS)
 @pytest.mark.parametrize("name", GRAPHS)
-def test_equals_dijkstra_on_the_explicit_graph(name, action_model):
+def test_equals_dijkstra_on_the_explicit_graph(name, action_model, num_goals):
     rng = np.random.default_rng(1)
     for shape in ((1, 7), (6, 5), (9, 8), (15, 16)):
         free = connected_map(rng, shape)
         weights = GRAPHS[name](free, rng)
-        goals = np.argwhere(free)[rng.integers(free.sum(), size=3)]
+        goals = np.argwhere(free)[rng.permutation(free.sum())[:num_goals]]
         graph = explicit_graph(free, weights, action_model).reverse()
         for to_go, goal in zip(cost_to_go(free, weights, goals, action_model), goals.tolist(), strict=True):
             ends = [(tuple(goal), heading) for heading in range(to_go.shape[2])]
@@ -252,3 +255,29 @@ def test_shortest_steps_ignore_weights(action_model, num_agents):
     simulator.step(np.full((1, num_agents), wait))
     shortest = sum({"rotate": (3, 2), "cardinal": (1, 2)}[action_model][:num_agents])  # two turns and a move; two moves
     assert simulator.metrics(0)["SoC_ratio"] == pytest.approx(num_agents / shortest)
+
+
+@pytest.mark.parametrize("num_threads", [1, 2])
+@pytest.mark.parametrize("action_model", MODELS)
+def test_many_goals_at_once_equal_one_after_another(action_model, num_threads):
+    """Sweeps and Dijkstra's algorithm give the same tables to the bit, also on a map of two components."""
+    rng = np.random.default_rng(3)
+    free = rng.random((20, 23)) < 0.7
+    free[:, 11] = False
+    graph = one_way_graph(free, rng)
+    cells = np.flatnonzero(free)
+    maps, slots = np.zeros(cells.size, np.int32), np.arange(cells.size, dtype=np.int32)
+    one_by_one, together = (new_tables(free, graph, action_model, num_threads) for _ in range(2))
+    for k in range(cells.size):
+        one_by_one.require(maps[:1], cells[None, k : k + 1])
+    together.require(maps[:1], cells[None])
+    for name in ("to_go", "nearest"):
+        expected = getattr(one_by_one.arrays, name)[one_by_one.arrays.slot[0, cells]]
+        assert np.array_equal(getattr(together.arrays, name)[together.arrays.slot[0, cells]], expected)
+    assert sorted(together.arrays.slot[0, cells]) == slots.tolist()
+
+
+def new_tables(free, graph, action_model, num_threads):
+    arrays = world.allocate(1, free.shape)
+    world.set_map(arrays, 0, free, graph)
+    return tables.CostTables(arrays, 4 if action_model == "rotate" else 1, int(free.sum()), None, num_threads)

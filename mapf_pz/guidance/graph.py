@@ -1,4 +1,4 @@
-"""Guidance graphs: the costs of leaving a cell in each direction, and of waiting or turning there."""
+"""`GuidanceGraph`: the edge weights of a map."""
 
 from __future__ import annotations
 
