@@ -46,6 +46,7 @@ ORDER = [
     "wrappers",
     "rl",
     "evaluation",
+    "optimization",
     "benchmark",
     "commands",
     "cli",

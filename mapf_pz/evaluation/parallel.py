@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from functools import partial
 from multiprocessing import active_children, get_context, parent_process
 from threading import Thread
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 from mapf_pz.interrupts import unheard_by_children
 
@@ -17,36 +19,56 @@ RAY = "ray"
 
 
 def run_jobs(function: Callable[[Job], Result], items: Sequence[Job], jobs: int | str) -> Iterator[Result]:
-    """Yield the result of `function` for each item, in the order of completion.
+    """Yield the result of `function` for each item, in the order of completion: see `job_runner`."""
+    with job_runner(jobs) as run:
+        yield from run(function, items)
+
+
+class RunJobs(Protocol):
+    """A function that calls another one with each item, in parallel."""
+
+    def __call__(self, function: Callable[[Job], Result], items: Sequence[Job], /) -> Iterator[Result]:
+        """Yield the results in the order of completion; `function`, the items and results must be picklable."""
+        ...
+
+
+@contextmanager
+def job_runner(jobs: int | str) -> Generator[RunJobs]:
+    """Yield a function that runs jobs, in processes that last as long as the context.
 
     Args:
-        function: the function to call. It must be picklable, as must the items and results.
-        items: the arguments of the calls.
         jobs: 1: sequentially in this process; more: number of processes; `ray`: in parallel on the Ray cluster at
             `RAY_ADDRESS` or, without this variable, on a local one that is started.
 
     Raises `ValueError` for other values of `jobs`, and `ImportError` if Ray is not installed.
     """
     if jobs == RAY:
-        return _on_ray(function, items) if items else iter(())
+        with _ray():
+            yield _on_ray
+        return
     if not isinstance(jobs, int) or jobs < 1:
         raise ValueError(f"jobs={jobs!r}: expected a number of processes, 1 or more, or 'ray'")
-    return map(function, items) if jobs == 1 else _in_processes(function, items, jobs)
-
-
-def _in_processes(function: Callable[[Job], Result], items: Sequence[Job], jobs: int) -> Iterator[Result]:
+    if jobs == 1:
+        yield map
+        return
     existing = set(active_children())
     with ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_start_process) as pool:
         try:
-            with unheard_by_children():  # children would print a traceback while they are loading
-                futures = [pool.submit(function, item) for item in items]
-            for future in as_completed(futures):
-                yield future.result()
+            yield partial(_in_processes, pool)
         except BaseException:  # otherwise running jobs would be waited for
             for process in set(active_children()) - existing:
                 process.terminate()
             pool.shutdown(cancel_futures=True)
             raise
+
+
+def _in_processes(
+    pool: ProcessPoolExecutor, function: Callable[[Job], Result], items: Sequence[Job]
+) -> Iterator[Result]:
+    with unheard_by_children():  # children would print a traceback while they are loading
+        futures = [pool.submit(function, item) for item in items]
+    for future in as_completed(futures):
+        yield future.result()
 
 
 def _start_process() -> None:
@@ -63,13 +85,25 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _on_ray(function: Callable[[Job], Result], items: Sequence[Job]) -> Iterator[Result]:
+@contextmanager
+def _ray() -> Generator[None]:
+    """Use the Ray that runs already, or start one for the duration of the context."""
     import ray
-    from ray.exceptions import RayError, RayTaskError
 
     started_here = not ray.is_initialized()
     if started_here:
         ray.init(log_to_driver=False)
+    try:
+        yield
+    finally:
+        if started_here:
+            ray.shutdown()
+
+
+def _on_ray(function: Callable[[Job], Result], items: Sequence[Job]) -> Iterator[Result]:
+    import ray
+    from ray.exceptions import RayError, RayTaskError
+
     remote = ray.remote(function)
     pending = [remote.remote(item) for item in items]
     try:
@@ -83,5 +117,3 @@ def _on_ray(function: Callable[[Job], Result], items: Sequence[Job]) -> Iterator
     finally:
         for item in pending:
             ray.cancel(item)
-        if started_here:
-            ray.shutdown()

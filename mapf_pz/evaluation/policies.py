@@ -29,11 +29,9 @@ def policy_factory(name: str, seed: int = 0, deterministic: bool = False) -> Pol
 
     Raises `ValueError` for an unknown name, and for an unknown or invalid option of a planner.
     """
-    planner, _, options = name.partition(":")
-    if planner in PLANNERS:
-        arguments = _options(PLANNERS[planner], options)
-        PLANNERS[planner](seed=seed, **arguments)  # rejects invalid values
-        return partial(_planner_factory, PLANNERS[planner], arguments, seed)
+    if name.partition(":")[0] in PLANNERS:
+        planner_of(name, seed)  # rejects invalid options
+        return partial(_planner_factory, name, seed)
     if name == "random":
         return partial(_random_factory, seed)
     trained = name.removesuffix(SHIELD_SUFFIX)
@@ -43,6 +41,17 @@ def policy_factory(name: str, seed: int = 0, deterministic: bool = False) -> Pol
             f"({', '.join(_bundled_names())}), or the folder of a training run"
         )
     return partial(_trained_factory, trained, trained != name, seed, deterministic)
+
+
+def planner_of(name: str, seed: int = 0, env: MapfEnv | None = None) -> Planner:
+    """Return the planner of this name with its options, such as `epibt:depth=5`.
+
+    Raises `ValueError` for an unknown name, and for an unknown or invalid option.
+    """
+    planner, _, options = name.partition(":")
+    if planner not in PLANNERS:
+        raise ValueError(f"planner {planner!r}: expected one of {', '.join(PLANNERS)}")
+    return PLANNERS[planner](env, seed=seed, **_options(PLANNERS[planner], options))
 
 
 def is_trained(name: str) -> bool:
@@ -74,11 +83,9 @@ def _existing_factory(policy: Policy, keywords: dict[str, Any]) -> tuple[AnyEnv,
     return make_env(policy, **keywords), policy
 
 
-def _planner_factory(
-    planner: type[Planner], options: dict[str, Any], seed: int, keywords: dict[str, Any]
-) -> tuple[AnyEnv, Policy]:
-    env = parallel_env(**(planner.env_kwargs | keywords))
-    return env, planner(env, seed=seed, **options)
+def _planner_factory(name: str, seed: int, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:
+    env = parallel_env(**(Planner.env_kwargs | keywords))
+    return env, planner_of(name, seed, env)
 
 
 def _random_factory(seed: int, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:

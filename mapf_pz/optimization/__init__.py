@@ -1,0 +1,1 @@
+"""Optimization of guidance graphs: edge weights with which a planner or policy routes agents better."""

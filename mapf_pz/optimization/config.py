@@ -1,0 +1,43 @@
+"""The configuration of an optimization of a guidance graph."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mapf_pz.optimization.methods import METHODS
+from mapf_pz.optimization.task import GuidanceTask
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class OptimizeConfig:
+    """An optimization. Raises `ValueError` for an unknown method or a number that is too small."""
+
+    task: GuidanceTask = field(default_factory=GuidanceTask)
+    """The planner or policy, and its episodes."""
+    method: str = "evolution"
+    """`evolution`, `feedback`, `cma`, `cma-weights`, `piu` or `flips`; joined by `+`, they share the time, as in
+    `evolution+flips`."""
+    minutes: float = 10.0
+    """Time budget in minutes, the final selection included."""
+    seed: int = 0
+    """Random seed. The result also depends on the speed of the machine."""
+    jobs: int | str = field(default_factory=_cores)
+    """Number of processes; `ray`: run on a Ray cluster. Default: one for each core."""
+    model: Path | None = None
+    """With `piu`: a trained model to start from, `model.npz` of another optimization."""
+
+    def __post_init__(self) -> None:
+        """Check the fields."""
+        if self.minutes <= 0:
+            raise ValueError(f"minutes={self.minutes}: expected more than 0")
+        for name in self.method.split("+"):
+            if name not in METHODS:
+                raise ValueError(f"method {name!r}: expected {', '.join(METHODS)}, or several joined by +")
+        if self.model is not None and "piu" not in self.method.split("+"):
+            raise ValueError("model: expected only with the method 'piu'")

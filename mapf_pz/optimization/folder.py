@@ -1,0 +1,154 @@
+"""The folder of an optimization: configuration, history, candidates, and the best guidance graph."""
+
+from __future__ import annotations
+
+import csv
+import json
+import time
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple, fields, replace
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import numpy as np
+
+from mapf_pz.arrays import Floats
+from mapf_pz.config import EnvConfig
+from mapf_pz.errors import FormatError
+from mapf_pz.guidance import GuidanceGraph, save_guidance
+from mapf_pz.instance import Grid
+from mapf_pz.io.atomic import replacing, write_whole
+from mapf_pz.io.text import read_text
+from mapf_pz.optimization.candidate import Candidate, Origin
+from mapf_pz.optimization.config import OptimizeConfig
+from mapf_pz.optimization.rule import FeedbackRule, Traffic
+from mapf_pz.optimization.search import Progress
+from mapf_pz.optimization.update_model import UpdateModel
+from mapf_pz.optimization.usage import Usage
+
+GRAPH_FILE, HISTORY_FILE, CANDIDATES_FILE = "guidance.json", "history.csv", "candidates.npz"
+CONFIG_FILE, MODEL_FILE = "config.json", "model.npz"
+SAVE_SECONDS = 20
+"""Seconds between two saves of the candidates."""
+_SCORES = "scores"
+_COLUMNS = ("move", "wait", "rule", "direction", "waiting", "flow", "moves", "waits")
+
+
+class OptimizationFolder:
+    """Writes the files of an optimization."""
+
+    def __init__(self, path: Path, config: OptimizeConfig, resume: bool) -> None:
+        """Create or open the folder; raises `FileExistsError` or `FileNotFoundError` unless `resume` fits."""
+        self.path = path
+        self._grid = config.task.grid
+        exists = (path / HISTORY_FILE).exists()
+        if exists and not resume:
+            raise FileExistsError(f"output {str(path)!r} holds an optimization: choose another output, or --resume")
+        if resume and not exists:
+            raise FileNotFoundError(f"output {str(path)!r} holds no optimization to resume")
+        path.mkdir(parents=True, exist_ok=True)
+        self._rows = _read_history(path / HISTORY_FILE) if exists else []
+        self._seconds = self._rows[-1].seconds if self._rows else 0.0
+        self._simulations = self._rows[-1].simulations if self._rows else 0
+        write_whole(path / CONFIG_FILE, _description(config).encode())
+        self._saved = time.monotonic()
+
+    @property
+    def num_rows(self) -> int:
+        """Number of rows of the history so far."""
+        return len(self._rows)
+
+    def load_candidates(self) -> list[Candidate]:
+        """Return the candidates in the folder; none if there are none yet."""
+        file = self.path / CANDIDATES_FILE
+        if not file.exists():
+            return []
+        try:
+            with np.load(file, allow_pickle=False) as arrays:
+                return [_candidate(arrays, index, self._grid) for index in range(len(arrays[_SCORES]))]
+        except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            raise FormatError(file, f"expected candidates: {' '.join(str(error).split())}") from None
+
+    def add(self, progress: Progress, candidates: Sequence[Candidate]) -> None:
+        """Add a row to the history, and save it and the candidates now and then."""
+        seconds, simulations = progress.seconds + self._seconds, progress.simulations + self._simulations
+        self._rows.append(replace(progress, seconds=seconds, simulations=simulations))
+        if time.monotonic() - self._saved > SAVE_SECONDS:
+            self._save(candidates)
+
+    def _save(self, candidates: Sequence[Candidate]) -> None:
+        self._saved = time.monotonic()
+        with replacing(self.path / HISTORY_FILE) as temporary, temporary.open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow([field.name for field in fields(Progress)])
+            writer.writerows(astuple(row) for row in self._rows)
+        with replacing(self.path / CANDIDATES_FILE) as temporary:
+            np.savez_compressed(temporary, **_arrays(candidates))
+
+    def save_model(self, model: UpdateModel) -> None:
+        """Save the model that `piu` has trained."""
+        model.save(self.path / MODEL_FILE)
+
+    def save_result(self, candidates: Sequence[Candidate], graph: GuidanceGraph) -> None:
+        """Save everything, and the best graph."""
+        self._save(candidates)
+        save_guidance(graph, self.path / GRAPH_FILE, self._grid)
+
+
+def _description(config: OptimizeConfig) -> str:
+    """Return the configuration as JSON; objects that are not plain values by their type."""
+    task = config.task
+    env = {name: value for name, value in task.env.keywords().items() if value != getattr(EnvConfig(), name)}
+    values = {"map": task.grid.name, **env, "planner": task.planner}
+    values |= {name: getattr(config, name) for name in ("method", "minutes", "seed", "jobs")}
+    return json.dumps(values, indent=2, default=lambda value: str(value) if isinstance(value, Path) else repr(value))
+
+
+def _read_history(file: Path) -> list[Progress]:
+    rows = list(csv.reader(read_text(file).splitlines()))
+    names = [field.name for field in fields(Progress)]
+    if not rows or rows[0] != names:
+        raise FormatError(file, f"expected the columns {', '.join(names)}", 1)
+    return [_progress(row, file, line) for line, row in enumerate(rows[1:], 2)]
+
+
+def _progress(row: Sequence[str], file: Path, line: int) -> Progress:
+    """Return a row of the history in `line` of the file."""
+    kinds = get_type_hints(Progress)
+    try:
+        return Progress(**{name: kind(text) for (name, kind), text in zip(kinds.items(), row, strict=True)})
+    except ValueError:
+        raise FormatError(file, f"expected the values of {', '.join(kinds)}", line) from None
+
+
+def _arrays(candidates: Sequence[Candidate]) -> dict[str, Any]:
+    """Return the candidates' arrays, a row for each; rules are NaN where there is none."""
+    most = max((len(candidate.scores) for candidate in candidates), default=0)
+    scores = [[*candidate.scores, *[np.nan] * (most - len(candidate.scores))] for candidate in candidates]
+    columns: dict[str, list[Floats]] = {name: [] for name in _COLUMNS}
+    for candidate in candidates:
+        origin, usage, graph = candidate.origin, candidate.usage, candidate.graph
+        nothing = Usage.empty(graph.shape)
+        rule = np.full(FeedbackRule().vector().shape, np.nan) if origin is None else origin.rule.vector()
+        traffic = Traffic(nothing.moves, nothing.waits, nothing.waits) if origin is None else origin.traffic
+        seen = nothing if usage is None else usage
+        values = (graph.move, graph.wait, rule, *traffic, seen.moves, seen.waits)
+        for name, value in zip(_COLUMNS, values, strict=True):
+            columns[name].append(value)
+    return {_SCORES: np.array(scores), **{name: np.array(values) for name, values in columns.items()}}
+
+
+def _candidate(arrays: Mapping[str, Floats], index: int, grid: Grid) -> Candidate:
+    """Return a candidate; raises `ValueError` if it is of another map."""
+    values = {name: arrays[name][index] for name in _COLUMNS}
+    graph = GuidanceGraph(values["move"], values["wait"])
+    if graph.shape != grid.shape:
+        raise ValueError(f"candidates for a map of {graph.shape} cells, but the map has {grid.shape}")
+    origin = None
+    if not np.isnan(values["rule"]).any():
+        traffic = Traffic(values["direction"], values["waiting"], values["flow"])
+        origin = Origin(FeedbackRule.from_vector(values["rule"]), traffic)
+    scores = arrays[_SCORES][index]
+    known = scores[~np.isnan(scores)].tolist()
+    return Candidate(graph, origin, known, Usage(values["moves"], values["waits"]) if known else None)

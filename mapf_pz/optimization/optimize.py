@@ -1,0 +1,115 @@
+"""Optimize a guidance graph within a time budget, with all files in one folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from mapf_pz.evaluation.parallel import job_runner
+from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.optimization.candidate import Candidate
+from mapf_pz.optimization.config import OptimizeConfig
+from mapf_pz.optimization.folder import OptimizationFolder
+from mapf_pz.optimization.methods import METHODS
+from mapf_pz.optimization.search import Progress, Search
+from mapf_pz.optimization.simulation import simulate
+from mapf_pz.optimization.task import GuidanceTask
+from mapf_pz.optimization.update_model import UpdateModel, piu
+
+SELECTION = 0.12
+"""Share of the time budget that is spent to choose among the best candidates."""
+
+
+@dataclass(frozen=True)
+class Optimized:
+    """The result of an optimization."""
+
+    graph: GuidanceGraph
+    """The best graph."""
+    score: float
+    """Its mean score in the final selection, a little too high as it is the best of several; its mean score in the
+    search if the optimization was interrupted."""
+    num_scores: int
+    """Number of episodes of this mean."""
+    interrupted: bool
+    """Whether Ctrl-C ended the optimization early."""
+
+
+def optimize(
+    config: OptimizeConfig,
+    output: Path | None = None,
+    resume: bool = False,
+    on_progress: Callable[[Progress], object] = lambda progress: None,
+) -> Optimized:
+    """Optimize a guidance graph.
+
+    Ctrl-C ends the optimization early and keeps the best graph.
+
+    Args:
+        config: The optimization.
+        output: Folder for the graph, the candidates and the history; it must be new unless `resume`. None: no files.
+        resume: Go on with the candidates in the folder, for another time budget.
+        on_progress: Is called after each round of simulations.
+
+    Returns:
+        The best graph. Uniform and crisscross weights compete, too.
+
+    Raises:
+        FileExistsError: The folder holds an optimization, and `resume` is False.
+        FileNotFoundError: It holds none, and `resume` is True.
+    """
+    folder = None if output is None else OptimizationFolder(output, config, resume)
+    simulate(config.task, GuidanceGraph.crisscross(config.task.grid.free), seed=0, num_steps=1)  # compiles all kernels
+    with job_runner(config.jobs) as run:
+        search = Search(
+            config.task,
+            run,
+            seconds=60 * config.minutes,
+            rng=np.random.default_rng([config.seed, 0 if folder is None else folder.num_rows]),
+            num_jobs=config.jobs if isinstance(config.jobs, int) else 8,
+            archive=[] if folder is None else folder.load_candidates(),
+        )
+        search.on_progress = partial(_report, search, folder, on_progress)
+        try:
+            _improve(search, config, folder)
+            best, interrupted = search.select(baselines(config.task)), False
+        except KeyboardInterrupt:
+            if not search.archive:
+                raise
+            best, interrupted = search.archive[0], True
+    result = Optimized(best.graph, best.mean, len(best.scores), interrupted)
+    if folder is not None:
+        folder.save_result(search.archive, result.graph)
+    return result
+
+
+def baselines(task: GuidanceTask) -> list[Candidate]:
+    """Return uniform and crisscross weights, which the result should not be worse than."""
+    free = task.grid.free
+    return [Candidate(GuidanceGraph.uniform(free)), Candidate(GuidanceGraph.crisscross(free))]
+
+
+def _improve(search: Search, config: OptimizeConfig, folder: OptimizationFolder | None) -> None:
+    """Run the methods one after another, for equal shares of the time."""
+    names = config.method.split("+")
+    for number, name in enumerate(names, 1):
+        search.method = name
+        share = (1 - SELECTION) * number / len(names)
+        if name != "piu":
+            METHODS[name](search, share)
+            continue
+        model = piu(search, share, None if config.model is None else UpdateModel.load(config.model))
+        if folder is not None:
+            folder.save_model(model)
+
+
+def _report(
+    search: Search, folder: OptimizationFolder | None, on_progress: Callable[[Progress], object], progress: Progress
+) -> None:
+    if folder is not None:
+        folder.add(progress, search.archive)
+    on_progress(progress)

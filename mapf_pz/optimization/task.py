@@ -1,0 +1,57 @@
+"""What a guidance graph is optimized for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from mapf_pz.config import EnvConfig
+from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.instance import Grid
+from mapf_pz.instances.configured import make_source
+from mapf_pz.planners import PLANNERS
+
+LIFELONG = EnvConfig(on_target="restart", max_steps=1000)
+"""The protocol of Zhang et al., *Guidance Graph Optimization for Lifelong MAPF*, IJCAI 2024."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GuidanceTask:
+    """A planner or policy, and the episodes in which it uses the guidance graph.
+
+    The score of an episode, which is maximized, is the throughput in goals per step with `on_target="restart"`;
+    otherwise it is minus the sum of costs per agent, where agents that do not arrive cost twice the maximum number of
+    steps.
+
+    Raises `ValueError` if the episodes have different maps.
+    """
+
+    env: EnvConfig = field(default_factory=lambda: LIFELONG)
+    """The environment; `edge_weights` are those of the start."""
+    planner: str = "pibt"
+    """A planner or policy by name, as in `mapf-pz evaluate`."""
+
+    def __post_init__(self) -> None:
+        """Check that all episodes have one map."""
+        if make_source(self.env).grid is None:
+            raise ValueError("a guidance graph belongs to one map: expected episodes that share one")
+
+    @property
+    def grid(self) -> Grid:
+        """The map."""
+        grid = make_source(self.env).grid
+        assert grid is not None
+        return grid
+
+    @property
+    def is_lifelong(self) -> bool:
+        """Whether the score is the throughput."""
+        return self.env.on_target == "restart"
+
+    @property
+    def is_planner(self) -> bool:
+        """Whether a planner acts, which reads the state instead of observations."""
+        return self.planner.partition(":")[0] in PLANNERS
+
+    def with_graph(self, graph: GuidanceGraph, num_steps: int | None = None) -> EnvConfig:
+        """Return the environment with another guidance graph, and another maximum number of steps if given."""
+        return replace(self.env, edge_weights=graph, max_steps=num_steps or self.env.max_steps)

@@ -1,0 +1,142 @@
+"""Optimization of guidance graphs: every method, selection, interrupts, and going on."""
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mapf_pz.config import EnvConfig
+from mapf_pz.guidance import GuidanceGraph, load_guidance
+from mapf_pz.instances import RandomObstacles
+from mapf_pz.optimization.candidate import Candidate, ranked
+from mapf_pz.optimization.config import OptimizeConfig
+from mapf_pz.optimization.evaluate import compare
+from mapf_pz.optimization.methods import METHODS
+from mapf_pz.optimization.optimize import optimize
+from mapf_pz.optimization.search import FIRST_SEED, Search
+from mapf_pz.optimization.simulation import Simulation, simulate
+from mapf_pz.optimization.task import GuidanceTask
+from mapf_pz.optimization.usage import Usage
+
+LIFELONG = GuidanceTask(
+    env=EnvConfig(map="empty-8-8", num_agents=24, action_model="cardinal", on_target="restart", max_steps=60)
+)
+SHORT = OptimizeConfig(task=LIFELONG, minutes=0.03, jobs=1)
+
+
+def test_simulations_depend_on_seed_and_graph_only():
+    free = LIFELONG.grid.free
+    graph = GuidanceGraph.crisscross(free)
+    first, again, other = (simulate(LIFELONG, graph, seed) for seed in (3, 3, 4))
+    assert first.score == again.score > 0
+    assert np.array_equal(first.usage.moves, again.usage.moves)
+    assert not np.array_equal(first.usage.moves, other.usage.moves)
+    assert first.usage.moves.sum() + first.usage.waits.sum() == 24 * 60
+    assert not np.array_equal(first.usage.moves, simulate(LIFELONG, GuidanceGraph.uniform(free), 3).usage.moves)
+
+
+def test_the_score_of_one_shot_episodes_is_the_cost_per_agent():
+    env = EnvConfig(map="empty-8-8", num_agents=2, action_model="cardinal", max_steps=60)
+    task = GuidanceTask(env=env)
+    graph = GuidanceGraph.uniform(task.grid.free)
+    result = simulate(task, graph, 0)
+    moves, waits = result.usage.moves.sum(), result.usage.waits.sum()
+    assert result.score == -(moves + waits) / 2  # each step before an agent rests at its goal is a move or a wait
+    cut = simulate(task, graph, 0, num_steps=1)
+    assert cut.score == -2  # one step, and as much again for agents that have not arrived
+
+
+@pytest.mark.parametrize("planner", ["pibt", "epibt:depth=2", "mappo-cardinal", "random"])
+def test_planners_and_policies(planner):
+    task = GuidanceTask(env=replace(LIFELONG.env, num_agents=4, max_steps=20), planner=planner)
+    result = simulate(task, GuidanceGraph.crisscross(task.grid.free), 0)
+    assert result.usage.moves.sum() + result.usage.waits.sum() == 4 * 20
+
+
+def test_tasks_need_one_map():
+    with pytest.raises(ValueError, match="one map"):
+        GuidanceTask(env=EnvConfig(source=RandomObstacles(8, 8, 0.1, 4)))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_each_method_improves_on_uniform_weights(method):
+    result = optimize(replace(SHORT, method=method))
+    free = LIFELONG.grid.free
+    found, uniform = compare(LIFELONG, {"found": result.graph, "uniform": GuidanceGraph.uniform(free)}, 12)
+    assert found.mean > uniform.mean
+
+
+def test_files_and_going_on(tmp_path):
+    folder = tmp_path / "run"
+    result = optimize(replace(SHORT, method="evolution+flips"), folder)
+    assert result.graph == load_guidance(folder / "guidance.json", LIFELONG.grid)
+    rows = list(csv.DictReader((folder / "history.csv").open()))
+    assert {row["method"] for row in rows} == {"evolution", "flips"}
+    simulations = [int(row["simulations"]) for row in rows]
+    assert simulations == sorted(set(simulations))
+    assert json.loads((folder / "config.json").read_text())["map"] == "empty-8-8"
+    with pytest.raises(FileExistsError, match="choose another output, or --resume"):
+        optimize(SHORT, folder)
+    optimize(SHORT, folder, resume=True)
+    more = list(csv.DictReader((folder / "history.csv").open()))
+    assert more[: len(rows)] == rows
+    assert int(more[-1]["simulations"]) > simulations[-1]
+    assert float(more[len(rows)]["seconds"]) > float(rows[-1]["seconds"])
+    with pytest.raises(FileNotFoundError, match="no optimization to resume"):
+        optimize(SHORT, tmp_path / "other", resume=True)
+
+
+def test_candidates_of_another_map_are_refused(tmp_path):
+    optimize(SHORT, tmp_path)
+    other = replace(LIFELONG, env=replace(LIFELONG.env, map="empty-16-16"))
+    with pytest.raises(ValueError, match=r"candidates\.npz: .*map"):
+        optimize(replace(SHORT, task=other), tmp_path, resume=True)
+
+
+def test_an_interrupt_keeps_the_best(tmp_path):
+    best = []
+
+    def interrupt(progress):
+        best.append(progress.best)
+        if progress.simulations >= 60:
+            raise KeyboardInterrupt
+
+    result = optimize(replace(SHORT, minutes=60), tmp_path / "run", on_progress=interrupt)
+    assert result.interrupted
+    assert result.score == best[-1]
+    assert result.graph == load_guidance(tmp_path / "run" / "guidance.json", LIFELONG.grid)
+
+
+def test_selection_is_by_fresh_scores():
+    """A candidate with lucky scores in the search loses to one that is better on new seeds."""
+    free = LIFELONG.grid.free
+    blocked = GuidanceGraph.uniform(free).move * np.where(np.arange(8) % 2, 1.0, 60.0)[:, None]
+    lucky = Candidate(GuidanceGraph(blocked, np.ones(free.shape)), scores=[1e9])
+    good = Candidate(GuidanceGraph.crisscross(free), scores=[0.0])
+    search = Search(LIFELONG, map, seconds=0, rng=np.random.default_rng(0), archive=[lucky, good])
+    assert search.select().graph == good.graph
+
+
+def test_ranking_discounts_few_scores():
+    empty = Usage.empty((8, 8))
+    steady, lucky, low = (Candidate(GuidanceGraph.uniform(LIFELONG.grid.free)) for _ in range(3))
+    for candidate, scores in ((steady, [4.0, 5.0, 6.0] * 4), (lucky, [5.2]), (low, [1.0, 2.0])):
+        for score in scores:
+            candidate.add(Simulation(score, empty))
+    assert ranked([low, lucky, steady, Candidate(low.graph)]) == [steady, lucky, low]
+
+
+def test_seeds_of_the_search_are_not_those_of_tests():
+    search = Search(LIFELONG, map, seconds=1, rng=np.random.default_rng(0))
+    assert min(search.draw_seed() for _ in range(1000)) >= FIRST_SEED
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [({"method": "gradient"}, "method 'gradient'"), ({"minutes": 0}, "minutes=0"), ({"model": "x"}, "piu")],
+)
+def test_invalid_options(change, message):
+    with pytest.raises(ValueError, match=message):
+        replace(SHORT, **change)

@@ -1,0 +1,123 @@
+"""Usage of edges and the rules that turn it into weights: by hand on drawn maps, and their symmetries."""
+
+import numpy as np
+import pytest
+
+from mapf_pz.config import EnvConfig
+from mapf_pz.guidance import open_edges
+from mapf_pz.instance import Scenario
+from mapf_pz.optimization.rule import FeedbackRule, Traffic
+from mapf_pz.optimization.update_model import NUM_PARAMETERS, UpdateModel
+from mapf_pz.optimization.usage import Usage, opposite
+from mapf_pz.simulator import Simulator
+
+FREE = np.array([[True, True, True], [True, False, True], [True, True, True]])
+
+
+@pytest.mark.parametrize("shape", [(3, 4), (4, 1), (1, 4)])
+def test_usage_counts_moves_by_direction_and_waits(shape):
+    """Two agents: one moves to a neighbor and back, the other waits on its cell."""
+    last = (shape[0] - 1, shape[1] - 1)
+    goal = (0, 1) if shape[1] > 1 else (1, 0)
+    scenario = Scenario(np.array([[0, 0], last]), np.array([goal, (0, 0)]))
+    env = EnvConfig(map=np.ones(shape, np.bool_), scenario=scenario, action_model="cardinal", view_size=(1, 1))
+    simulator, usage = Simulator(env), Usage.empty(shape)
+    simulator.reset(seeds={0: 0})
+    there, back, wait = (4, 3, 0) if shape[1] > 1 else (2, 1, 0)  # right and left, or down and up
+    for action in (there, wait, back):
+        simulator.step(np.array([[action, wait]]))
+        usage.add(simulator.agents[0])
+    expected = Usage.empty(shape)
+    ahead, behind = (0, 2) if shape[1] > 1 else (1, 3)
+    expected.moves[ahead, 0, 0] = expected.moves[(behind, *goal)] = 1
+    expected.waits[last] = 3  # away from its goal; the first agent waits on its goal, which does not count
+    assert np.array_equal(usage.moves, expected.moves)
+    assert np.array_equal(usage.waits, expected.waits)
+
+
+def test_opposite_edges():
+    edges = np.arange(4 * 9, dtype=np.float64).reshape(4, 3, 3)
+    back = opposite(edges)
+    assert back[0, 1, 1] == edges[2, 1, 2]
+    assert back[1, 1, 1] == edges[3, 2, 1]
+    assert back[2, 1, 1] == edges[0, 1, 0]
+    assert back[3, 1, 1] == edges[1, 0, 1]
+    assert back[0, 0, 2] == back[3, 0, 0] == 0  # outside
+    inside = open_edges(np.ones((3, 3), np.bool_))
+    assert np.array_equal(np.where(inside, opposite(back), 0), np.where(inside, edges, 0))
+
+
+def test_the_used_direction_becomes_cheaper():
+    rule = FeedbackRule(direction_gain=2.0, rate=0.5, prior=2.0, waiting_gain=0, flow_gain=0, wait_weight=0.7)
+    rule = FeedbackRule.from_vector(rule.vector() * [1, 1, 1, 1, 1, 1, 0])  # no crisscross
+    usage = Usage.empty(FREE.shape)
+    usage.moves[0, 0, 0] = 8  # eight moves east, none back
+    usage.waits[FREE] = 1
+    traffic = rule.update(rule.start(FREE), usage, FREE)
+    assert traffic.direction[0, 0, 0] == pytest.approx(0.5 * 8 / 10)
+    graph = rule.graph(traffic, FREE)
+    assert graph.move[0, 0, 0] == pytest.approx(np.exp(-0.4))
+    assert graph.move[2, 0, 1] == pytest.approx(np.exp(0.4))
+    assert graph.move[1, 0, 0] == 1
+    assert np.array_equal(np.isfinite(graph.move), open_edges(FREE))
+    assert np.allclose(graph.wait, 0.7)
+
+
+def test_crowded_cells_become_more_expensive_to_leave():
+    rule = FeedbackRule(direction_gain=1.0, rate=1 - 1e-9, waiting_gain=0.5, flow_gain=0.25, crisscross=0)
+    usage = Usage.empty(FREE.shape)
+    usage.waits[0, 0] = 8  # the mean of 8 free cells is 1
+    usage.moves[:2, 2, 0] = usage.moves[2:, 2, 0] = 2
+    graph = rule.graph(rule.update(rule.start(FREE), usage, FREE), FREE)
+    assert graph.move[0, 0, 0] == pytest.approx(np.exp(0.5 * 8 - 0.25), rel=1e-5)
+    assert graph.move[0, 2, 0] == pytest.approx(np.exp(0.25 * 7 - 0.5 * 2 / 8), rel=1e-5)
+
+
+def test_the_vector_holds_all_parameters():
+    rule = FeedbackRule(direction_gain=0.3, rate=0.2, prior=9, waiting_gain=-0.1, flow_gain=0.4, wait_weight=2)
+    again = FeedbackRule.from_vector(rule.vector())
+    assert vars(again) == pytest.approx(vars(rule))
+    assert not np.array_equal(rule.vector(), FeedbackRule().vector())
+
+
+def test_the_initial_update_model_is_the_rule():
+    """After one update of uniform weights; the rule's running means start at 0."""
+    rng = np.random.default_rng(0)
+    rule = FeedbackRule(crisscross=0)
+    usage = Usage(np.where(open_edges(FREE), rng.integers(1, 20, (4, 3, 3)), 0), np.where(FREE, rng.random((3, 3)), 0))
+    model = UpdateModel.initial()
+    by_model = model.graph(model.update(np.zeros((4, 3, 3)), usage, FREE), FREE)
+    by_rule = rule.graph(
+        rule.update(Traffic(np.zeros((4, 3, 3)), np.zeros((3, 3)), np.zeros((3, 3))), usage, FREE), FREE
+    )
+    assert np.allclose(by_model.move, by_rule.move, rtol=1e-5)
+    assert np.allclose(by_model.wait, by_rule.wait)
+
+
+def test_the_update_model_treats_all_directions_alike():
+    rng = np.random.default_rng(1)
+    free = rng.random((5, 7)) < 0.8
+    moves, waits = rng.integers(0, 9, (4, 5, 7)) * open_edges(free), rng.random((5, 7)) * free
+    log_weight = rng.normal(size=(4, 5, 7))
+    model = UpdateModel(rng.normal(size=NUM_PARAMETERS) * 0.3)
+    plain = model.update(log_weight, Usage(moves, waits), free)
+    usage = Usage(turned(moves), np.rot90(waits))
+    assert np.allclose(model.update(turned(log_weight), usage, np.rot90(free)), turned(plain))
+
+
+def turned(edges):
+    """Turn a map counterclockwise: what led east leads north, and so on."""
+    return np.stack([np.rot90(edges[(heading + 1) % 4]) for heading in range(4)])
+
+
+def test_saved_models(tmp_path):
+    model = UpdateModel(np.arange(NUM_PARAMETERS, dtype=np.float64))
+    model.save(tmp_path / "model.npz")
+    assert np.array_equal(UpdateModel.load(tmp_path / "model.npz").parameters, model.parameters)
+    (tmp_path / "broken.npz").write_bytes(b"PK no archive")
+    for name in ("broken.npz",):
+        with pytest.raises(ValueError, match="expected an update model"):
+            UpdateModel.load(tmp_path / name)
+    np.savez(tmp_path / "other.npz", parameters=np.zeros(3))
+    with pytest.raises(ValueError, match=f"expected {NUM_PARAMETERS} parameters"):
+        UpdateModel.load(tmp_path / "other.npz")
