@@ -14,7 +14,7 @@ from gymnasium import spaces
 from mapf_pz.actions import Action, CardinalAction
 from mapf_pz.arrays import Floats
 from mapf_pz.config import EnvConfig
-from mapf_pz.core.observation.channels import channel_of, layer_planes
+from mapf_pz.core.observation.channels import channel_of, image_planes
 from mapf_pz.core.observation.features import feature_of
 from mapf_pz.core.observation.inputs import ObservationInputs
 from mapf_pz.core.observation.layers import EDGES, ViewShape, make_view_shape
@@ -33,7 +33,7 @@ class ObservationLayout:
         self.channels = tuple(map(channel_of, config.channels))
         self.features = tuple(map(feature_of, config.features))
         self._sizes = [feature.size(self.num_actions, config.num_last_actions) for feature in self.features]
-        self._layer_planes = layer_planes(self.channels)
+        self._planes = image_planes(self.channels)
         self.num_own_planes = sum(channel.planes for channel in self.channels)
         """K, the planes of the agent's own observation."""
         self.num_own_features = sum(self._sizes)
@@ -62,7 +62,7 @@ class ObservationLayout:
     @property
     def shows_edges(self) -> bool:
         """Whether any channel shows the weights of edges."""
-        return bool((self._layer_planes.shown >= EDGES[0]).any())
+        return bool((self._planes.layers.shown >= EDGES[0]).any())
 
     def space(self) -> spaces.Space[Any]:
         """Return the space of one agent's whole observation: a `Box` for the image, or `Dict(image, features)`."""
@@ -89,7 +89,7 @@ class ObservationLayout:
 
     def write(self, inputs: ObservationInputs, image: Floats, features: Floats) -> None:
         """Fill `image` (B, N, K, h, w) and `features` (B, N, F), both float32, with all agents' own observations."""
-        observe(inputs, self.channels, self._layer_planes, image)
+        observe(inputs, self._planes, image)
         at = 0
         for feature, size in zip(self.features, self._sizes, strict=True):
             feature.write(inputs, features, at)

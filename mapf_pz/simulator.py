@@ -69,13 +69,14 @@ class Simulator:
         self._num_threads = min(num_threads, numba_config.NUMBA_NUM_THREADS)
         self._num_headings = 1 if config.action_model == "cardinal" else 4
         self._allocate()
-        self._rules = Rules(
+        rules = Rules(
             cardinal=config.action_model == "cardinal",
             collision=COLLISION_SYSTEMS[config.collision_system],
             on_target=ON_TARGET[config.on_target],
             max_steps=config.max_steps,
         )
-        self._reward_terms = reward_terms(config.reward_config)
+        terms = reward_terms(config.reward_config)
+        self._step_inputs = tuple(map(tuple, (rules, terms, self.world, self.tables.arrays, self.state)))
 
     def _allocate(self) -> None:
         config, shape, view_shape = self.config, self.shape, self.layout.view_shape()
@@ -127,7 +128,7 @@ class Simulator:
 
     def step(self, actions: Ints) -> None:
         """Take one step in all environments: `actions` (B, N) int64, each in 0 to A - 1 (not checked here)."""
-        step(self._num_threads, self._rules, self._reward_terms, self.world, self.tables.arrays, self.state, actions)
+        step(self._num_threads, *self._step_inputs, actions)
         if self._reward_function is not None:
             self._set_rewards(self._reward_function(self._transition(actions)))
         if self.needs_cost_to_go and self.config.on_target == "restart":
@@ -175,7 +176,7 @@ class Simulator:
         image, features = self._observer.observe()
         mask = np.empty((self.num_envs, self.num_agents, self.num_actions), np.int8)
         write_masks(
-            self._num_threads, self._rules.cardinal, self.world.leads_to, self.state.map, self.state.agents, mask
+            self._num_threads, self._inputs.cardinal, self.world.leads_to, self.state.map, self.state.agents, mask
         )
         return Observation(image, features, mask)
 
