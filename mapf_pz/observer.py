@@ -37,7 +37,7 @@ class Observer:
         if self._num_frames > 1:
             self._newest = 0  # index of the current frame; the next one is the oldest
             self._frames = tuple(
-                np.empty((self._num_frames, *self._each, first // self._num_frames, *rest), np.float32)
+                np.zeros((self._num_frames, *self._each, first // self._num_frames, *rest), np.float32)
                 for first, *rest in self._shapes
             )
 
@@ -59,9 +59,9 @@ class Observer:
         self._draw(image[self._newest], features[self._newest])
 
     def observe(self) -> tuple[Floats, Floats]:
-        """Return the images (B, N, K, h, w) and features (B, N, F), float32, in new arrays.
+        """Return the whole images (B, N, ...) and features (B, N, ...), float32, in new arrays.
 
-        Agents that have disappeared observe zeros.
+        Agents that have disappeared observe zeros, also in their earlier frames.
         """
         image, features = (np.empty((*self._each, *shape), np.float32) for shape in self._shapes)
         if self._num_frames > 1:
