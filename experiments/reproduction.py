@@ -119,7 +119,7 @@ def ideas(full: Variation) -> Iterator[Variation]:
     )
     for kind in ("rnd", "inverse-dynamics"):
         yield full.with_(f"central-ppo: idea 4: curiosity, {kind}", curiosity={"kind": kind})
-    yield full.with_("central-ppo: idea 5: three frames", task={"num_frames": 3})
+    yield full.with_("central-ppo: idea 5: three frames", env={"num_frames": 3})
     yield full.with_("central-ppo: idea 5: a GRU", model={"recurrent": 64})
     yield full.with_(
         "central-ppo: idea 6: residual network", model={"encoder": "residual", "conv_channels": (32,), "num_blocks": 1}

@@ -6,6 +6,7 @@ import dataclasses
 import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from reprlib import repr as shortened
 from typing import Any, Literal, get_args
@@ -83,6 +84,13 @@ class EnvConfig:
     there are any, the observation is a Dict(image, features)."""
     num_last_actions: int = 4
     """Number of past actions in the feature `last_actions`."""
+    num_frames: int = 1
+    """Number of steps observed: the observations of the last `num_frames` steps, oldest first. At the start of an
+    episode, its first observation is repeated."""
+    num_neighbors: int = 0
+    """Number of nearest other agents whose observations are appended to each agent's own, nearest first."""
+    neighbor_radius: int = 8
+    """Maximum distance of these neighbors, in rows and in columns."""
     edge_weights: WeightsName | GuidanceGraph = "uniform"
     """Guidance graph, or the name of a generator; `random` samples new weights in every episode."""
     reward: str | RewardConfig | RewardFunction = "report"
@@ -113,11 +121,13 @@ class EnvConfig:
         object.__setattr__(self, "features", _parts("features", self.features, feature_of))
         if not self.channels:
             raise ValueError(f"channels: expected at least one of {', '.join(CHANNELS)}")
-        for name in ("max_steps", "num_last_actions"):
-            _positive(name, getattr(self, name))
+        for name in ("max_steps", "num_last_actions", "num_frames"):
+            _check_whole(name, getattr(self, name), least=1)
+        for name in ("num_neighbors", "neighbor_radius"):
+            _check_whole(name, getattr(self, name), least=0)
         for name in ("num_agents", "distance_bytes"):
             if getattr(self, name) is not None:
-                _positive(name, getattr(self, name))
+                _check_whole(name, getattr(self, name), least=1)
         if self.resolved_source is not None:
             self._check_source(self.resolved_source)
         view, frame = self.resolved_view, self.resolved_frame
@@ -146,7 +156,7 @@ class EnvConfig:
         graph: Any = self.edge_weights
         if not isinstance(graph, (str, GuidanceGraph)):
             raise ValueError(f"edge_weights={_shown(graph)}: expected a name or a GuidanceGraph")
-        _resolved_reward(self.reward)
+        _ = self._resolved_reward  # raises ValueError
 
     def _check_source(self, source: object) -> None:
         """Raise for an object that is not a source, and for keywords that contradict the source."""
@@ -171,7 +181,11 @@ class EnvConfig:
 
     def keywords(self) -> dict[str, Any]:
         """Return all fields by name, as keywords of `parallel_env`."""
-        return dict(vars(self))
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is pickled: the fields, without what was imported by name."""
+        return self.keywords()
 
     @property
     def scenarios(self) -> tuple[str | Path | Scenario, ...]:
@@ -180,7 +194,7 @@ class EnvConfig:
             return ()
         return self.scenario if isinstance(self.scenario, tuple) else (self.scenario,)
 
-    @property
+    @cached_property
     def resolved_source(self) -> InstanceSource | None:
         """The source, imported if it is given as `package.module:name`; None if there is none."""
         return import_object("source", self.source) if isinstance(self.source, str) else self.source
@@ -195,16 +209,20 @@ class EnvConfig:
         """`frame`, or its default for the action model."""
         return self.frame or ("map" if self.action_model == "cardinal" else "egocentric")
 
+    @cached_property
+    def _resolved_reward(self) -> RewardConfig | RewardFunction:
+        return _resolve_reward(self.reward)
+
     @property
     def reward_config(self) -> RewardConfig:
         """The terms of the reward; all are 0 if `reward` is a function."""
-        reward = _resolved_reward(self.reward)
+        reward = self._resolved_reward
         return reward if isinstance(reward, RewardConfig) else RewardConfig(forward=0, rotate=0, goal=0)
 
     @property
     def reward_function(self) -> RewardFunction | None:
         """The function that computes the reward instead, or None."""
-        reward = _resolved_reward(self.reward)
+        reward = self._resolved_reward
         return None if isinstance(reward, RewardConfig) else reward
 
 
@@ -217,9 +235,9 @@ def _scenario(value: Any) -> str | Path | Scenario | tuple[str | Path, ...] | No
     return several if isinstance(value, list) else value
 
 
-def _positive(name: str, value: object) -> None:
-    if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < 1:
-        raise ValueError(f"{name}={_shown(value)}: expected a whole number, 1 or more")
+def _check_whole(name: str, value: object, least: int) -> None:
+    if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < least:
+        raise ValueError(f"{name}={_shown(value)}: expected a whole number, {least} or more")
 
 
 def _pair(name: str, value: Any) -> tuple[int, int]:
@@ -227,8 +245,8 @@ def _pair(name: str, value: Any) -> tuple[int, int]:
         height, width = value
     except (TypeError, ValueError):
         raise ValueError(f"{name}={_shown(value)}: expected (height, width)") from None
-    _positive(name, height)
-    _positive(name, width)
+    _check_whole(name, height, least=1)
+    _check_whole(name, width, least=1)
     return int(height), int(width)
 
 
@@ -253,7 +271,7 @@ def _parts(name: str, value: Any, check: Callable[[Any], object]) -> tuple[Any, 
     return tuple(value)
 
 
-def _resolved_reward(given: Any) -> Any:
+def _resolve_reward(given: Any) -> Any:
     """Return the terms or the function that the field `reward` names; raise `ValueError` for anything else."""
     reward = given
     if isinstance(given, str):

@@ -1,4 +1,8 @@
-"""The layout of observations: shapes, Gymnasium spaces, and the geometry that kernels take."""
+"""The layout of observations: shapes, Gymnasium spaces, and the geometry that kernels take.
+
+An agent's own observation of one step is an image of `K` planes and `F` features. The whole observation is that of the
+last `num_frames` steps, oldest first; in each, those of `num_neighbors` neighbors follow the agent's own.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,7 @@ from gymnasium import spaces
 from mapf_pz.actions import Action, CardinalAction
 from mapf_pz.arrays import Floats
 from mapf_pz.config import EnvConfig
-from mapf_pz.core.observation.channels import channel_of, layer_planes
+from mapf_pz.core.observation.channels import channel_of, image_planes
 from mapf_pz.core.observation.features import feature_of
 from mapf_pz.core.observation.inputs import ObservationInputs
 from mapf_pz.core.observation.layers import EDGES, ViewShape, make_view_shape
@@ -29,14 +33,26 @@ class ObservationLayout:
         self.channels = tuple(map(channel_of, config.channels))
         self.features = tuple(map(feature_of, config.features))
         self._sizes = [feature.size(self.num_actions, config.num_last_actions) for feature in self.features]
-        self._layer_planes = layer_planes(self.channels)
-        self.num_planes = sum(channel.planes for channel in self.channels)
-        self.num_features = sum(self._sizes)
+        self._planes = image_planes(self.channels)
+        self.num_own_planes = sum(channel.planes for channel in self.channels)
+        """K, the planes of the agent's own observation."""
+        self.num_own_features = sum(self._sizes)
+        """F, the features of the agent's own observation."""
+        self.num_features = config.num_frames * (1 + config.num_neighbors) * self.num_own_features
+        """Number of features of the whole observation."""
 
     @property
     def image_shape(self) -> tuple[int, int, int]:
-        """(K, h, w)."""
-        return (self.num_planes, *self._config.view_size)
+        """(num_frames * (1 + num_neighbors) * K, h, w), the shape of the whole image."""
+        config = self._config
+        return (config.num_frames * (1 + config.num_neighbors) * self.num_own_planes, *config.view_size)
+
+    @property
+    def own_planes(self) -> slice:
+        """The planes of the whole image that are the agent's own of the current step."""
+        config, num_planes = self._config, self.num_own_planes
+        first = (config.num_frames - 1) * (1 + config.num_neighbors) * num_planes
+        return slice(first, first + num_planes)
 
     @property
     def needs_cost_to_go(self) -> bool:
@@ -46,19 +62,24 @@ class ObservationLayout:
     @property
     def shows_edges(self) -> bool:
         """Whether any channel shows the weights of edges."""
-        return bool((self._layer_planes.shown >= EDGES[0]).any())
+        return bool((self._planes.layers.shown >= EDGES[0]).any())
 
     def space(self) -> spaces.Space[Any]:
-        """Return the space of one agent's observation: `Box (K, h, w)`, or `Dict(image, features)`."""
-        low, high = (
-            np.repeat([getattr(channel, bound) for channel in self.channels], [c.planes for c in self.channels])
-            for bound in ("low", "high")
-        )
-        planes = [np.broadcast_to(bound[:, None, None], self.image_shape) for bound in (low, high)]
-        image = spaces.Box(planes[0].astype(np.float32), planes[1].astype(np.float32), dtype=np.float32)
+        """Return the space of one agent's whole observation: a `Box` for the image, or `Dict(image, features)`."""
+        planes = [channel.planes for channel in self.channels]
+        low = np.repeat([channel.low for channel in self.channels], planes)
+        high = np.repeat([channel.high for channel in self.channels], planes)
+        lows, highs = self._stacked(low, np.minimum(low, 0)), self._stacked(high, np.maximum(high, 0))
+        image = spaces.Box(lows, highs, dtype=np.float32)
         if not self.num_features:
             return image
         return spaces.Dict(image=image, features=spaces.Box(-1, 1, (self.num_features,), np.float32))
+
+    def _stacked(self, own: Floats, neighbor: Floats) -> Floats:
+        """Return a bound of the whole image, from the bounds (K,) of the agent's own planes and of a neighbor's."""
+        config = self._config
+        bound = np.tile(np.concatenate([own, np.tile(neighbor, config.num_neighbors)]), config.num_frames)
+        return np.broadcast_to(bound[:, None, None], self.image_shape).astype(np.float32)
 
     def view_shape(self) -> ViewShape:
         """Return the geometry of the view, as the kernels take it."""
@@ -67,13 +88,9 @@ class ObservationLayout:
         return make_view_shape(config.view_size, row, config.resolved_frame == "egocentric", config.see_through_walls)
 
     def write(self, inputs: ObservationInputs, image: Floats, features: Floats) -> None:
-        """Fill `image` (B, N, K, h, w) and `features` (B, N, F), both float32, with what all agents observe."""
-        observe(inputs, self.channels, self._layer_planes, image)
+        """Fill `image` (B, N, K, h, w) and `features` (B, N, F), both float32, with all agents' own observations."""
+        observe(inputs, self._planes, image)
         at = 0
         for feature, size in zip(self.features, self._sizes, strict=True):
             feature.write(inputs, features, at)
             at += size
-        if self._config.on_target == "finish":
-            gone = ~inputs.state.agents["was_active"]
-            image[gone] = 0
-            features[gone] = 0

@@ -25,14 +25,15 @@ from mapf_pz.instance import Grid, Instance
 from mapf_pz.instances.configured import goals_per_agent, make_source
 from mapf_pz.metrics import EpisodeRecord, episode_metrics
 from mapf_pz.observation import ObservationLayout
+from mapf_pz.observer import Observer
 from mapf_pz.transition import Transition
 
 
 class Observation(NamedTuple):
     """What all agents observe; the arrays are the caller's own."""
 
-    image: Floats  # (B, N, K, h, w) float32
-    features: Floats  # (B, N, F) float32
+    image: Floats  # (B, N, *layout.image_shape) float32
+    features: Floats  # (B, N, layout.num_features) float32
     action_mask: Ints  # (B, N, A) int8
 
 
@@ -68,13 +69,14 @@ class Simulator:
         self._num_threads = min(num_threads, numba_config.NUMBA_NUM_THREADS)
         self._num_headings = 1 if config.action_model == "cardinal" else 4
         self._allocate()
-        self._rules = Rules(
+        rules = Rules(
             cardinal=config.action_model == "cardinal",
             collision=COLLISION_SYSTEMS[config.collision_system],
             on_target=ON_TARGET[config.on_target],
             max_steps=config.max_steps,
         )
-        self._reward_terms = reward_terms(config.reward_config)
+        terms = reward_terms(config.reward_config)
+        self._step_inputs = tuple(map(tuple, (rules, terms, self.world, self.tables.arrays, self.state)))
 
     def _allocate(self) -> None:
         config, shape, view_shape = self.config, self.shape, self.layout.view_shape()
@@ -98,6 +100,7 @@ class Simulator:
             max_steps=config.max_steps,
             num_threads=self._num_threads,
         )
+        self._observer = Observer(config, self.layout, self._inputs)
         self._loader = EpisodeLoader(config, self.source, self.world, layers, self.tables, self.state)
 
     def reset(
@@ -121,14 +124,16 @@ class Simulator:
         reset(np.array(chosen, np.int64), self._loader.starts, self._loader.headings, self.state)
         if self.needs_cost_to_go:
             self.require_cost_to_go()
+        self._observer.reset(chosen)
 
     def step(self, actions: Ints) -> None:
         """Take one step in all environments: `actions` (B, N) int64, each in 0 to A - 1 (not checked here)."""
-        step(self._num_threads, self._rules, self._reward_terms, self.world, self.tables.arrays, self.state, actions)
+        step(self._num_threads, *self._step_inputs, actions)
         if self._reward_function is not None:
             self._set_rewards(self._reward_function(self._transition(actions)))
         if self.needs_cost_to_go and self.config.on_target == "restart":
             self.require_cost_to_go()
+        self._observer.step()
 
     def _transition(self, actions: Ints) -> Transition:
         return Transition(self.state.agents, actions, self.state.time, self.shape, self._cost_to_go)
@@ -168,13 +173,10 @@ class Simulator:
 
     def observe(self) -> Observation:
         """Return what all agents observe now, in new arrays; agents that have disappeared observe zeros."""
-        each = (self.num_envs, self.num_agents)
-        image = np.empty((*each, *self.layout.image_shape), np.float32)
-        features = np.empty((*each, self.layout.num_features), np.float32)
-        mask = np.empty((*each, self.num_actions), np.int8)
-        self.layout.write(self._inputs, image, features)
+        image, features = self._observer.observe()
+        mask = np.empty((self.num_envs, self.num_agents, self.num_actions), np.int8)
         write_masks(
-            self._num_threads, self._rules.cardinal, self.world.leads_to, self.state.map, self.state.agents, mask
+            self._num_threads, self._inputs.cardinal, self.world.leads_to, self.state.map, self.state.agents, mask
         )
         return Observation(image, features, mask)
 

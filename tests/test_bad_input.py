@@ -40,6 +40,7 @@ def refuses(error, message, make):
         ({"num_agents": 2.5}, ValueError, "num_agents=2.5: expected a whole number, 1 or more"),
         ({"max_steps": -1}, ValueError, "max_steps=-1: expected a whole number, 1 or more"),
         ({"num_last_actions": 0}, ValueError, "num_last_actions=0: expected a whole number, 1 or more"),
+        ({"num_neighbors": -1}, ValueError, "num_neighbors=-1: expected a whole number, 0 or more"),
         ({"action_model": "fly"}, ValueError, "action_model='fly': expected one of 'rotate', 'cardinal'"),
         (
             {"collision_system": "hard"},

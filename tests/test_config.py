@@ -1,7 +1,10 @@
 """`EnvConfig`: changed copies, equality by value, and the names that it knows."""
 
 import dataclasses
+import pickle
+import sys
 from functools import partial
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -93,3 +96,44 @@ def test_configurations_are_equal_by_value(first):
 def test_configurations_are_made_of_their_keywords():
     config = EnvConfig(map=FREE, num_agents=2, view_size=(3, 3), features=["time"])
     assert EnvConfig(**config.keywords()) == config
+
+
+class Unpicklable(FixedMap):
+    """A source and a reward."""
+
+    def __init__(self):
+        super().__init__(Grid(FREE), 2)
+
+    def __call__(self, transition):
+        return np.zeros(transition.actions.shape)
+
+    def __reduce__(self):
+        raise TypeError("not to be pickled")
+
+
+@pytest.fixture
+def plugin(monkeypatch):
+    module = ModuleType("plugin")
+    module.it = Unpicklable()
+    monkeypatch.setitem(sys.modules, "plugin", module)
+    return module
+
+
+def test_what_is_named_is_imported_once(plugin):
+    config = EnvConfig(source="plugin:it", reward="plugin:it")
+    first, plugin.it = plugin.it, Unpicklable()
+    assert config.resolved_source is config.reward_function is first
+    again = dataclasses.replace(config)
+    assert again.resolved_source is again.reward_function is plugin.it
+
+
+def test_what_is_imported_is_no_part_of_a_configuration(plugin):
+    config = EnvConfig(source="plugin:it", reward="plugin:it")
+    assert config.resolved_source is plugin.it
+    assert config.keywords()["source"] == config.keywords()["reward"] == "plugin:it"
+    assert config.keywords().keys() == {field.name for field in dataclasses.fields(EnvConfig)}
+    plugin.it = Unpicklable()
+    copy = pickle.loads(pickle.dumps(config))
+    assert copy == config == dataclasses.replace(config)
+    assert hash(copy) == hash(config)
+    assert copy.resolved_source is plugin.it

@@ -36,6 +36,7 @@ ORDER = [
     "neighbors",
     "instances",
     "observation",
+    "observer",
     "episode",
     "simulator",
     "global_state",

@@ -33,6 +33,9 @@ def make_config(on_target, maps, **keywords):
         "see_through_walls": False,
         "channels": tuple(CHANNELS),
         "features": tuple(FEATURES),
+        "num_frames": 2,
+        "num_neighbors": 2,
+        "neighbor_radius": 3,
         "edge_weights": "random" if maps == "many maps" else "crisscross",
         "reward": "progress",
     }
@@ -170,6 +173,8 @@ def test_arrays_are_never_reused(maps):
         simulator._inputs.layers,
         simulator._inputs.origins,
         vars(simulator._inputs).values(),
+        simulator._observer._frames,
+        simulator._observer._own,
     )
     own = [array for group in groups for array in group]
     for k, observation in enumerate(seen):

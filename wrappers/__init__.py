@@ -4,8 +4,6 @@ from mapf_pz.action_modes import ACTION_MODES, ActionMode
 from mapf_pz.wrappers.centralized import CentralizedEnv, TeamReward, centralized_env
 from mapf_pz.wrappers.centralized_vector import CentralizedVectorEnv
 from mapf_pz.wrappers.continuous_actions import ContinuousActions
-from mapf_pz.wrappers.frame_stack import FrameStack
-from mapf_pz.wrappers.neighbor_observations import NeighborObservations
 from mapf_pz.wrappers.record_episode import RecordEpisode
 
 __all__ = [
@@ -14,8 +12,6 @@ __all__ = [
     "CentralizedEnv",
     "CentralizedVectorEnv",
     "ContinuousActions",
-    "FrameStack",
-    "NeighborObservations",
     "RecordEpisode",
     "TeamReward",
     "centralized_env",

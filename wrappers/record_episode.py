@@ -33,7 +33,7 @@ class RecordEpisode(BaseParallelWrapper[str, AgentObservation, Any]):
         super().__init__(env)
         self._inner = cast("MapfEnv", env.unwrapped)
         self._planes = _plane_names(self._inner)
-        size = int(np.prod(self._inner.simulator.layout.image_shape))
+        size = len(self._planes) * int(np.prod(self._inner.config.view_size))
         fitting = MAX_OBSERVED_BYTES // ((self._inner.config.max_steps + 1) * size)
         self._num_observed = fitting if observed is None else observed
         self._steps: list[dict[str, NDArray[Any]]] = []
@@ -70,8 +70,9 @@ class RecordEpisode(BaseParallelWrapper[str, AgentObservation, Any]):
 
     def _record_state(self) -> None:
         env, agents = self._inner, self._inner.simulator.agents[0]
-        # The unmodified observations of the environment, without the effects of wrappers.
-        seen = env.simulator.observe().image[0, : self._num_observed]
+        # The agents' own observations of this step, without the effects of wrappers.
+        simulator = env.simulator
+        seen = simulator.observe().image[0, : self._num_observed, simulator.layout.own_planes]
         state: dict[str, NDArray[Any]] = {
             "positions": env.positions,
             "goals": env.goals,

@@ -2,33 +2,39 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from numba import prange
 
 from mapf_pz.core.conflict import NO_MOVE, direction, propose, resolve
 from mapf_pz.core.cost_to_go import turned
 from mapf_pz.core.jit import BatchKernel, jit
-from mapf_pz.core.reward import compute_rewards, measure_progress
-from mapf_pz.core.state import Array, Distances, Rules, State, World
+from mapf_pz.core.reward import RewardTerms, compute_rewards, measure_progress
+from mapf_pz.core.state import Array, Distances, Fields, Rules, State, World
 
 NOTHING, FINISH, RESTART = 0, 1, 2
 ON_TARGET = {"nothing": NOTHING, "finish": FINISH, "restart": RESTART}
 
 
 @BatchKernel
-def step(rules: Rules, terms: Any, world: World, distances: Distances, state: State, actions: Array) -> None:
-    """Advance all environments by one step; `actions` (B, N) int64, `terms` the `RewardTerms`."""
-    for b in prange(actions.shape[0]):
-        m, agents, occupant, claim = state.map[b], state.agents[b], state.occupant[b], state.claim[b]
-        time = tick(state.time, b)
+def step(
+    rule_fields: Fields, term_fields: Fields, world_fields: Fields, distance_fields: Fields, state_fields: Fields,
+    all_actions: Array
+) -> None:  # fmt: skip
+    """Advance all environments by one step.
 
-        propose(rules.cardinal, world.leads_to, m, agents, actions[b])
+    `all_actions` (B, N) int64; the others are the fields of `Rules`, `RewardTerms`, `World`, `Distances`, `State`.
+    """
+    rules, terms, world = Rules(*rule_fields), RewardTerms(*term_fields), World(*world_fields)
+    distances, state = Distances(*distance_fields), State(*state_fields)
+    for b in prange(all_actions.shape[0]):
+        m, agents, occupant, claim = state.map[b], state.agents[b], state.occupant[b], state.claim[b]
+        time, actions = tick(state.time, b), all_actions[b]
+
+        propose(rules.cardinal, world.leads_to, m, agents, actions)
         resolve(rules.collision, agents, occupant, claim)
-        advance(rules.cardinal, agents, actions[b], occupant, state.history[b])
+        advance(rules.cardinal, agents, actions, occupant, state.history[b])
         solved = update_goals(rules.on_target, agents, state.goals[b], time)
         measure_progress(terms.progress, world.mean_weight[m], distances.slot, distances.to_go, m, agents)
-        compute_rewards(terms, rules.cardinal, world.height, world.width, agents, actions[b], occupant, solved)
+        compute_rewards(terms, rules.cardinal, world.height, world.width, agents, actions, occupant, solved)
         finish(rules.on_target, agents, occupant, solved, time >= rules.max_steps)
         end_episode(agents, state.terminated, state.truncated, b)
 

@@ -13,16 +13,9 @@ from mapf_pz.environment import AgentObservation, MapfEnv, parallel_env
 from mapf_pz.evaluation.task import EvaluationTask
 from mapf_pz.instance import Instance
 from mapf_pz.simulator import Simulator
-from mapf_pz.wrappers import FrameStack, NeighborObservations
 
 AnyEnv: TypeAlias = "MapfEnv | BaseParallelWrapper[str, AgentObservation, Any]"
 """A `MapfEnv`, or a wrapper of one, which has the same attributes."""
-
-WRAPPERS: dict[str, type[FrameStack | NeighborObservations]] = {
-    "FrameStack": FrameStack,
-    "NeighborObservations": NeighborObservations,
-}
-"""Wrappers that policies may require, by name."""
 
 Metrics = dict[str, float]
 
@@ -54,16 +47,12 @@ def check_policy(policy: object) -> None:
             )
 
 
-def make_env(policy: Policy, **keywords: Any) -> AnyEnv:
-    """Return the environment `parallel_env(**keywords)`, with the settings and wrappers that the policy requires.
+def make_env(policy: Policy, **keywords: Any) -> MapfEnv:
+    """Return the environment `parallel_env(**keywords)`, with the settings that the policy requires.
 
-    A policy can have two attributes for this: `env_kwargs`, keyword arguments that are overridden by `keywords`, and
-    `env_wrappers`, pairs of a name in `WRAPPERS` and its keyword arguments, innermost first.
+    A policy states them in an attribute `env_kwargs`: keyword arguments, which are overridden by `keywords`.
     """
-    env: AnyEnv = parallel_env(**(getattr(policy, "env_kwargs", {}) | keywords))
-    for name, arguments in getattr(policy, "env_wrappers", ()):
-        env = WRAPPERS[name](env, **arguments)
-    return env
+    return parallel_env(**(getattr(policy, "env_kwargs", {}) | keywords))
 
 
 def simulator_of(env: AnyEnv) -> Simulator:

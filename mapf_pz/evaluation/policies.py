@@ -7,9 +7,9 @@ import inspect
 from functools import partial
 from importlib import resources
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
-from mapf_pz.environment import MapfEnv, parallel_env
+from mapf_pz.environment import parallel_env
 from mapf_pz.evaluation.episodes import AnyEnv, Policy, PolicyFactory, check_policy, make_env
 from mapf_pz.evaluation.random_policy import RandomPolicy
 from mapf_pz.planners import PLANNERS, Planner, Shield
@@ -101,7 +101,7 @@ def _trained_factory(
     policy = load_policy(name, seed, deterministic)
     _check_actions(f"policy {name!r}", policy, keywords)
     env = make_env(policy, **keywords)
-    return env, Shield(policy, cast("MapfEnv", env)) if shielded else policy
+    return env, Shield(policy, env) if shielded else policy
 
 
 def _options(planner: type[Planner], text: str) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from mapf_pz.plugins import import_subclass
 from mapf_pz.rl.centralize import Centralize
 from mapf_pz.rl.config import AlgorithmName, PPOConfig, TrainConfig
 from mapf_pz.rl.networks import Actor, LocalCritic, TeamActor, TeamCritic, TeamValue, with_memory
-from mapf_pz.rl.observed import Observed, observation_transforms
+from mapf_pz.rl.observed import Observed
 
 
 class Algorithm(ABC):
@@ -81,12 +81,11 @@ class Algorithm(ABC):
 
     def transforms(self, seed: int) -> list[Transform]:
         """Return the transforms between the environment and the actor; `seed` is the seed of those that sample."""
-        transforms = observation_transforms(self.config.task)
         size = self.config.model.recurrent
         if size == 0:
-            return transforms
+            return []
         hidden_state = Unbounded(shape=torch.Size([self.num_memories(self.config), size]))
-        return [*transforms, InitTracker(), TensorDictPrimer({"hidden_state": hidden_state}, expand_specs=True)]
+        return [InitTracker(), TensorDictPrimer({"hidden_state": hidden_state}, expand_specs=True)]
 
     def network_module(self) -> TensorDictModule:
         """Return the network with its input and output keys; a hidden state is carried from step to step."""

@@ -46,6 +46,9 @@ OBSERVATION_FIELDS = (
     "channels",
     "features",
     "num_last_actions",
+    "num_frames",
+    "num_neighbors",
+    "neighbor_radius",
     "edge_weights",
 )
 """The environment's keywords that determine a policy's observations and actions."""
@@ -59,20 +62,12 @@ class TaskConfig:
     """The training environment. If it has no map, scenario or source, its episodes use the maps of `mixture`."""
     mixture: MapMixture = field(default_factory=MapMixture)
     """The training maps, used if the environment has no map, scenario or source."""
-    num_frames: int = 1
-    """Number of most recent observations that are stacked for each agent; 1 is the current observation only."""
-    neighbors: int = 0
-    """Number of nearest neighbors whose observations are appended to each agent's own; 0 disables sharing."""
-    neighbor_radius: int = 8
-    """Maximum distance, in rows and in columns, of neighbors whose observations are shared."""
     action_mode: ActionMode = "argmax"
     """How the action matrix of `central-ppo` is converted to actions."""
 
     def __post_init__(self) -> None:
-        """Check names and numbers; values that depend on the map are checked when the environment is created."""
+        """Check names; values that depend on the map are checked when the environment is created."""
         check_names(self)
-        check_counts(self, 1, "num_frames")
-        check_counts(self, 0, "neighbors", "neighbor_radius")
 
     @cached_property
     def source(self) -> InstanceSource:
@@ -98,15 +93,6 @@ class TaskConfig:
     def observation_keywords(self) -> dict[str, Any]:
         """Return the keywords that an environment needs so that a policy of this task can act in it."""
         return {name: getattr(self.env, name) for name in OBSERVATION_FIELDS}
-
-    def env_wrappers(self) -> tuple[tuple[str, dict[str, int]], ...]:
-        """Return the names and keywords of the wrappers that it also needs, innermost first."""
-        wrappers: list[tuple[str, dict[str, int]]] = []
-        if self.neighbors:
-            wrappers.append(("NeighborObservations", {"neighbors": self.neighbors, "radius": self.neighbor_radius}))
-        if self.num_frames > 1:
-            wrappers.append(("FrameStack", {"num_frames": self.num_frames}))
-        return tuple(wrappers)
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,8 @@ class LearnedPolicy:
     Actions are sampled from the network's distribution, since agents that always take the most likely action can block
     each other forever. A recurrent policy keeps a separate hidden state for each agent until `reset_states`.
 
-    `env_kwargs` are the keywords that give an environment the policy's observations, and `env_wrappers` the names and
-    keywords of the wrappers that it also needs, innermost first; `mapf_pz.evaluation.episodes.make_env` applies both.
+    `env_kwargs` are the keywords that give an environment the policy's observations;
+    `mapf_pz.evaluation.episodes.make_env` applies them.
     """
 
     def __init__(self, network: nn.Module, config: TrainConfig, seed: int = 0, deterministic: bool = False) -> None:
@@ -48,7 +48,6 @@ class LearnedPolicy:
         self.config = config
         self._observed = Observed.by_policy_of(config.task)
         self.env_kwargs = config.task.observation_keywords()
-        self.env_wrappers = config.task.env_wrappers()
         self.deterministic = deterministic
         self._seed = seed
         self.reset_states()

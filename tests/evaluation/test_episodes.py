@@ -192,9 +192,9 @@ def test_instances_are_gone_through_again():
     assert [episode["SoC"] for episode in measured(Right(), task)] == [4, 2, 4, 2, 4]
 
 
-def test_wrapped_environments():
+def test_the_settings_that_a_policy_requires():
     class Looks(Right):
-        env_wrappers = (("FrameStack", {"num_frames": 3}),)
+        env_kwargs = Right.env_kwargs | {"num_frames": 3}
         seen = None
 
         def act(self, observations):
@@ -203,7 +203,7 @@ def test_wrapped_environments():
 
     policy = Looks()
     assert measured(policy, on("a...A"))[0]["SoC"] == 4
-    assert policy.seen[0] > make_env(Right()).observation_space("agent_0").shape[0]
+    assert policy.seen[0] == 3 * make_env(Right()).observation_space("agent_0").shape[0]
 
 
 # Episodes are the same however they are done.

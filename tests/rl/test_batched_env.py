@@ -126,6 +126,20 @@ def test_torchrls_wrapper_gives_the_same_episodes(action_model):
         one, other = wrapped.reset(), batched.reset()
 
 
+def test_positions():
+    env = BatchedMapfEnv(2, num_agents=5, max_steps=100, map=".....\n" * 5, on_target="finish")
+    env.set_seed(0)
+    torch.manual_seed(0)
+    now = env.reset()
+    for _ in range(60):
+        for b in range(2):
+            active = env.simulator.agents["active"][b]
+            expected = np.where(active[:, None], env.simulator.positions(b), -1)
+            assert np.array_equal(now["agents", "position"][b].numpy(), expected)
+        now = env.rand_step(now)["next"]
+    assert (now["agents", "position"] == -1).any()
+
+
 @pytest.mark.parametrize("model", ["rotate", "cardinal"])
 @pytest.mark.parametrize("action", [-1, 7, 2**40, -(2**40)])
 def test_impossible_actions_are_refused(model, action):

@@ -77,9 +77,9 @@ def test_observations_of_another_kind_are_refused(name, keywords, told):
 
 
 def test_a_policy_of_images_refuses_more(tmp_path):
-    task = changed(TINY.task, features=(), neighbors=1)
+    task = changed(TINY.task, features=(), num_neighbors=1)
     policy = load_policy(train(dataclasses.replace(TINY, task=task, agent_steps=192), tmp_path))
-    for keywords in ({}, {"features": ("goal_vector",)}):  # not what the neighbors see, too
+    for keywords in ({"num_neighbors": 0}, {"features": ("goal_vector",)}):
         env = mapf_pz.parallel_env(**(policy.env_kwargs | keywords))
         with pytest.raises(ValueError, match=r"this policy observes an image \(10, 3, 3\), got a"):
             policy.act(env.reset(seed=0)[0])

@@ -317,7 +317,7 @@ def test_all_ideas_at_once(tmp_path, algorithm):
         features=("goal_vector", "location", "last_actions"),
         edge_weights="crisscross",
         num_frames=2,
-        neighbors=1,
+        num_neighbors=1,
     )
     model = dataclasses.replace(TINY.model, encoder="residual", recurrent=8)
     config = dataclasses.replace(

@@ -1,32 +1,35 @@
 """The channels of the image: each declares its planes and bounds, and the function that draws it.
 
-Channels that show the map and the agents on it are copied from the map's layers (`layers.py`); a function draws each of
-the others (`draw.py`). A user's channel is a `Channel` with such a function.
+Channels that show the map and the agents on it are copied from the map's layers (`layers.py`); the other built-in ones
+are looked up (`draw.py`). A user's channel is a `Channel` with a function that draws it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.core.observation import draw
+from mapf_pz.core.observation.draw import LookupPlanes
 from mapf_pz.core.observation.inputs import ObservationInputs
 from mapf_pz.core.observation.layers import EDGES, GOAL, HEADING, OCCUPANCY
 from mapf_pz.core.state import Array
 from mapf_pz.plugins import resolve
+
+DrawChannel = Callable[[ObservationInputs, Array, int], None]
 
 
 @dataclass(frozen=True)
 class Channel:
     """One channel of the image."""
 
-    draw: Callable[[ObservationInputs, Array, int], None] | None = None
+    draw: DrawChannel | None = None
     """`draw(inputs, image, plane)` writes to all agents' `image` (B, N, K, h, w) float32 from plane number `plane` on.
 
-    It writes every cell of its planes: they are not cleared before. None: the channel shows `layers`.
+    It writes every cell of its planes: they are not cleared before. None: the channel is built in.
     """
     planes: int = 1
     """How many planes of the image it takes."""
@@ -37,7 +40,9 @@ class Channel:
     needs_cost_to_go: bool = False
     """Whether `draw` reads the cost to go, which is then computed before."""
     layers: tuple[int, ...] = ()
-    """The layers of the map that it shows, for built-in channels without a function."""
+    """The layers of the map that it shows, for built-in channels that show layers."""
+    lookup: str = ""
+    """Its field of `LookupPlanes`, for built-in channels that are looked up."""
 
 
 CHANNELS: dict[str, Channel] = {
@@ -50,15 +55,15 @@ CHANNELS: dict[str, Channel] = {
     # weight of leaving each cell in four directions, divided by the largest; blocked -1, outside 0
     "edge_weights": Channel(layers=EDGES, planes=4, low=-1),
     # how much closer to the goal each cell is
-    "cost_to_go": Channel(draw.draw_cost_to_go, low=-1, needs_cost_to_go=True),
+    "cost_to_go": Channel(lookup="cost_to_go", low=-1, needs_cost_to_go=True),
     # 1 where leaving the cell in each of four directions leads closer to the goal
-    "heuristic": Channel(draw.draw_heuristic, planes=4, needs_cost_to_go=True),
+    "heuristic": Channel(lookup="heuristic", planes=4, needs_cost_to_go=True),
     # 1 on the goals of the other agents in view
-    "other_goals": Channel(draw.draw_other_goals),
+    "other_goals": Channel(lookup="other_goals"),
     # 1 on the cells that the other agents in view would enter next on their own cheapest paths
-    "others_next": Channel(draw.draw_others_next, needs_cost_to_go=True),
+    "others_next": Channel(lookup="others_next", needs_cost_to_go=True),
     # on each other agent in view 1 if it is on its goal, otherwise -1
-    "others_at_goal": Channel(draw.draw_others_at_goal, low=-1),
+    "others_at_goal": Channel(lookup="others_at_goal", low=-1),
 }
 """The built-in channels by name."""
 
@@ -78,15 +83,32 @@ class LayerPlanes(NamedTuple):
     orientation_at: int
 
 
-def layer_planes(channels: Sequence[Channel]) -> LayerPlanes:
-    """Return where the channels that show layers are in an image of all `channels`."""
-    at, shown, drawn, first = 0, [], [], {OCCUPANCY: -1, GOAL: -1, HEADING: -1}
-    for channel in channels:
+class ImagePlanes(NamedTuple):
+    """Which planes of the image are drawn by what."""
+
+    layers: LayerPlanes
+    lookups: LookupPlanes
+    users: tuple[tuple[DrawChannel, int], ...]  # functions and their first planes
+
+
+def image_planes(channels: Sequence[Channel]) -> ImagePlanes:
+    """Return what draws an image of all `channels`."""
+    ends = list(accumulate(channel.planes for channel in channels))
+    placed = [(channel, end - channel.planes) for channel, end in zip(channels, ends, strict=True)]
+    users = tuple((channel.draw, at) for channel, at in placed if channel.draw is not None)
+    first = {channel.lookup: at for channel, at in placed}
+    lookups = LookupPlanes(*(first.get(name, -1) for name in LookupPlanes._fields))
+    return ImagePlanes(_layer_planes(placed), lookups, users)
+
+
+def _layer_planes(placed: Sequence[tuple[Channel, int]]) -> LayerPlanes:
+    """Return where the channels that show layers are, given all channels and their first planes."""
+    shown, drawn, first = [], [], {OCCUPANCY: -1, GOAL: -1, HEADING: -1}
+    for channel, at in placed:
         if channel.layers and channel.layers != (GOAL,):
             shown += channel.layers
             drawn += range(at, at + len(channel.layers))
         if channel.layers:
             first[channel.layers[0]] = at
-        at += channel.planes
     planes = np.array(shown, np.int64), np.array(drawn, np.int64)
     return LayerPlanes(*planes, first[OCCUPANCY], first[GOAL], first[HEADING])

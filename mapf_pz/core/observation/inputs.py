@@ -11,7 +11,7 @@ from numba import prange
 from mapf_pz.arrays import coordinates
 from mapf_pz.core.jit import BatchKernel, jit
 from mapf_pz.core.observation.layers import MapLayers, Span, ViewOrigins, ViewShape
-from mapf_pz.core.state import Array, Distances, State, World
+from mapf_pz.core.state import Array, Distances, Fields, State, World
 
 
 class OthersInView(NamedTuple):
@@ -20,6 +20,10 @@ class OthersInView(NamedTuple):
     count: Array  # (B, N) int32: how many there are
     spots: Array  # (B, N, M) uint32: the cell of the view that each is on, `row * w + column`
     agents: Array  # (B, N, M) uint32: their indices
+
+
+NO_OTHERS = OthersInView(np.zeros((0, 0), np.int32), *np.zeros((2, 0, 0, 0), np.uint32))
+"""Empty arrays of the same types, for kernels that do not read them."""
 
 
 class ObservationInputs:
@@ -47,6 +51,8 @@ class ObservationInputs:
         self.rows: Span = tuple(range(view_shape.height))
         self.columns: Span = tuple(range(view_shape.width))
         self.layers = layers
+        self.shape_fields: Fields = tuple(view_shape)
+        self.layer_fields: Fields = tuple(layers)
         self.origins = origins
         self.world = world
         self.distances = distances

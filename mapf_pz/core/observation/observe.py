@@ -1,14 +1,13 @@
-"""Draw all channels: first those that show layers of the map, for one environment after another, then the others."""
+"""Draw all channels: those that show layers of the map, then those that are looked up, then those of users."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 from numba import prange
 
 from mapf_pz.core.jit import BatchKernel, jit
-from mapf_pz.core.observation.channels import Channel, LayerPlanes
+from mapf_pz.core.observation.channels import ImagePlanes
+from mapf_pz.core.observation.draw import draw_lookups
 from mapf_pz.core.observation.inputs import ObservationInputs
 from mapf_pz.core.observation.layers import (
     MapLayers,
@@ -22,31 +21,31 @@ from mapf_pz.core.observation.layers import (
     heading_value,
     mark,
 )
-from mapf_pz.core.state import Array
+from mapf_pz.core.state import Array, Fields
 
 
-def observe(inputs: ObservationInputs, channels: Sequence[Channel], planes: LayerPlanes, image: Array) -> None:
-    """Fill `image` (B, N, K, h, w) float32 with the `channels`, in their order."""
+def observe(inputs: ObservationInputs, planes: ImagePlanes, image: Array) -> None:
+    """Fill `image` (B, N, K, h, w) float32."""
     inputs.forget()
-    shape, state = inputs.view_shape, inputs.state
+    layers, lookups, users = planes
     flat = image.reshape(*image.shape[:3], -1)
-    geometry = (shape, inputs.rows, inputs.columns, inputs.layers, *inputs.origins)
-    _copy_layers(inputs.num_threads, *geometry, *planes, state.map, state.agents, flat)
-    if not shape.see_through_walls:
-        _hide(inputs.num_threads, inputs.visible, planes.view_at, planes.orientation_at, flat)
-    at = 0
-    for channel in channels:
-        if channel.draw is not None:
-            channel.draw(inputs, image, at)
-        at += channel.planes
+    geometry = (inputs.shape_fields, inputs.rows, inputs.columns, inputs.layer_fields, *inputs.origins)
+    _copy_layers(inputs.num_threads, *geometry, *layers, inputs.state.map, inputs.state.agents, flat)
+    if not inputs.view_shape.see_through_walls:
+        _hide(inputs.num_threads, inputs.visible, layers.view_at, layers.orientation_at, flat)
+    if max(lookups) >= 0:
+        draw_lookups(inputs, lookups, flat)
+    for draw, at in users:
+        draw(inputs, image, at)
 
 
 @BatchKernel
 def _copy_layers(
-    view_shape: ViewShape, rows: Span, columns: Span, layers: MapLayers, turn: Array, corner: Array, shown: Array,
+    shape_fields: Fields, rows: Span, columns: Span, layer_fields: Fields, turn: Array, corner: Array, shown: Array,
     drawn: Array, view_at: int, goal_at: int, orientation_at: int, maps: Array, all_agents: Array, image: Array
 ) -> None:  # fmt: skip
     """Find where each view is, and copy it from the layers."""
+    view_shape, layers = ViewShape(*shape_fields), MapLayers(*layer_fields)
     for thread in prange(layers.num_threads):
         for b in range(thread, maps.size, layers.num_threads):
             planes = layers.planes[np.int64(thread) if layers.shared else maps[b]]
