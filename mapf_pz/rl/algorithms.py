@@ -15,7 +15,7 @@ from torch import nn
 from torch.distributions import Categorical
 from torchrl.data import Unbounded
 from torchrl.envs import InitTracker, TensorDictPrimer, Transform
-from torchrl.modules import IndependentNormal, ProbabilisticActor
+from torchrl.modules import IndependentNormal, MaskedCategorical, ProbabilisticActor
 from torchrl.objectives import ClipPPOLoss, IPPOLoss, MAPPOLoss, PPOLoss, ValueEstimators
 
 from mapf_pz.plugins import import_subclass
@@ -110,12 +110,14 @@ class MultiAgentPPO(Algorithm):
         return with_memory(Actor(Observed.by_policy_of(config.task), config.model), config.model)
 
     def make_actor(self) -> ProbabilisticActor:
-        """Return the policy that samples each agent's action from the network's logits."""
+        """Return the policy that samples each agent's action from the network's logits, masked if configured."""
+        masked = self.config.model.mask_actions
+        parameters: dict[str, NestedKey] = {"logits": ("agents", "logits")}
         return ProbabilisticActor(
             self.network_module(),
-            in_keys=self.parameters,
+            in_keys=parameters | {"mask": ("agents", "action_mask")} if masked else parameters,
             out_keys=[("agents", "action")],
-            distribution_class=Categorical,
+            distribution_class=MaskedCategorical if masked else Categorical,
             return_log_prob=True,
         )
 
@@ -168,7 +170,9 @@ class CentralPPO(Algorithm):
     centralized = True
 
     def __init__(self, config: TrainConfig) -> None:
-        """Build the networks and the loss."""
+        """Build the networks and the loss; raises `ValueError` with `mask_actions`."""
+        if config.model.mask_actions:
+            raise ValueError("mask_actions: expected False with central-ppo, whose actions are real numbers")
         self._each = config.ppo.credit == "agent"
         self.reward_key = ("agents", "reward") if self._each else ("team", "reward")
         super().__init__(config)
