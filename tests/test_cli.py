@@ -372,19 +372,27 @@ def test_benchmark_along_axes(capsys, monkeypatch):
 
 
 def test_axes_change_one_thing():
-    workload = Workload(num_envs=16, num_agents=64)
-    names = {"num_agents": "more_agents", "num_envs": "more_environments", "view_size": "larger_views"}
-    names |= {"height": "larger_maps", "num_threads": "more_threads"}
-    for field, axis in names.items():
+    workload = Workload(num_envs=16).with_env(num_agents=64)
+    fields = {"num_agents": "more_agents", "num_envs": "more_environments", "view_size": "larger_views"}
+    fields |= {"height": "larger_maps", "num_threads": "more_threads"}
+    for field, axis in fields.items():
         workloads = list(getattr(scaling, axis)(workload).values())
-        values = [getattr(one, field) for one in workloads]
+        values = [getattr(one.env if hasattr(one.env, field) else one, field) for one in workloads]
         assert values == sorted(set(values))
-        if axis != "more_agents":
+        if field == "view_size":
+            assert {one.with_env(view_size=(5, 5)) for one in workloads} == {workload}
+        elif field != "num_agents":
             assert {replace(one, **{field: 0, "width": 0}) for one in workloads} == {
                 replace(workload, **{field: 0, "width": 0})
             }
     density = {one.height * one.width / one.num_agents for one in scaling.more_agents(workload).values()}
     assert density == {16}
+
+
+def test_benchmark_of_any_environment(capsys, monkeypatch):
+    monkeypatch.setattr("mapf_pz.benchmark.candidates.find_spec", lambda name: None)
+    words = ["--on-target", "restart", "--channels", "view", "heuristic", "--map", "random-12-12-15", "--complete"]
+    assert run(capsys, "benchmark", *SMALL, *words)[::2] == (0, [])
 
 
 def test_benchmark_errors(capsys):

@@ -113,9 +113,11 @@ class MultiAgentPPO(Algorithm):
         """Return the policy that samples each agent's action from the network's logits, masked if configured."""
         masked = self.config.model.mask_actions
         parameters: dict[str, NestedKey] = {"logits": ("agents", "logits")}
+        if masked:
+            parameters["mask"] = ("agents", "action_mask")
         return ProbabilisticActor(
             self.network_module(),
-            in_keys=parameters | {"mask": ("agents", "action_mask")} if masked else parameters,
+            in_keys=cast("Any", parameters),  # annotated as a list of keys
             out_keys=[("agents", "action")],
             distribution_class=MaskedCategorical if masked else Categorical,
             return_log_prob=True,

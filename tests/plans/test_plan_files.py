@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from mapf_pz.errors import FormatError
 from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.planners import Plan
-from mapf_pz.plans.files import About, Selection, format_plan, parse_plan, read_plan, write_plan
+from mapf_pz.plans.files import PlanMetadata, Selection, format_plan, parse_plan, read_plan, write_plan
 from mapf_pz.plans.plan import reached
 
 GRID = Grid(np.ones((3, 4), bool), "small")
@@ -94,7 +94,7 @@ def assert_same(plan, expected):
 @given(plans())
 def test_text_round_trip(drawn):
     plan, instance = drawn
-    text = format_plan(plan, "a.txt", instance, About("", "some solver", 1.5))
+    text = format_plan(plan, "a.txt", instance, PlanMetadata("", "some solver", 1.5))
     file = parse_plan(text, "a.txt")
     assert_same(file.plan, plan)
     assert np.array_equal(file.goals, instance.scenario.goals)
@@ -126,7 +126,7 @@ def test_lifelong_lorr_round_trip(drawn):
 def test_tracker_round_trip(drawn):
     """Waits at the end are not written."""
     plan, instance = drawn
-    text = format_plan(plan, "a.csv", instance, About("some-map-even-7"))
+    text = format_plan(plan, "a.csv", instance, PlanMetadata("some-map-even-7"))
     file = parse_plan(text, "a.csv", Selection(instance.scenario, plan.num_agents, "small-even-7"))
     assert_same(file.plan, Plan(plan.positions[: plan.makespan + 1]))
     assert file.claims == {"sum of costs": plan.sum_of_costs}
@@ -163,7 +163,7 @@ def test_what_is_written():
         "events": [[[0, 0, "assigned"], [0, 2, "finished"]], [[1, 0, "assigned"], [1, 2, "finished"]]],
         "tasks": [[0, 0, 0], [1, 2, 2]],
     }
-    table = format_plan(plan, "a.csv", instance, About("small-random-3"))
+    table = format_plan(plan, "a.csv", instance, PlanMetadata("small-random-3"))
     assert table == (
         "map_name,scen_type,type_id,agents,lower_cost,solution_cost,solution_plan\n"
         'small,random,3,2,,4,"ud\nwl"\n'
