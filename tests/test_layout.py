@@ -32,6 +32,7 @@ ORDER = [
     "core",
     "transition",
     "config",
+    "batch",
     "metrics",
     "neighbors",
     "instances",
