@@ -120,7 +120,7 @@ def test_warnings_take_one_line(capsys, monkeypatch):
 
 @pytest.mark.parametrize("words", [[], ["maps", "list"], ["maps", "--help"]], ids=str)
 @pytest.mark.parametrize("unbuffered", ["", "1"])
-def test_a_reader_that_has_seen_enough(words, unbuffered):
+def test_a_reader_that_exits_early(words, unbuffered):
     read, write = os.pipe()
     os.close(read)
     command = [sys.executable, "-m", "mapf_pz", *words]
@@ -130,7 +130,7 @@ def test_a_reader_that_has_seen_enough(words, unbuffered):
     assert (done.returncode, done.stderr) == (141, "")
 
 
-def test_our_own_mistakes_are_not_hidden(monkeypatch):
+def test_internal_errors_have_a_traceback(monkeypatch):
     def fail() -> None:
         raise AttributeError("no such thing")
 
@@ -496,7 +496,7 @@ def test_a_resumed_run_is_evaluated_again(tmp_path, capsys):
     assert "suite 'nothing': expected a .json file, or one of " in err[0]
 
 
-def test_evaluate_tells_what_is_missing(capsys):
+def test_evaluate_reports_unknown_policies(capsys):
     assert main(["evaluate", "--policy", "no-such-run"]) == 1
     error = capsys.readouterr().err
     assert error.count("\n") == 1
@@ -512,7 +512,7 @@ def compile_two_kernels():
 
 
 @pytest.mark.parametrize("terminal", [True, False])
-def test_compiling_is_announced_once_and_only_where_somebody_looks(terminal, capsys, monkeypatch, tmp_path):
+def test_compilation_is_reported_once_and_only_on_a_terminal(terminal, capsys, monkeypatch, tmp_path):
     monkeypatch.setattr(numba_config, "CACHE_DIR", str(tmp_path))
     monkeypatch.setitem(COMMANDS, "fresh", Command(f"{__name__}:compile_two_kernels", ""))
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)

@@ -20,7 +20,7 @@ from mapf_pz.io.atomic import write_whole
 from mapf_pz.rl.algorithms import algorithm_of
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
-from mapf_pz.rl.observed import Observed
+from mapf_pz.rl.observation_shape import ObservationShape
 
 Infos: TypeAlias = "Mapping[str, Mapping[str, Any]]"
 """Infos by agent, as the environment gives them."""
@@ -53,7 +53,7 @@ class LearnedPolicy:
         """
         self.network = network.eval()
         self.config = config
-        self._observed = Observed.by_policy_of(config.task)
+        self._shape = ObservationShape.of_task(config.task)
         self.env_kwargs = config.task.observation_keywords()
         self.env_wrappers = config.task.env_wrappers()
         self.needs_infos = config.model.mask_actions
@@ -87,7 +87,7 @@ class LearnedPolicy:
         """Return the preferences (N, A) of the N agents in `observations`."""
         self._check(observations)
         values = list(observations.values())
-        if self._observed.features:
+        if self._shape.features:
             inputs = [_stack([value[name] for value in values]) for name in ("image", "features")]
         else:
             inputs = [_stack(values)]
@@ -99,9 +99,9 @@ class LearnedPolicy:
 
     def _check(self, observations: dict[str, Any]) -> None:
         """Raise `ValueError` unless all observations have the shapes that the network was trained with."""
-        expected: Any = self._observed.image
-        if self._observed.features:
-            expected = {"image": self._observed.image, "features": (self._observed.features,)}
+        expected: Any = self._shape.image
+        if self._shape.features:
+            expected = {"image": self._shape.image, "features": (self._shape.features,)}
         for agent, observation in observations.items():
             if (got := _shapes(observation)) != expected:
                 raise ValueError(

@@ -87,7 +87,7 @@ def test_figures_where_there_are_several_numbers_of_agents(capsys, suite, tmp_pa
     assert files(tmp_path / "out") == {"episodes.csv", "tasks.json", "evaluation.md", "empty-8-8.png"}
 
 
-def test_without_what_draws_figures(capsys, suite, tmp_path, monkeypatch):
+def test_figures_need_matplotlib(capsys, suite, tmp_path, monkeypatch):
     monkeypatch.setattr("mapf_pz.commands.evaluate.find_spec", lambda name: None)
     _, out, _ = run(capsys, "--policy", "pibt", "--suite", suite, "--output", tmp_path / "out")
     assert out[-1].startswith("no figures: they require matplotlib, pip install")
@@ -193,7 +193,7 @@ def test_several_suites(capsys, suite, tmp_path):
     assert (status, err) == (1, [expected])
 
 
-def test_what_acts_differently_has_another_name(capsys, tmp_path):
+def test_different_settings_have_different_labels(capsys, tmp_path):
     pytest.importorskip("torch")
     words = ["--policy", "mappo", "--policy", "random", *SMALL, "--output", tmp_path]
     for options in ([], ["--deterministic"], ["--policy-seed", 2], ["--policy-seed", 2, "--deterministic"]):

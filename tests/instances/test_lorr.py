@@ -46,7 +46,7 @@ def test_a_problem_of_2023(tmp_path):
     assert [cells(loaded.task(k)) for k in (0, 3, 8)] == [[0], [3], [3]]
 
 
-def test_tasks_go_round_the_file(tmp_path):
+def test_tasks_repeat_in_file_order(tmp_path):
     instance = load_problem(problem(tmp_path)).instance()
     assert cells(instance.scenario.goals) == [[0, 2, 1, 1, 3], [1, 3, 0, 2, 1]]
     assert instance.headings.tolist() == [0, 0]
@@ -93,7 +93,7 @@ def test_other_strategies_give_no_sequence_of_goals(tmp_path, strategy):
 
 
 @pytest.mark.parametrize("count", [0, -1, 10**9])
-def test_absurd_numbers_of_goals(tmp_path, count):
+def test_huge_numbers_of_goals(tmp_path, count):
     with pytest.raises(ValueError, match=f"goals_per_agent: expected 1 to 8000000 for 2 robots, got {count}"):
         load_problem(problem(tmp_path)).instance(count)
 

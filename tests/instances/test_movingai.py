@@ -193,7 +193,7 @@ def test_scenario_round_trip(free, seed, num_agents):
         (Grid([[True]], "a\tb"), [[0, 0]], [[0, 0]], "tabs"),
     ],
 )
-def test_what_cannot_be_written_is_refused(grid, starts, goals, message):
+def test_unwritable_plans_are_refused(grid, starts, goals, message):
     with pytest.raises(ValueError, match=message):
         format_scenario(Scenario(starts, goals), grid)
 
@@ -224,7 +224,7 @@ def test_byte_order_mark(tmp_path):
     assert read_map(tmp_path / "bom.map").shape == (2, 3)
 
 
-def test_what_is_no_text_file_is_refused_in_one_line(tmp_path, monkeypatch):
+def test_files_that_are_not_text_are_refused_in_one_line(tmp_path, monkeypatch):
     file = tmp_path / "strange.map"
     with pytest.raises(FileNotFoundError, match=r"strange\.map: no such file$"):
         read_map(file)

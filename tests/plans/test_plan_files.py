@@ -170,7 +170,7 @@ def test_what_is_written():
     )  # fmt: skip
 
 
-def test_what_cannot_be_written_is_rejected():
+def test_unwritable_plans_are_rejected():
     lifelong = Instance(GRID, Scenario([[0, 0]], [[[0, 0], [0, 1]]]))
     still = Plan(np.zeros((1, 1, 2)))
     for ending in ("csv", "txt"):
@@ -413,7 +413,7 @@ def test_an_assigned_task_that_the_file_lacks():
 # Several goals in order.
 
 
-def test_a_goal_counts_from_the_step_after_the_last_was_reached():
+def test_goals_are_counted_from_the_step_after_the_previous_one():
     path = np.array([(0, 0), (0, 0), (0, 1), (0, 1), (0, 0)])
     assert reached(path, np.array([(0, 0), (0, 1), (0, 1), (0, 0), (0, 0)])) == [1, 2, 3, 4]
     assert reached(path, np.array([(0, 1), (5, 5), (0, 0)])) == [2]

@@ -124,7 +124,7 @@ def test_checkpoints_are_an_interval_apart_and_at_the_end(tmp_path):
 @pytest.mark.parametrize("name", ["CSR", "throughput"])
 def test_a_checkpoint_is_as_good_as_the_last_hundred_episodes(tmp_path, name):
     run, learner, scores = RunFolder(tmp_path), make_learner(), []
-    run.begin(TINY)
+    run.prepare(TINY)
     for update, (episodes, mean) in enumerate([(0, math.nan), (50, 0.5), (40, 1.0), (60, 0.25), (120, 0.75)], 1):
         run.log({"agent_steps": update, "episodes": episodes, name: mean})
         run.save(learner)
@@ -292,7 +292,7 @@ def test_damaged_progress_is_one_line(tmp_path):
         assert "\n" not in str(caught.value)
 
 
-def test_what_is_not_a_run_is_one_line(tmp_path, capsys):
+def test_folders_without_a_run_are_one_line(tmp_path, capsys):
     with pytest.raises(FileNotFoundError, match="no checkpoint in"):
         resume(tmp_path)
     assert main(["train", "resume", str(tmp_path), "--evaluate", "none"]) == 1
@@ -327,7 +327,7 @@ def test_a_killed_run_continues_from_its_last_checkpoint(tmp_path, capsys):
     assert not list((tmp_path / "checkpoints").glob(".*"))
 
 
-def test_sigterm_saves_what_was_learnt(tmp_path, capsys):
+def test_sigterm_saves_a_checkpoint(tmp_path, capsys):
     def terminate():
         wait_for_checkpoints(tmp_path, threading.main_thread().is_alive)
         os.kill(os.getpid(), signal.SIGTERM)

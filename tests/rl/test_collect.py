@@ -74,6 +74,6 @@ def test_processes_train_like_one(tmp_path, config):
     load_policy(tmp_path / "processes")
 
 
-def test_environments_are_shared_out_evenly(config):
+def test_environments_are_divided_evenly(config):
     with pytest.raises(ValueError, match="num_envs=4: expected a multiple of num_workers=3"):
         dataclasses.replace(config, collector="processes", num_workers=3)

@@ -14,7 +14,7 @@ from mapf_pz.instances.sources import RandomObstacles
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
 from mapf_pz.rl.config_file import CONFIG, config_files, load_config
-from mapf_pz.rl.observed import Observed, observation_transforms
+from mapf_pz.rl.observation_shape import ObservationShape, observation_transforms
 from mapf_pz.rl.share import Share
 from mapf_pz.wrappers import FrameStack, NeighborObservations
 from tests.helpers.small_run import changed
@@ -48,7 +48,7 @@ def test_specs_hold_and_are_the_shapes_that_networks_are_built_for(task, changes
     task = dataclasses.replace(task, **changes)
     env = make(task)
     check_env_specs(env)
-    observed = Observed.by_policy_of(task)
+    observed = ObservationShape.of_task(task)
     expected = [observed.image, (observed.features,)] if task.env.features else [observed.image]
     assert [part.shape[2:] for part in batched_parts(task, env.reset())] == expected
     space = make_env(Asking(task), **task.env_keywords()).observation_space("agent_0")

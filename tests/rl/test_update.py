@@ -12,7 +12,7 @@ from mapf_pz.rl.collect import collecting
 from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
 from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.networks import LocalCritic, TeamCritic, TeamValue
-from mapf_pz.rl.observed import Observed
+from mapf_pz.rl.observation_shape import ObservationShape
 from tests.helpers.reference_ppo import ReferencePPO, categorical, normal, recurrent_distribution
 from tests.helpers.small_run import changed
 
@@ -55,7 +55,7 @@ def make(config):
 def make_critic(algorithm):
     """Return a copy of the algorithm's critic, as a module."""
     config = algorithm.config
-    observed = Observed.by_policy_of(config.task)
+    observed = ObservationShape.of_task(config.task)
     critics = {
         "mappo": lambda: TeamCritic(observed, config.model),
         "ippo": lambda: LocalCritic(observed, config.model),
@@ -84,7 +84,7 @@ def as_reference_batch(algorithm, batch):
     group = batch["team" if team else "agents"]
     reward = batch["next", "agents", "reward"].squeeze(-1)
     log_prob = group["action_log_prob"]
-    observed = algorithm.observed_keys()
+    observed = algorithm.observation_keys()
     done, terminated = batch["next", "done"], batch["next", "terminated"]
     active = torch.ones_like(reward, dtype=torch.bool)
     if masked(algorithm.config):  # an agent's episode ends when it leaves
@@ -148,7 +148,7 @@ def ratios_of_equal_updates(config):
     """Check that updates of the algorithm and of the reference are equal; return the reference's probability ratios."""
     algorithm, batch = make(config)
     assert batch["agents", "active"].all() == (config.task.env.on_target == "nothing")
-    assert_episodes_end_within(batch, algorithm.observed_keys())
+    assert_episodes_end_within(batch, algorithm.observation_keys())
     reference, actor, critic = make_reference(algorithm)
     learner = Learner(algorithm, config)
     for progress in (0.0, 0.25, 0.5):  # the same batch again, so that probability ratios are clipped

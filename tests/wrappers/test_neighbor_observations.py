@@ -139,7 +139,7 @@ def test_neighbors_observations_come_after_the_own_one():
             assert np.array_equal(seen[f"agent_{i}"][part], np.concatenate([own, *theirs]))
 
 
-def test_who_has_disappeared_is_not_observed():
+def test_agents_that_have_disappeared_are_not_observed():
     env, plain = drawn(2, 9, on_target="finish")
     for one in (env, plain):
         one.reset()

@@ -13,7 +13,7 @@ from mapf_pz.rl.share import Share
 
 
 @dataclass(frozen=True)
-class Observed:
+class ObservationShape:
     """Shapes of one agent's observation and the number of its actions."""
 
     image: tuple[int, int, int]
@@ -24,20 +24,20 @@ class Observed:
     """A, the number of actions."""
 
     @classmethod
-    def by_policy_of(cls, task: TaskConfig) -> Observed:
+    def of_task(cls, task: TaskConfig) -> ObservationShape:
         """Return the shapes for a task, with its stacked frames and shared observations."""
         layout = ObservationLayout(task.env, task.env.view_size)
         single = cls(layout.image_shape, layout.num_features, layout.num_actions)
         return single.stacked(task.num_frames * (1 + task.neighbors))
 
-    def stacked(self, number: int) -> Observed:
+    def stacked(self, number: int) -> ObservationShape:
         """Return the shapes of `number` concatenated observations."""
         channels, height, width = self.image
-        return Observed((number * channels, height, width), number * self.features, self.actions)
+        return ObservationShape((number * channels, height, width), number * self.features, self.actions)
 
 
 def observation_transforms(task: TaskConfig) -> list[Transform]:
-    """Return the transforms that give the batched environment's observations the shapes `Observed.by_policy_of(task)`.
+    """Return the transforms that give the batched environment's observations the shape `ObservationShape.of_task(task)`.
 
     Neighbors' observations are appended first, and frames are stacked afterwards, as with `task.env_wrappers()`.
     """
