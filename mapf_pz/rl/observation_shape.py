@@ -37,7 +37,7 @@ class ObservationShape:
 
 
 def observation_transforms(task: TaskConfig) -> list[Transform]:
-    """Return the transforms that give the batched environment's observations the shape `ObservationShape.of_task(task)`.
+    """Return the transforms that give the batched environment's observations their shape, `of_task(task)`.
 
     Neighbors' observations are appended first, and frames are stacked afterwards, as with `task.env_wrappers()`.
     """
