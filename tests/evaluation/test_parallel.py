@@ -52,7 +52,7 @@ def test_in_this_process():
     assert list(run_jobs(process, [0], 1)) == [os.getpid()]
 
 
-def test_agents_move_in_sequence():
+def test_jobs_run_in_sequence():
     done = []
     running = run_jobs(done.append, [1, 2], 1)
     next(running)
