@@ -252,8 +252,8 @@ def outcome(names, tasks, jobs):
 
 def test_processes_do_the_same():
     pytest.importorskip("torch")
-    tasks = [SOLVED]  # one job for each policy, so that only one process imports torch
-    assert outcome(NAMES, tasks, 1) == outcome(NAMES, tasks, 2)
+    names, tasks = ["pibt", "mappo"], [SOLVED]  # one job for each policy, so that only one process imports torch
+    assert outcome(names, tasks, 1) == outcome(names, tasks, 2)
 
 
 def test_ray_does_the_same(monkeypatch):

@@ -2,9 +2,8 @@ import dataclasses
 import json
 import math
 import os
+import shutil
 import signal
-import subprocess
-import sys
 import threading
 import time
 import zipfile
@@ -311,20 +310,23 @@ def wait_for_checkpoints(folder, running, seconds=60):
         time.sleep(0.01)
 
 
-def test_a_killed_run_continues_from_its_last_checkpoint(tmp_path, capsys):
-    with subprocess.Popen([sys.executable, "-m", "mapf_pz", *command(tmp_path)], stdout=subprocess.DEVNULL) as process:
-        wait_for_checkpoints(tmp_path, lambda: process.poll() is None)
-        process.kill()
-    assert not (tmp_path / "policy.safetensors").exists()
-    config = json.loads((tmp_path / "config.json").read_text())
-    (tmp_path / "checkpoints" / ".checkpoint-1.stage-1").mkdir()  # as if killed while it wrote
-    done = read_position(Checkpoints(tmp_path).latest()).updates
-    length = str(96 * (done + 3))
-    assert main(["train", "resume", str(tmp_path), "--agent-steps", length, "--evaluate", "none"]) == 0
-    assert config["agent_steps"] == 40000
-    assert steps(tmp_path) == [96 * (i + 1) for i in range(done + 3)]
-    assert load_policy(tmp_path).act({}) == {}
-    assert not list((tmp_path / "checkpoints").glob(".*"))
+def test_a_killed_run_continues_from_its_last_checkpoint(tmp_path):
+    """The folder is copied while the run continues, so the copy is what a kill leaves; `tests.faults` sends signals."""
+    run, killed = tmp_path / "run", tmp_path / "killed"
+
+    def copy(row):
+        if row["agent_steps"] == 3 * PER_UPDATE:
+            shutil.copytree(run, killed)
+
+    train(TINY, run, copy)
+    assert not (killed / "policy.safetensors").exists()
+    (killed / "checkpoints" / ".checkpoint-1.stage-1").mkdir()  # as if killed while it wrote
+    assert read_position(Checkpoints(killed).latest()).updates == 3
+    assert main(["train", "resume", str(killed), "--agent-steps", str(5 * PER_UPDATE), "--evaluate", "none"]) == 0
+    assert steps(killed) == [PER_UPDATE * (i + 1) for i in range(5)]
+    assert rows(killed)[:3] == rows(run)[:3]
+    assert load_policy(killed).act({}) == {}
+    assert not list((killed / "checkpoints").glob(".*"))
 
 
 def test_sigterm_saves_a_checkpoint(tmp_path, capsys):
