@@ -87,7 +87,7 @@ class Idle(Planner):
     def decide(self, simulator):
         return np.full(simulator.num_agents, wait_action(simulator))
 
-    def solve(self, instance, time_limit=10.0, max_steps=1000, edge_weights="uniform", distance_bytes=None):
+    def _solve(self, simulator, deadline):
         return self.plan
 
 

@@ -4,10 +4,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import strategies as st
 
 from mapf_pz.errors import FormatError
 from mapf_pz.instances import InstanceList, LorrProblem, load_problem
+from tests.helpers.corrupt_files import near_misses
 
 MAP = "type octile\nheight 2\nwidth 3\nmap\n.ES\n.T@\n"
 JSON = {"mapFile": "maps/a.map", "agentFile": "a.agents", "taskFile": "a.tasks", "teamSize": 2}
@@ -191,12 +191,6 @@ def test_missing_files(tmp_path):
         load_problem(tmp_path / "b.json")
     with pytest.raises(FileNotFoundError, match=r"b\.map: no such file"):
         load_problem(problem(tmp_path, {"mapFile": "b.map"}))
-
-
-def near_misses(text):
-    """Texts near a good one: with a piece cut out and something else in its place."""
-    cut = st.tuples(st.integers(0, len(text)), st.integers(0, 12), st.text(max_size=6) | st.sampled_from("\n,09#[{"))
-    return cut.map(lambda c: text[: c[0]] + c[2] + text[c[0] + c[1] :])
 
 
 @given(near_misses(json.dumps(JSON)), near_misses(AGENTS), near_misses(TASKS_2024))

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.bounds import most_goals
 from mapf_pz.instances import InstanceList, load_pogema, pogema
+from tests.helpers.corrupt_files import near_misses
 
 MAPS = {"a": [".@#", "$!."], "b": ["...."]}
 ONE_SHOT = [
@@ -143,12 +144,6 @@ def test_a_goal_sequence_that_others_would_repeat_too_often(tmp_path, monkeypatc
     assert len(load_pogema(path, 2)) == 2
     monkeypatch.setattr(pogema, "MAX_GOALS", 11)
     assert message_of(path) == WHERE + "expected at most 5 goals, got 2 x 3"
-
-
-def near_misses(text):
-    """Texts near a good one: with a piece cut out and something else in its place."""
-    cut = st.tuples(st.integers(0, len(text)), st.integers(0, 12), st.text(max_size=6) | st.sampled_from("\n,09#[{"))
-    return cut.map(lambda c: text[: c[0]] + c[2] + text[c[0] + c[1] :])
 
 
 @given(near_misses(json.dumps(MAPS)), near_misses(json.dumps(ONE_SHOT)), near_misses(json.dumps(LIFELONG)))

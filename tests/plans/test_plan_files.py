@@ -10,6 +10,7 @@ from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.planners import Plan
 from mapf_pz.plans.files import PlanMetadata, Selection, format_plan, parse_plan, read_plan, write_plan
 from mapf_pz.plans.plan import reached
+from tests.helpers.corrupt_files import near_misses
 
 GRID = Grid(np.ones((3, 4), bool), "small")
 STEPS = np.array([(0, 1), (1, 0), (0, -1), (-1, 0), (0, 0)])
@@ -423,16 +424,16 @@ def test_goals_are_counted_from_the_step_after_the_previous_one():
 # Any text.
 
 
-def near_misses(text):
-    """Return texts that differ from a valid one in one replaced part."""
-    cut = st.tuples(st.integers(0, len(text)), st.integers(0, 12), st.text(max_size=6) | st.sampled_from('\n"09,:[]('))
-    return cut.map(lambda c: text[: c[0]] + c[2] + text[c[0] + c[1] :])
-
-
 TICKS = lorr(version="2026 LoRR", agentMaxCounter=3, actualPaths=["[(0,0,0,0,0):(F 2,W 1)][(3,0,0,0,0):(F 3)]"] * 2)
 
 
-@given(st.text() | st.one_of([near_misses(text) for text in (TEXT, TRACKER, lorr(), json.dumps(LORR_2024), TICKS)]))
+SEPARATORS = '\n"09,:[]('
+
+
+@given(
+    st.text()
+    | st.one_of([near_misses(text, SEPARATORS) for text in (TEXT, TRACKER, lorr(), json.dumps(LORR_2024), TICKS)])
+)
 def test_any_text_is_a_plan_or_a_format_error(text):
     try:
         file = parse_plan(text, "p", Selection(SCENARIO, 2))
