@@ -15,7 +15,7 @@ from mapf_pz import Channel, EnvConfig, Transition
 from mapf_pz.core.observation.inputs import ObservationInputs
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
-from mapf_pz.rl.observed import Observed
+from mapf_pz.rl.observation_shape import ObservationShape
 
 
 def draw_congestion(inputs: ObservationInputs, image: np.ndarray, plane: int) -> None:
@@ -35,10 +35,10 @@ def pace(transition: Transition) -> np.ndarray:
 class Pooled(nn.Module):
     """Encode the image by its mean over cells and the cells around the agent."""
 
-    def __init__(self, observed: Observed, config: ModelConfig) -> None:
+    def __init__(self, shape: ObservationShape, config: ModelConfig) -> None:
         """Take the shapes of an observation and the `ModelConfig`."""
         super().__init__()
-        size = observed.image[0] * 10 + observed.features
+        size = shape.image[0] * 10 + shape.features
         self.layer = nn.Sequential(nn.Linear(size, config.hidden), nn.ReLU())
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> Tensor:

@@ -1,6 +1,6 @@
 """Headings and actions.
 
-Headings and edge directions share one order: east, south, west, north.
+Headings and directions of edges have the same order: east, south, west, north.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import numpy as np
 
 
 class Heading(IntEnum):
-    """Where an agent looks, and the direction of an edge; turning right adds one, modulo 4."""
+    """The heading of an agent, or the direction of an edge; a right turn adds 1 modulo 4."""
 
     EAST = 0
     SOUTH = 1
@@ -20,7 +20,7 @@ class Heading(IntEnum):
 
 
 class Action(IntEnum):
-    """The actions of `action_model="rotate"`: the report's order."""
+    """The actions of `action_model="rotate"`, in the report's order."""
 
     FORWARD = 0
     ROTATE_LEFT = 1
@@ -29,7 +29,7 @@ class Action(IntEnum):
 
 
 class CardinalAction(IntEnum):
-    """The actions of `action_model="cardinal"`: POGEMA's order."""
+    """The actions of `action_model="cardinal"`, in POGEMA's order."""
 
     WAIT = 0
     UP = 1
@@ -38,4 +38,4 @@ class CardinalAction(IntEnum):
     RIGHT = 4
 
 
-HEADING_STEPS = np.array([(0, 1), (1, 0), (0, -1), (-1, 0)], np.int32)  # (4, 2): (row, col) of one step per heading
+HEADING_STEPS = np.array([(0, 1), (1, 0), (0, -1), (-1, 0)], np.int32)  # (4, 2): the (row, col) step in each heading

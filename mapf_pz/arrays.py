@@ -1,4 +1,4 @@
-"""Types of arrays, read-only copies, and dataclasses that hold arrays."""
+"""Types of NumPy arrays, read-only copies, and equality of dataclasses with arrays."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 def coordinates(cells: Ints, width: int) -> Ints:
-    """Return [row, col] (..., 2) int64 of cell numbers on a map of `width` columns."""
+    """Return the coordinates [row, col], (..., 2) int64, of cell numbers (...) on a map with `width` columns."""
     pairs = np.empty((*cells.shape, 2), np.int64)
     np.divmod(cells, width, out=(pairs[..., 0], pairs[..., 1]))
     return pairs
@@ -29,16 +29,16 @@ def frozen(array: ArrayLike, dtype: type[Scalar]) -> NDArray[Scalar]:
 
 
 class EqualByValue:
-    """Base of frozen dataclasses that hold arrays: equal where all fields are, entry by entry, and hashable."""
+    """Base class of frozen dataclasses with arrays: they are equal if all fields are, and hashable."""
 
     def __eq__(self, other: object) -> bool:
-        """Compare the fields, except those declared with `compare=False`."""
+        """Return whether all fields are equal, except those declared with `compare=False`."""
         if type(other) is not type(self):
             return NotImplemented
         return self is other or all(map(_equal, _compared(self), _compared(other)))
 
     def __hash__(self) -> int:
-        """Hash the same fields."""
+        """Return a hash of the fields that are compared."""
         return hash(tuple(value.tobytes() if isinstance(value, np.ndarray) else value for value in _compared(self)))
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from reprlib import repr as shortened
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +22,9 @@ from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instance import Grid, InstanceSource, Scenario
 from mapf_pz.plugins import import_object
 from mapf_pz.transition import Transition
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 ActionModel = Literal["rotate", "cardinal"]
 CollisionSystem = Literal["soft", "priority", "block_both"]
@@ -169,7 +172,7 @@ class EnvConfig:
             raise ValueError(f"num_agents={self.num_agents}: the source has {source.num_agents} agents")
 
     @classmethod
-    def from_keywords(cls, **keywords: Any) -> EnvConfig:
+    def from_keywords(cls, *arguments: Any, **keywords: Any) -> Self:
         """Create a configuration; raises `TypeError` for an unknown keyword, and suggests the closest known one."""
         known = [field.name for field in dataclasses.fields(cls)]
         for name in keywords:
@@ -177,15 +180,15 @@ class EnvConfig:
                 near = difflib.get_close_matches(name, known, n=1)
                 hint = f"did you mean {near[0]!r}?" if near else f"allowed are {', '.join(known)}"
                 raise TypeError(f"unknown keyword {name!r}: {hint}")
-        return cls(**keywords)
+        return cls(*arguments, **keywords)
 
     def keywords(self) -> dict[str, Any]:
-        """Return all fields by name, as keywords of `parallel_env`."""
-        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        """Return all fields of `EnvConfig` by name, as keywords of `parallel_env`."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(EnvConfig)}
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is pickled: the fields, without what was imported by name."""
-        return self.keywords()
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
 
     @property
     def scenarios(self) -> tuple[str | Path | Scenario, ...]:

@@ -1,25 +1,25 @@
-"""The error that every reader of a file raises."""
+"""`FormatError`: the error for malformed files."""
 
 from __future__ import annotations
 
 LONGEST_MESSAGE = 500
-"""Characters; a damaged file may put as many as it holds into the message of another package's error."""
+"""Maximum length in characters. Messages of other packages may contain the whole content of a damaged file."""
 
 
 class FormatError(ValueError):
-    """Malformed input: one line that says where, and what was expected.
+    """A file or text is malformed.
 
-    The text reads `FILE:LINE:COLUMN: MESSAGE`; line and column count from 1 and are left out when zero. A message of
-    more than `LONGEST_MESSAGE` characters is cut.
+    The text of the error is one line, `FILE:LINE:COLUMN: MESSAGE`. Lines and columns are counted from 1, and omitted if
+    they are 0. Messages are truncated to `LONGEST_MESSAGE` characters.
     """
 
     def __init__(self, file: object, message: str, line: int = 0, column: int = 0) -> None:
-        """Join the place and the message."""
+        """Create the error; `file` is the file, or a description of the input."""
         place = ":".join([str(file), *(str(n) for n in (line, column) if n)])
         cut = message[:LONGEST_MESSAGE] + " ..." if len(message) > LONGEST_MESSAGE else message
         super().__init__(f"{place}: {cut}")
         self._arguments = str(file), message, line, column
 
     def __reduce__(self) -> tuple[type[FormatError], tuple[str, str, int, int]]:
-        """Let it pass from one process to another, which calls it with the exception's text otherwise."""
+        """Support pickling, which by default would call the class with the text alone."""
         return type(self), self._arguments

@@ -74,7 +74,7 @@ def test_draws_are_reproducible_and_in_range(mode):
 
 
 @pytest.mark.parametrize("mode", ACTION_MODES)
-def test_values_stay_as_they_are_and_none_is_fine(mode):
+def test_values_are_unchanged_and_there_may_be_no_agents(mode):
     values = np.full((3, 4), -1.0)
     ACTION_MODES[mode](values, rng())
     assert (values == -1).all()

@@ -118,7 +118,7 @@ def test_guidance_graphs(move, wait, message):
 # Maps and scenarios.
 
 
-def test_a_map_that_there_is_none_of(tmp_path):
+def test_an_unknown_map(tmp_path):
     refuses(
         ValueError,
         "no \\.map file is named 'empty-8-9': did you mean 'empty-8-8'.*",

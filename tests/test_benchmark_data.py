@@ -19,7 +19,7 @@ DISTANCES = {"channels": ("view", "goal", "cost_to_go"), "reward": "progress"}
         (PARIS, 100, DISTANCES | {"distance_bytes": 2**28}),
     ],
 )
-def test_some_steps(benchmark, name, num_agents, keywords):
+def test_random_steps_of_benchmark_instances(benchmark, name, num_agents, keywords):
     map_file, scenario_file = benchmark / "maps" / f"{name}.map", benchmark / "scens" / f"{name}-random-1.scen"
     env = mapf_pz.parallel_env(map=map_file, scenario=scenario_file, num_agents=num_agents, max_steps=64, **keywords)
     observations, _ = env.reset(seed=0)

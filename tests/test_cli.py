@@ -120,7 +120,7 @@ def test_warnings_take_one_line(capsys, monkeypatch):
 
 @pytest.mark.parametrize("words", [[], ["maps", "list"], ["maps", "--help"]], ids=str)
 @pytest.mark.parametrize("unbuffered", ["", "1"])
-def test_a_reader_that_has_seen_enough(words, unbuffered):
+def test_a_reader_that_exits_early(words, unbuffered):
     read, write = os.pipe()
     os.close(read)
     command = [sys.executable, "-m", "mapf_pz", *words]
@@ -130,7 +130,7 @@ def test_a_reader_that_has_seen_enough(words, unbuffered):
     assert (done.returncode, done.stderr) == (141, "")
 
 
-def test_our_own_mistakes_are_not_hidden(monkeypatch):
+def test_internal_errors_have_a_traceback(monkeypatch):
     def fail() -> None:
         raise AttributeError("no such thing")
 
@@ -372,19 +372,27 @@ def test_benchmark_along_axes(capsys, monkeypatch):
 
 
 def test_axes_change_one_thing():
-    workload = Workload(num_envs=16, num_agents=64)
-    names = {"num_agents": "more_agents", "num_envs": "more_environments", "view_size": "larger_views"}
-    names |= {"height": "larger_maps", "num_threads": "more_threads"}
-    for field, axis in names.items():
+    workload = Workload(num_envs=16).with_env(num_agents=64)
+    fields = {"num_agents": "more_agents", "num_envs": "more_environments", "view_size": "larger_views"}
+    fields |= {"height": "larger_maps", "num_threads": "more_threads"}
+    for field, axis in fields.items():
         workloads = list(getattr(scaling, axis)(workload).values())
-        values = [getattr(one, field) for one in workloads]
+        values = [getattr(one.env if hasattr(one.env, field) else one, field) for one in workloads]
         assert values == sorted(set(values))
-        if axis != "more_agents":
+        if field == "view_size":
+            assert {one.with_env(view_size=(5, 5)) for one in workloads} == {workload}
+        elif field != "num_agents":
             assert {replace(one, **{field: 0, "width": 0}) for one in workloads} == {
                 replace(workload, **{field: 0, "width": 0})
             }
     density = {one.height * one.width / one.num_agents for one in scaling.more_agents(workload).values()}
     assert density == {16}
+
+
+def test_benchmark_of_any_environment(capsys, monkeypatch):
+    monkeypatch.setattr("mapf_pz.benchmark.candidates.find_spec", lambda name: None)
+    words = ["--on-target", "restart", "--channels", "view", "heuristic", "--map", "random-12-12-15", "--complete"]
+    assert run(capsys, "benchmark", *SMALL, *words)[::2] == (0, [])
 
 
 def test_benchmark_errors(capsys):
@@ -488,7 +496,7 @@ def test_a_resumed_run_is_evaluated_again(tmp_path, capsys):
     assert "suite 'nothing': expected a .json file, or one of " in err[0]
 
 
-def test_evaluate_tells_what_is_missing(capsys):
+def test_evaluate_reports_unknown_policies(capsys):
     assert main(["evaluate", "--policy", "no-such-run"]) == 1
     error = capsys.readouterr().err
     assert error.count("\n") == 1
@@ -504,7 +512,7 @@ def compile_two_kernels():
 
 
 @pytest.mark.parametrize("terminal", [True, False])
-def test_compiling_is_announced_once_and_only_where_somebody_looks(terminal, capsys, monkeypatch, tmp_path):
+def test_compilation_is_reported_once_and_only_on_a_terminal(terminal, capsys, monkeypatch, tmp_path):
     monkeypatch.setattr(numba_config, "CACHE_DIR", str(tmp_path))
     monkeypatch.setitem(COMMANDS, "fresh", Command(f"{__name__}:compile_two_kernels", ""))
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)

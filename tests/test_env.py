@@ -94,7 +94,7 @@ def test_aec_render(keywords):
     render_test(lambda render_mode: mapf_pz.env(**keywords, render_mode=render_mode))
 
 
-def test_people_see_every_step(monkeypatch):
+def test_human_rendering_shows_every_step(monkeypatch):
     window = pytest.importorskip("mapf_pz.render.window")
     pytest.importorskip("pygame")
     shown = []
@@ -287,7 +287,7 @@ def test_a_drawn_cardinal_step():
 
 
 @pytest.mark.parametrize(("action_model", "heading"), [("rotate", NORTH), ("rotate", SOUTH), ("cardinal", NORTH)])
-def test_of_two_equal_ways_others_are_shown_to_take_the_right_one(action_model, heading):
+def test_of_two_equal_paths_others_are_shown_on_the_right_one(action_model, heading):
     """Right of the way that it looks; cardinal agents: east before west."""
     watcher, goal = (1, 2 if heading == NORTH else 0), (0 if heading == NORTH else 2, 1)
     _, observations, _ = drawn(
@@ -405,7 +405,7 @@ def test_goal_counts_that_are_not_of_the_goals(counts):
 
 
 @pytest.mark.parametrize("on_target", ON_TARGET)
-def test_time_limit_truncates_whoever_is_left(on_target):
+def test_time_limit_truncates_the_remaining_agents(on_target):
     env, *_ = drawn("....\n", [(0, 0), (0, 3)], [NORTH, WEST], [(0, 1), (0, 2)], on_target=on_target, max_steps=2)
     go(env, WAIT, FORWARD)
     finished = on_target == "finish"
@@ -417,7 +417,7 @@ def test_time_limit_truncates_whoever_is_left(on_target):
 
 
 @pytest.mark.parametrize("on_target", ["nothing", "finish"])
-def test_who_ends_in_the_last_step_is_terminated_not_truncated(on_target):
+def test_agents_that_end_in_the_last_step_are_terminated_not_truncated(on_target):
     env, *_ = drawn("..\n..\n", [(0, 0), (1, 0)], [EAST, EAST], [(0, 1), (1, 1)], on_target=on_target, max_steps=1)
     _, _, terminations, truncations, _ = go(env, FORWARD, FORWARD)
     assert list(terminations.values()) == [True, True]

@@ -57,7 +57,7 @@ def test_stable_baselines():
     assert "CSR on 2 unseen maps" in run("centralized_sb3.py", "--steps", "2048", "--episodes", "2")
 
 
-def test_one_policy_of_stable_baselines_for_all():
+def test_a_shared_policy_of_stable_baselines():
     pytest.importorskip("stable_baselines3")
     pytest.importorskip("supersuit")
     assert "CSR on 2 unseen maps" in run("shared_sb3.py", "--steps", "2048", "--episodes", "2")

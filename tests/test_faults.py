@@ -31,21 +31,21 @@ def only_kills_at_work(monkeypatch):
     monkeypatch.setattr(faults, "STARTING", 0)
 
 
-def test_a_killed_evaluation_goes_on(tmp_path):
+def test_a_killed_evaluation_resumes(tmp_path):
     counters = Tally()
     kill_evaluations(tmp_path, 2, 200, random.Random(0), counters)
     assert (counters.kills.total(), counters.resumes, counters.lost) == (2, 2, 0)
     assert counters.written >= 2
 
 
-def test_a_killed_training_goes_on(tmp_path):
+def test_a_killed_training_run_resumes(tmp_path):
     pytest.importorskip("torchrl")
     counters = Tally()
     kill_trainings(tmp_path, 1, 20, random.Random(0), counters)
     assert (counters.kills.total(), counters.lost) == (1, 0)
 
 
-def test_ctrl_c_while_processes_begin(tmp_path):
+def test_ctrl_c_while_processes_start(tmp_path):
     """They are still loading Python when it comes, and must not tell of it."""
     words = evaluate_words(tmp_path / "out", 50, 2)
     end = kill(words, lambda process_id: len(workers_of(process_id)) == 2, 0, signal.SIGINT)
@@ -53,7 +53,7 @@ def test_ctrl_c_while_processes_begin(tmp_path):
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_an_evaluation_goes_on_when_there_is_room_again(tmp_path, jobs):
+def test_an_evaluation_resumes_after_a_full_disk(tmp_path, jobs):
     words = evaluate_words(tmp_path / "out", 20, jobs)
     end = complete(words, room=3000)
     told = f"mapf-pz evaluate: [Errno 27] File too large: '{tmp_path / 'out' / 'episodes.csv'}'"
@@ -77,7 +77,7 @@ def test_a_line_cut_within_a_character(tmp_path):
     assert untimed(episode_lines(tmp_path)) == untimed(before.decode().splitlines(True)[1:])
 
 
-def test_a_training_begins_where_there_is_no_room(tmp_path):
+def test_training_starts_on_a_full_disk(tmp_path):
     pytest.importorskip("torchrl")
     end = complete(train_words(tmp_path, 5), room=100_000)  # less than a checkpoint, and than the policy
     assert (end.status, len(end.lines)) == (1, 1)
@@ -88,7 +88,7 @@ def test_a_training_begins_where_there_is_no_room(tmp_path):
     assert len(progress_lines(tmp_path)) == updates_kept(tmp_path) == 5
 
 
-def test_a_training_goes_on_when_there_is_room_again(tmp_path):
+def test_training_resumes_after_a_full_disk(tmp_path):
     pytest.importorskip("torchrl")
     assert complete(train_words(tmp_path, 5)).status == 0
     rows, kept = progress_lines(tmp_path), max((tmp_path / "checkpoints").iterdir())

@@ -7,7 +7,7 @@ import pytest
 from mapf_pz.io.atomic import naming, replacing, write_whole
 
 
-def test_a_file_takes_its_place_at_the_end(tmp_path):
+def test_a_file_is_replaced_when_it_is_complete(tmp_path):
     file = tmp_path / "table.md"
     write_whole(file, b"old")
     with replacing(file) as beside:
@@ -19,7 +19,7 @@ def test_a_file_takes_its_place_at_the_end(tmp_path):
 
 
 @pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt()])
-def test_what_fails_changes_nothing(tmp_path, error):
+def test_failures_change_nothing(tmp_path, error):
     file = tmp_path / "table.md"
     write_whole(file, b"old")
 

@@ -16,7 +16,7 @@ from mapf_pz.instances.sources import RandomObstacles
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
 from mapf_pz.rl.config_file import CONFIG, config_files, load_config
-from mapf_pz.rl.observed import Observed
+from mapf_pz.rl.observation_shape import ObservationShape
 from mapf_pz.simulator import Simulator
 from mapf_pz.wrappers import CentralizedEnv, CentralizedVectorEnv, ContinuousActions, RecordEpisode
 from tests.helpers.small_run import changed
@@ -350,7 +350,7 @@ def test_specs_hold_and_are_the_shapes_that_networks_are_built_for(task, options
     task = changed(task, **options)
     env = BatchedMapfEnv(3, **task.env_keywords())
     check_env_specs(env)
-    observed = Observed.by_policy_of(task)
+    observed = ObservationShape.of_task(task)
     expected = [observed.image, (observed.features,)] if task.env.features else [observed.image]
     space = mapf_pz.parallel_env(**task.env_keywords()).observation_space("agent_0")
     assert [box.shape for box in parts(space)] == expected

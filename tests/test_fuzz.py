@@ -17,6 +17,7 @@ from mapf_pz.instance import Grid, Scenario
 from mapf_pz.instances import load_instance, load_map, load_pogema, load_problem, load_scenario
 from mapf_pz.plans.files import Selection, read_plan
 from tests.helpers.corrupt_files import Case, as_json, bounded, changed, fuzzed, outcome, refused
+from tests.plans.test_plan_files import TEXT
 
 GRID = Grid([[True] * 6, [True] * 3 + [False] * 3], "tiny")
 SCENARIO = Scenario([[0, 0], [1, 0]], [[0, 5], [1, 2]])
@@ -60,16 +61,6 @@ TRACKER = b"""map_name,scen_type,type_id,agents,lower_cost,solution_cost,solutio
 tiny,random,1,2,3,3,"rr
 d"
 tiny,even,"1",1,1,1,r
-"""
-TEXT = b"""agents=2
-soc=3
-makespan=2
-starts=(0,0),(3,2),
-goals=(2,0),(3,1),
-solution=
-0:(0,0),(3,2),
-1:(1,0),(3,1),
-2:(2,0),(3,1),
 """
 TURNING = b"solution=\n0:(0,0,X_PLUS),(3,2,Y_MINUS)\n1:(1,0,X_PLUS),(3,1,Y_MINUS)\n"
 SUITE = {
@@ -124,7 +115,7 @@ CASES = {
     "plan of 2026": plan(as_json(PLAN_2026)),
     "plan without headings": plan(as_json(CARDINAL)),
     "tracker plan": plan(TRACKER),
-    "text plan": plan(TEXT),
+    "text plan": plan(TEXT.encode()),
     "text plan with headings": plan(TURNING),
     "suite": Case(
         LORR | POGEMA | {"tiny.scen": SCEN, "mine.json": as_json(SUITE)},

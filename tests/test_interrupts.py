@@ -45,7 +45,7 @@ def test_signals_interrupt_and_the_handlers_come_back(sent):
     assert signal.getsignal(sent) is before
 
 
-def test_who_ignores_ctrl_c_goes_on_ignoring_it():
+def test_ignored_interrupts_stay_ignored():
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         with interruptible() as check:
@@ -70,12 +70,12 @@ def test_an_interrupt_that_is_deferred_comes_with_the_check():
     assert reached
 
 
-def test_a_second_interrupt_comes_at_once():
+def test_a_second_interrupt_is_immediate():
     with pytest.raises(KeyboardInterrupt), interrupts_deferred():
         send(signal.SIGINT, signal.SIGTERM)
 
 
-def test_children_do_not_hear_what_is_not_for_them():
+def test_child_processes_ignore_blocked_signals():
     wait = [sys.executable, "-c", "import time; print('ready', flush=True); time.sleep(1); print('end')"]
     with unheard_by_children():
         child = subprocess.Popen(wait, stdout=subprocess.PIPE, text=True)

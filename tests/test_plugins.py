@@ -80,7 +80,7 @@ OWN = {
 
 
 @pytest.mark.parametrize("by", ["name", "object"])
-def test_an_own_channel_feature_and_reward_in_an_environment(by):
+def test_custom_channel_feature_and_reward_in_an_environment(by):
     own = OWN if by == "name" else {"channels": ("view", rows, free), "features": (distance,), "reward": moved}
     env = mapf_pz.parallel_env(**STATIC, **own, initial_heading="east")
     observations, _ = env.reset(seed=1)
@@ -145,7 +145,7 @@ def test_the_reward_of_agents_that_have_left_is_zero():
         ({"source": f"{HERE}:FREE"}, "source=.*: expected an InstanceSource"),
     ],
 )
-def test_what_is_no_part_is_refused_in_one_line(fields, message):
+def test_objects_that_are_not_parts_are_refused_in_one_line(fields, message):
     with pytest.raises((ValueError, TypeError), match=message) as caught:
         EnvConfig(**fields)
     assert "\n" not in str(caught.value)
@@ -159,7 +159,7 @@ def test_rewards_of_another_shape_are_refused():
 
 
 @pytest.mark.parametrize("algorithm", ["mappo", "ippo", "central-ppo"])
-def test_runs_with_own_parts_are_saved_and_loaded(tmp_path, algorithm):
+def test_runs_with_custom_parts_are_saved_and_loaded(tmp_path, algorithm):
     config = replace(replace(TINY, task=changed(TINY.task, **OWN)), algorithm=algorithm)
     config = replace(config, model=replace(config.model, encoder=f"{HERE}:Flat"))
     train(config, tmp_path / "run")
@@ -176,7 +176,7 @@ def test_an_object_that_has_no_name_cannot_be_saved(tmp_path):
     assert not (tmp_path / "run").exists()
 
 
-def test_an_own_algorithm_on_the_command_line(tmp_path, monkeypatch):
+def test_a_custom_algorithm_on_the_command_line(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "outside", sys.modules[HERE])
     folder = str(tmp_path / "run")
     words = ["train", "outside:HalfLoss", "--output", folder, "--agent-steps", "500", "--num-envs", "4"]

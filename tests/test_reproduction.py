@@ -39,7 +39,7 @@ def test_all_goals_look_alike():
     assert others.any()
 
 
-def test_who_has_reached_a_goal_never_moves_again():
+def test_agents_at_their_goals_never_move_again():
     env = make_env(flaws.Freeze(), max_steps=10)
     torch.manual_seed(0)
     now, frozen = env.reset(), torch.zeros(2, 3, dtype=torch.bool)
@@ -59,7 +59,7 @@ def test_every_variation_can_be_trained():
         flaws.FlawedPPO(row.config, row.flaws).transforms(0)
 
 
-def test_the_causes_are_taken_away_one_at_a_time():
+def test_the_causes_are_removed_one_at_a_time():
     rows = {row.name: row for row in reproduction.variations()}
     assert rows["as coded"].flaws == (flaws.Bytes, flaws.AllGoals, flaws.Freeze)
     assert rows["as coded"].config.task.env.reward.pay_blocked_forward

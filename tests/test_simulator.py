@@ -226,7 +226,7 @@ def test_a_batch_on_one_map_keeps_it():
         simulator.reset(instances={0: Instance(other, Scenario([(0, 0)], [(1, 1)]))})
 
 
-def test_few_goals_are_gone_through_again():
+def test_few_goals_are_repeated():
     grid = Grid(np.ones((1, 4), np.bool_))
     config = EnvConfig(
         map=grid, num_agents=1, view_size=(1, 1), on_target="restart", action_model="cardinal", max_steps=20

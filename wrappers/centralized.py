@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 import gymnasium
@@ -12,7 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from pettingzoo import ParallelEnv
 
 from mapf_pz.action_modes import ActionMode
+from mapf_pz.config import EnvConfig
 from mapf_pz.environment import AgentObservation, MapfEnv, parallel_env
+from mapf_pz.signatures import with_fields_of
 from mapf_pz.wrappers.continuous_actions import ContinuousActions
 from mapf_pz.wrappers.stacking import stacked, stacked_space, zeros
 
@@ -24,6 +27,16 @@ TeamSum: TypeAlias = Callable[..., Any]
 
 TEAM_REWARDS: dict[TeamReward, TeamSum] = {"sum": np.sum, "mean": np.mean}
 """Functions that combine the rewards of N agents."""
+
+
+@dataclass(frozen=True)
+class CentralizedConfig(EnvConfig):
+    """All keywords of `centralized_env`; the first two may be given by position."""
+
+    action_mode: ActionMode = "argmax"
+    """How values are decoded to actions: `argmax`, `affine`, `sigmoid` or `softmax`, as in `ContinuousActions`."""
+    team_reward: TeamReward = "sum"
+    """The team's reward: the `sum` of the agents' rewards, or their `mean`."""
 
 
 class CentralizedEnv(gymnasium.Env[TeamObservation, ArrayLike]):
@@ -51,8 +64,8 @@ class CentralizedEnv(gymnasium.Env[TeamObservation, ArrayLike]):
     def __init__(
         self,
         env: ParallelEnv[str, AgentObservation, Any],
-        action_mode: ActionMode = "argmax",
-        team_reward: TeamReward = "sum",
+        action_mode: ActionMode = CentralizedConfig.action_mode,
+        team_reward: TeamReward = CentralizedConfig.team_reward,
     ) -> None:
         """Wrap `env`.
 
@@ -123,8 +136,8 @@ def team_spaces(space: spaces.Space[Any], num_agents: int, num_actions: int) -> 
     return stacked_space(space, num_agents), spaces.Box(-1, 1, (num_agents, num_actions), np.float32)
 
 
-def centralized_env(
-    action_mode: ActionMode = "argmax", team_reward: TeamReward = "sum", **keywords: Any
-) -> CentralizedEnv:
-    """Create a centralized environment. The other keyword arguments, and their errors, are those of `parallel_env`."""
-    return CentralizedEnv(parallel_env(**keywords), action_mode, team_reward)
+@with_fields_of(CentralizedConfig)
+def centralized_env(*arguments: Any, **keywords: Any) -> CentralizedEnv:
+    """Create a centralized environment; raises as `parallel_env` and `CentralizedEnv`."""
+    config = CentralizedConfig.from_keywords(*arguments, **keywords)
+    return CentralizedEnv(parallel_env(**config.keywords()), config.action_mode, config.team_reward)

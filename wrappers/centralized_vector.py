@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,14 +11,20 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from mapf_pz.action_modes import ActionMode
 from mapf_pz.arrays import Bools, Floats, Ints
+from mapf_pz.batch import BatchConfig
 from mapf_pz.config import EnvConfig
+from mapf_pz.signatures import init_with_fields_of
 from mapf_pz.simulator import Simulator
-from mapf_pz.wrappers.centralized import TeamObservation, TeamReward, team_reward_function, team_spaces
+from mapf_pz.wrappers.centralized import CentralizedConfig, TeamObservation, team_reward_function, team_spaces
 from mapf_pz.wrappers.continuous_actions import decoder, generator
 
 Infos = dict[str, NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class CentralizedVectorConfig(CentralizedConfig, BatchConfig):
+    """All keywords of `CentralizedVectorEnv`: the size of the batch, and those of `centralized_env`."""
 
 
 class CentralizedVectorEnv(VectorEnv[TeamObservation, ArrayLike, NDArray[Any]]):
@@ -29,27 +36,13 @@ class CentralizedVectorEnv(VectorEnv[TeamObservation, ArrayLike, NDArray[Any]]):
     `gymnasium.make_vec("mapf_pz:Mapf-Centralized-v0", num_envs=B, ...)` creates it.
     """
 
-    def __init__(
-        self,
-        num_envs: int = 1,
-        action_mode: ActionMode = "argmax",
-        team_reward: TeamReward = "sum",
-        num_threads: int = 1,
-        **keywords: Any,
-    ) -> None:
-        """Create the environments.
-
-        Args:
-            num_envs: number of environments B.
-            action_mode: as in `ContinuousActions`.
-            team_reward: `sum` or `mean`.
-            num_threads: number of threads of the kernels.
-            **keywords: keyword arguments of `parallel_env`, with the same errors.
-
-        Raises `ValueError` if the mode or team reward is unknown.
-        """
-        self._decode, self._team_reward = decoder(action_mode), team_reward_function(team_reward)
-        self.simulator = Simulator(EnvConfig.from_keywords(**keywords), num_envs, num_threads)
+    @init_with_fields_of(CentralizedVectorConfig)
+    def __init__(self, *arguments: Any, **keywords: Any) -> None:
+        """Create the environments; raises as `centralized_env`."""
+        config = CentralizedVectorConfig.from_keywords(*arguments, **keywords)
+        num_envs = config.num_envs
+        self._decode, self._team_reward = decoder(config.action_mode), team_reward_function(config.team_reward)
+        self.simulator = Simulator(EnvConfig(**config.keywords()), num_envs, config.num_threads)
         self.num_envs = num_envs
         self.metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}
         num_agents, num_actions = self.simulator.num_agents, self.simulator.num_actions

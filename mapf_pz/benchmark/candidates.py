@@ -30,7 +30,7 @@ def simulator_run(workload: Workload) -> Run:
     actions = _random_actions(workload, simulator.num_actions)
 
     def play() -> int:
-        for step in range(workload.max_steps):
+        for step in range(workload.env.max_steps):
             simulator.step(actions[step])
             simulator.reset(np.flatnonzero(simulator.over).tolist())
             simulator.observe()
@@ -45,7 +45,7 @@ def stepping_run(workload: Workload) -> Run:
     actions = _random_actions(workload, simulator.num_actions)
 
     def play() -> int:
-        for step in range(workload.max_steps):
+        for step in range(workload.env.max_steps):
             simulator.step(actions[step])
         return actions.size
 
@@ -57,9 +57,9 @@ def observing_run(workload: Workload) -> Run:
     simulator = workload.simulator()
 
     def play() -> int:
-        for _ in range(workload.max_steps):
+        for _ in range(workload.env.max_steps):
             simulator.observe()
-        return workload.max_steps * workload.num_envs * workload.num_agents
+        return workload.env.max_steps * workload.num_envs * workload.num_agents
 
     return timed(play)
 
@@ -69,19 +69,19 @@ def copy_run(workload: Workload) -> Run:
     observation = workload.simulator().observe()
 
     def play() -> int:
-        for _ in range(workload.max_steps):
+        for _ in range(workload.env.max_steps):
             for array in observation:
                 array.copy()
-        return workload.max_steps * workload.num_envs * workload.num_agents
+        return workload.env.max_steps * workload.num_envs * workload.num_agents
 
     return timed(play)
 
 
 def pettingzoo_run(workload: Workload) -> Run:
     """Step one PettingZoo environment."""
-    env = parallel_env(**workload.keywords())
+    env = parallel_env(**workload.env_config().keywords())
     rng = np.random.default_rng(workload.seed)
-    actions = rng.integers(env.simulator.num_actions, size=(workload.max_steps, workload.num_agents)).tolist()
+    actions = rng.integers(env.simulator.num_actions, size=(workload.env.max_steps, workload.num_agents)).tolist()
     env.reset(seed=workload.seed)
 
     def play() -> int:
@@ -89,7 +89,7 @@ def pettingzoo_run(workload: Workload) -> Run:
             env.step(dict(zip(env.possible_agents, numbers, strict=True)))
             if not env.agents:
                 env.reset()
-        return workload.max_steps * workload.num_agents
+        return workload.env.max_steps * workload.num_agents
 
     return timed(play)
 
@@ -98,20 +98,20 @@ def torchrl_run(workload: Workload) -> Run:
     """Collect with TorchRL and a random policy; raises `ImportError` without TorchRL."""
     from mapf_pz.rl import BatchedMapfEnv
 
-    env = BatchedMapfEnv(workload.num_envs, workload.num_threads, **workload.keywords())
+    env = BatchedMapfEnv(workload.num_envs, workload.num_threads, **workload.env_config().keywords())
     env.set_seed(workload.seed)
     return _collector_run(env, workload.num_envs, workload)
 
 
 def wrapper_run(workload: Workload) -> Run:
     """Collect from the PettingZoo environment with TorchRL's wrapper; raises `ImportError` without TorchRL."""
-    return _collector_run(parallel_env(**workload.keywords()), 1, workload)
+    return _collector_run(parallel_env(**workload.env_config().keywords()), 1, workload)
 
 
 def _collector_run(env: Any, num_envs: int, workload: Workload) -> Run:
     from mapf_pz.rl.collect import random_batches
 
-    batches = random_batches(env, env.simulator, num_envs * workload.max_steps)
+    batches = random_batches(env, env.simulator, num_envs * workload.env.max_steps)
 
     def play() -> int:
         return next(batches).numel() * workload.num_agents
@@ -121,14 +121,14 @@ def _collector_run(env: Any, num_envs: int, workload: Workload) -> Run:
 
 def pogema_run(python: str, integration: str | None, workload: Workload) -> Run:
     """Run POGEMA in a separate process for each run; raises `ValueError` for workloads that it does not support."""
-    grid = workload.source().grid
-    if grid is None or workload.view_size[0] != workload.view_size[1] or workload.view_size[0] % 2 == 0:
+    grid = workload.source.grid
+    if grid is None or workload.env.view_size[0] != workload.env.view_size[1] or workload.env.view_size[0] % 2 == 0:
         raise ValueError("pogema: expected one map for all episodes, and a square view with an odd number of rows")
     options = {
         "map": ["".join("." if free else "#" for free in row) for row in grid.free],
         "num_agents": workload.num_agents,
-        "view_size": workload.view_size[0],
-        "max_steps": workload.max_steps,
+        "view_size": workload.env.view_size[0],
+        "max_steps": workload.env.max_steps,
         "seed": workload.seed,
         "integration": integration,
     }
@@ -202,4 +202,4 @@ def _has_torchrl() -> bool:
 
 def _random_actions(workload: Workload, num_actions: int) -> Ints:
     rng = np.random.default_rng(workload.seed)
-    return rng.integers(num_actions, size=(workload.max_steps, workload.num_envs, workload.num_agents))
+    return rng.integers(num_actions, size=(workload.env.max_steps, workload.num_envs, workload.num_agents))

@@ -21,8 +21,8 @@ def more_agents(workload: Workload) -> dict[str, Workload]:
     workloads = {}
     for num_agents in (16, 64, 256, 1024, 4096):
         side = int((CELLS_PER_AGENT * num_agents) ** 0.5)
-        size = {"height": side, "width": side, "num_agents": num_agents, "num_envs": total // num_agents}
-        workloads[f"{num_agents} agents on {side} x {side}"] = replace(workload, map=None, **size)
+        larger = replace(workload, height=side, width=side, num_envs=total // num_agents)
+        workloads[f"{num_agents} agents on {side} x {side}"] = larger.with_env(map=None, num_agents=num_agents)
     return workloads
 
 
@@ -33,13 +33,13 @@ def more_environments(workload: Workload) -> dict[str, Workload]:
 
 def larger_views(workload: Workload) -> dict[str, Workload]:
     """Return workloads with increasing view sizes."""
-    return {f"views of {side} x {side}": replace(workload, view_size=(side, side)) for side in (5, 7, 11, 20)}
+    return {f"views of {side} x {side}": workload.with_env(view_size=(side, side)) for side in (5, 7, 11, 20)}
 
 
 def larger_maps(workload: Workload) -> dict[str, Workload]:
     """Return workloads with increasing map sizes."""
     sides = (32, 64, 128, 256)
-    return {f"maps of {side} x {side}": replace(workload, map=None, height=side, width=side) for side in sides}
+    return {f"maps of {side} x {side}": replace(workload.with_env(map=None), height=side, width=side) for side in sides}
 
 
 def more_threads(workload: Workload) -> dict[str, Workload]:

@@ -1,15 +1,18 @@
-"""The command line's form of `EnvConfig`: flags for the fields that can be typed."""
+"""The command line's form of `EnvConfig`: flags for the fields that can be typed, of all or some fields."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from tyro.conf import Suppress
 from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
 
 from mapf_pz.config import EnvConfig, HeadingName, WeightsName
 from mapf_pz.core.reward import REWARDS, RewardConfig
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 _TYPED: dict[str, Any] = {
     "map": str | None,
@@ -38,6 +41,25 @@ class _Terms(RewardConfig):
     """The terms of a reward under another type, for the same purpose."""
 
 
+@dataclass(frozen=True)
+class EnvKeywords:
+    """Some fields of `EnvConfig`; those that are neither given nor have a default are absent."""
+
+    FIELDS: ClassVar[tuple[str, ...]] = ()
+    """Fields that have a flag."""
+    keywords: dict[str, Any] = field(default_factory=dict[str, Any])
+    """Values by field, as keywords of `parallel_env`."""
+
+    @classmethod
+    def of(cls, config: EnvConfig) -> Self:
+        """Return the values of `config`."""
+        return cls({name: getattr(config, name) for name in cls.FIELDS})
+
+    def config(self, **defaults: Any) -> EnvConfig:
+        """Return the configuration with these fields, `defaults` for absent ones, and otherwise that of `EnvConfig`."""
+        return EnvConfig(**(defaults | self.keywords))
+
+
 _REWARD_HELP = "Reward by name (`report`, `progress`) or as `package.module:name`, instead of the terms below."
 
 
@@ -63,10 +85,33 @@ def _env_flags(info: StructTypeInfo) -> StructConstructorSpec | None:
     """Return the flags of an `EnvConfig`."""
     if info.type is not EnvConfig:
         return None
+    return StructConstructorSpec(EnvConfig, _flags(info))
+
+
+@ENV_FLAGS.struct_rule
+def _keyword_flags(info: StructTypeInfo) -> StructConstructorSpec | None:
+    """Return the flags of `EnvKeywords`, which may be omitted."""
+    kind: Any = info.type
+    if not (isinstance(kind, type) and issubclass(kind, EnvKeywords)):
+        return None
+    defaults = info.default.keywords if isinstance(info.default, EnvKeywords) else {}
+    flags = [flag for flag in _flags(replace(info, default=EnvConfig())) if flag.name in kind.FIELDS]
+    optional = tuple(replace(flag, type=_optional(flag.type), default=defaults.get(flag.name)) for flag in flags)
+    return StructConstructorSpec(
+        lambda **given: kind({name: value for name, value in given.items() if value is not None}), optional
+    )
+
+
+def _optional(kind: Any) -> Any:
+    return kind | None
+
+
+def _flags(info: StructTypeInfo) -> tuple[StructFieldSpec, ...]:
+    """Return the flags of all fields."""
     spec = ConstructorRegistry.get_struct_spec(replace(info, type=_Fields))
     if not isinstance(spec, StructConstructorSpec):
         raise TypeError(f"tyro cannot read {EnvConfig.__name__}: {spec}")
-    return StructConstructorSpec(EnvConfig, tuple(map(_flag, spec.fields)))
+    return tuple(map(_flag, spec.fields))
 
 
 def _flag(field: StructFieldSpec) -> StructFieldSpec:

@@ -9,15 +9,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from glob import glob, has_magic
 from importlib.util import find_spec
-from itertools import chain
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Literal
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from tyro.conf import UseAppendAction
+from tyro.conf import UseAppendAction, arg
 
-from mapf_pz.config import ActionModel
+from mapf_pz.commands.env_flags import EnvKeywords
 from mapf_pz.evaluation import (
     Episode,
     EvaluationTask,
@@ -30,16 +29,27 @@ from mapf_pz.evaluation import (
 from mapf_pz.evaluation.episodes import Policy, PolicyFactory
 from mapf_pz.evaluation.policies import is_trained
 from mapf_pz.evaluation.report import exhausted
-from mapf_pz.instance import Grid
-from mapf_pz.instances import load_instance, load_map
+from mapf_pz.instance import Scenario
+from mapf_pz.instances import load_instances
+from mapf_pz.instances.configured import goals_per_agent
 from mapf_pz.interrupts import interruptible
 from mapf_pz.io.atomic import write_whole
 
 TABLE_FILE = "evaluation.md"
 DEFAULT_AGENTS = 10
 """Default number of agents on a map without scenarios."""
+DEFAULTS: dict[str, Any] = {"max_steps": 512}
+"""Defaults of the environment on a map or scenarios."""
 
-Value = TypeVar("Value")
+
+@dataclass(frozen=True)
+class EvaluationKeywords(EnvKeywords):
+    """The fields of an environment that determine episodes; policies determine the others."""
+
+    FIELDS: ClassVar[tuple[str, ...]] = (
+        *("map", "scenario", "max_steps", "action_model", "collision_system", "on_target"),
+        *("initial_heading", "edge_weights", "distance_bytes"),
+    )
 
 
 @dataclass(frozen=True)
@@ -52,19 +62,13 @@ class EvaluateOptions:
     preferences of a trained policy without collisions."""
     suite: Annotated[tuple[str, ...], UseAppendAction] = ()
     """Name of a suite, or path of a suite file; may be given several times. Default: `standard`, if there is no map."""
-    map: str | None = None
-    """Name of a map, or path of a `.map` file, instead of suites."""
-    scenario: Annotated[tuple[tuple[str, ...], ...], UseAppendAction] = ()
-    """Scenarios for the map, with one episode each: names, `.scen` files or patterns such as "tests/*.scen"; several
-    values may be given. Without scenarios, starts and goals are random."""
-    num_agents: Annotated[tuple[tuple[int, ...], ...], UseAppendAction] = ()
+    env: EvaluationKeywords = EvaluationKeywords()
+    """The environment, in place of a suite, if a map or scenario is given: the files of `--scenario`, which may also be
+    patterns such as "tests/*.scen", have an episode each; otherwise starts and goals are random. Other fields that are
+    given override those of the suite. None: the suite's or policy's value."""
+    agent_counts: Annotated[tuple[int, ...] | None, arg(name="num-agents")] = None
     """Number of agents on the map, or several numbers to evaluate. Default: all agents of the scenarios, or 10 without
     scenarios."""
-    max_steps: int = 512
-    """Maximum number of steps of an episode on the map."""
-    action_model: ActionModel | None = None
-    """`rotate`: agents turn and move forward; `cardinal`: agents move in four directions. None: the model of the suite
-    or policy."""
     episodes: int | None = None
     """Number of episodes of each task, at most one for each scenario or instance. None: the suite's number, one for
     each scenario, or 64 if starts and goals are random."""
@@ -74,9 +78,6 @@ class EvaluateOptions:
     """Random seed of the policies."""
     deterministic: bool = False
     """Whether trained policies take the most likely action instead of sampling one."""
-    distance_bytes: int | None = None
-    """Maximum memory for cost-to-go tables per process in bytes. None: the suite's value, or as needed, up to half of
-    the machine's memory."""
     jobs: int | Literal["ray"] = 1
     """Number of processes; `ray`: run on a Ray cluster."""
     output: Path | None = None
@@ -84,18 +85,21 @@ class EvaluateOptions:
 
     def tasks(self) -> tuple[EvaluationTask, ...]:
         """Return the tasks that the options select."""
-        if self.map is not None and self.suite:
-            raise ValueError("expected either --suite or --map")
-        if self.map is None and self.scenario:
-            raise ValueError("--scenario: expected --map, too")
+        given = self.env.keywords
+        if self.suite and ("map" in given or "scenario" in given):
+            raise ValueError("expected either --suite or --map and --scenario")
+        if self.agent_counts == ():
+            raise ValueError("--num-agents: expected at least one value, got none")
         if self.episodes is not None and self.episodes < 1:
             raise ValueError(f"episodes={self.episodes}: expected 1 or more")
         if self.seed is not None and self.seed < 0:
             raise ValueError(f"seed={self.seed}: expected 0 or more")
-        if self.map is None:
-            tasks = [task for suite in self.suite or ("standard",) for task in load_suite(suite)]
+        if "scenario" in given:
+            tasks = self._on_scenarios()
+        elif "map" in given:
+            tasks = self._on_map()
         else:
-            tasks = self._on_map(self.map)
+            tasks = [task for suite in self.suite or ("standard",) for task in load_suite(suite)]
         return tuple(map(self._overridden, tasks))
 
     def _overridden(self, task: EvaluationTask) -> EvaluationTask:
@@ -103,8 +107,7 @@ class EvaluateOptions:
         if self.episodes is not None and task.instances and self.episodes > len(task.instances):
             instances = f"{task.label!r} has {len(task.instances)} instances"
             raise ValueError(f"episodes={self.episodes}: {instances}, expected at most one episode per instance")
-        given = {"action_model": self.action_model, "distance_bytes": self.distance_bytes}
-        keywords = {name: value for name, value in given.items() if value is not None}
+        keywords = {name: value for name, value in self.env.keywords.items() if name not in ("map", "scenario")}
         return task.with_(keywords=task.keywords | keywords, episodes=self.episodes, seed=self.seed)
 
     def label(self, policy: str) -> str:
@@ -112,43 +115,33 @@ class EvaluateOptions:
         seed = f", seed {self.policy_seed}" if self.policy_seed else ""
         return policy + seed + (", deterministic" if self.deterministic and is_trained(policy) else "")
 
-    def _on_map(self, map: str) -> list[EvaluationTask]:
-        """Return a task for each number of agents."""
-        counts, names = _joined("num-agents", self.num_agents), _joined("scenario", self.scenario)
-        if not names:
-            keywords = {"map": map, "max_steps": self.max_steps}
-            return [
-                EvaluationTask(Path(map).stem, count, keywords, episodes=64) for count in counts or [DEFAULT_AGENTS]
-            ]
-        grid, files = load_map(map), _files(names)
-        name = f"{grid.name}, {Path(files[0]).name if len(files) == 1 else f'{len(files)} scenarios'}"
-        return [_on_scenarios(name, grid, files, count, self.max_steps) for count in counts or [None]]
+    def _on_map(self) -> list[EvaluationTask]:
+        """Return a task with random instances for each number of agents."""
+        map, counts = self.env.keywords["map"], self.agent_counts or (DEFAULT_AGENTS,)
+        return [EvaluationTask(Path(map).stem, count, {"map": map, **DEFAULTS}, episodes=64) for count in counts]
+
+    def _on_scenarios(self) -> list[EvaluationTask]:
+        """Return a task for each number of agents, with an episode for each instance of the scenarios."""
+        env = self.env.config(**DEFAULTS)
+        files = _files(env.scenarios)
+        name = Path(files[0]).name if len(files) == 1 else f"{len(files)} scenarios"
+        name = name if env.map is None else f"{Path(str(env.map)).stem}, {name}"
+        tasks: list[EvaluationTask] = []
+        for count in self.agent_counts or (None,):
+            instances = tuple(load_instances(files, env.map, count, goals_per_agent(env)))
+            tasks.append(EvaluationTask(name, instances[0].num_agents, DEFAULTS, instances=instances))
+        return tasks
 
 
-def _joined(name: str, values: Sequence[Sequence[Value]]) -> list[Value]:
-    """Return the unique values of an option that may be given several times."""
-    if not all(values):
-        raise ValueError(f"--{name}: expected at least one value, got none")
-    return list(dict.fromkeys(chain.from_iterable(values)))
-
-
-def _files(names: Sequence[str]) -> list[str]:
+def _files(names: Sequence[str | Path | Scenario]) -> tuple[str, ...]:
     """Return the unique names of scenarios, with patterns replaced by the matching files."""
     files: list[str] = []
-    for name in names:
+    for name in map(str, names):
         found = [name] if os.path.exists(name) or not has_magic(name) else sorted(glob(name))
         if not found:
             raise FileNotFoundError(f"--scenario {name}: no file matches this pattern")
         files += found
-    return list(dict.fromkeys(files))
-
-
-def _on_scenarios(
-    name: str, grid: Grid, files: Sequence[str], num_agents: int | None, max_steps: int
-) -> EvaluationTask:
-    """Return a task with one episode for each scenario; the environment samples the initial headings."""
-    instances = tuple(load_instance(grid, file, num_agents, action_model="cardinal") for file in files)
-    return EvaluationTask(name, instances[0].num_agents, {"max_steps": max_steps}, instances=instances)
+    return tuple(dict.fromkeys(files))
 
 
 def evaluate_policies(options: EvaluateOptions) -> None:

@@ -10,6 +10,7 @@ from mapf_pz.commands.env_flags import changed_keywords
 from mapf_pz.config import EnvConfig
 from mapf_pz.core.reward import REWARDS
 from mapf_pz.environment import MapfEnv
+from mapf_pz.evaluation.episodes import actions_of
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.render.rgb import Canvas
 from mapf_pz.render.window import Window
@@ -53,7 +54,7 @@ def play(options: PlayOptions) -> None:
     inner = cast("MapfEnv", env.unwrapped)
     keys, window = KEYS[inner.config.action_model], Window("mapf-pz play", fps=60)
     seed, message, total = options.seed, HELP, 0.0
-    observations, _ = env.reset(seed=seed)
+    observations, infos = env.reset(seed=seed)
     policy.reset_states()
     me = env.possible_agents[0]
     canvas = Canvas(inner.grid, len(env.possible_agents))
@@ -65,10 +66,10 @@ def play(options: PlayOptions) -> None:
                 break
             if key == "r" or not env.agents:
                 seed, message, total = seed + 1, HELP, 0.0
-                observations, _ = env.reset(seed=seed)
+                observations, infos = env.reset(seed=seed)
                 policy.reset_states()
             elif key in keys and me in env.agents:
-                actions = policy.act(observations) | {me: keys[key]}
+                actions = actions_of(policy, observations, infos) | {me: keys[key]}
                 observations, rewards, _, _, infos = env.step(actions)
                 total += rewards[me]
                 message = _summary(inner, rewards[me], total, infos[me])

@@ -53,12 +53,12 @@ def render(episode: EpisodeOptions) -> None:
     save_episode(env, policy, episode.seed, episode.output, episode.fps, episode.policy)
 
 
-def save_episode(env: AnyEnv, policy: Policy, seed: int, output: Path, fps: float, who: str) -> None:
-    """Run an episode of `env`, save it to `output`, and print its metrics; `who` is the policy's name."""
+def save_episode(env: AnyEnv, policy: Policy, seed: int, output: Path, fps: float, policy_name: str) -> None:
+    """Run an episode of `env`, save it to `output`, and print its metrics; `policy_name` is the policy's name."""
     recording = _record(env, policy, seed)
     metrics = {metric: f"{value:.4g}" for metric, value in env.metrics().items()}
-    facts = {"policy": who, "seed": str(seed)} | metrics
-    _save(replace(recording, title=f"{who}: {recording.title}", facts=facts), output, fps)
+    facts = {"policy": policy_name, "seed": str(seed)} | metrics
+    _save(replace(recording, title=f"{policy_name}: {recording.title}", facts=facts), output, fps)
     print(f"{output}: {env.step_count} steps, {', '.join(f'{metric} {value}' for metric, value in metrics.items())}")
 
 

@@ -96,7 +96,7 @@ def _train(run: Run) -> None:
     discard(run.output)  # of the policy as it was before
     report({run.output.name: policy}, tasks, run.output)
     env = make_env(policy, **tasks[-1].env_keywords(0))
-    save_episode(env, policy, tasks[-1].seed, run.output / EPISODE_FILE, fps=8, who=run.output.name)
+    save_episode(env, policy, tasks[-1].seed, run.output / EPISODE_FILE, fps=8, policy_name=run.output.name)
 
 
 def _config_of(run: Run) -> TrainConfig:

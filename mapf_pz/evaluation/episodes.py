@@ -21,7 +21,11 @@ Metrics = dict[str, float]
 
 
 class Policy(Protocol):
-    """Protocol of policies, which is that of POGEMA's toolbox."""
+    """Protocol of policies, which is that of POGEMA's toolbox.
+
+    A policy that also needs the agents' infos, such as their action masks, has an attribute `needs_infos = True`, and a
+    method `act(observations, infos)`.
+    """
 
     def act(self, observations: dict[str, Any]) -> dict[str, int]:
         """Return an action for each agent in `observations`."""
@@ -53,6 +57,12 @@ def make_env(policy: Policy, **keywords: Any) -> MapfEnv:
     A policy states them in an attribute `env_kwargs`: keyword arguments, which are overridden by `keywords`.
     """
     return parallel_env(**(getattr(policy, "env_kwargs", {}) | keywords))
+
+
+def actions_of(policy: Policy, observations: dict[str, Any], infos: dict[str, Any]) -> dict[str, int]:
+    """Return the policy's actions; a policy with `needs_infos` also gets the infos."""
+    act: Callable[..., dict[str, int]] = policy.act
+    return act(observations, infos) if getattr(policy, "needs_infos", False) else act(observations)
 
 
 def simulator_of(env: AnyEnv) -> Simulator:
@@ -92,15 +102,15 @@ def rollout(
         TypeError: `policy` is not a policy.
     """
     check_policy(policy)
-    observations, _ = env.reset(seed=seed, options=None if instance is None else {"instance": instance})
+    observations, infos = env.reset(seed=seed, options=None if instance is None else {"instance": instance})
     policy.reset_states()
     on_step()
     runtime = 0.0
     while env.agents:
         start = time.perf_counter()
-        actions = policy.act(observations)
+        actions = actions_of(policy, observations, infos)
         runtime += time.perf_counter() - start
-        observations = env.step(actions)[0]
+        observations, _, _, _, infos = env.step(actions)
         on_step()
     return Rollout(env.metrics(), env.step_count, runtime)
 
@@ -126,9 +136,9 @@ def run_episodes(factory: PolicyFactory, task: EvaluationTask, episodes: Iterabl
 
 def _compile(env: AnyEnv, policy: Policy, seed: int) -> None:
     """Call the policy once, so that compilation and loading are not measured."""
-    observations, _ = env.reset(seed=seed)
+    observations, infos = env.reset(seed=seed)
     policy.reset_states()
-    env.step(policy.act(observations))
+    env.step(actions_of(policy, observations, infos))
 
 
 def _metrics(env: AnyEnv, policy: Policy, task: EvaluationTask, episode: int) -> Metrics:

@@ -19,7 +19,7 @@ from mapf_pz.actions import CardinalAction
 from mapf_pz.arrays import Bools, Floats, Ints
 from mapf_pz.config import CollisionSystem, EnvConfig, OnTarget
 from mapf_pz.environment import MapfEnv
-from mapf_pz.evaluation.episodes import AnyEnv, Policy, PolicyFactory, simulator_of
+from mapf_pz.evaluation.episodes import AnyEnv, Policy, PolicyFactory, actions_of, simulator_of
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances import InstanceList
@@ -73,7 +73,7 @@ class InPogema:
             # The next goal is unknown until the current one is reached; until then, the current goal is repeated.
             instance = Instance(Grid(free), Scenario(positions, np.repeat(goals[:, None], 2, axis=1)))
             env, policy = self._episode = self._factory(self._keywords | {"source": InstanceList([instance])})
-            seen, _ = env.reset(seed=0)
+            seen, infos = env.reset(seed=0)
             policy.reset_states()
         else:
             env, policy = self._episode
@@ -81,9 +81,9 @@ class InPogema:
                 raise RuntimeError("another map or number of agents: expected reset_states() before each episode")
             cells = goals @ np.array([free.shape[1], 1])
             simulator_of(env).state.goals[0, :, 1:] = cells[:, None]  # agents that arrive in this step get these
-            seen = env.step(self._actions)[0]
+            seen, _, _, _, infos = env.step(self._actions)
         self._check(env, positions, goals)
-        self._actions = policy.act(seen)
+        self._actions = actions_of(policy, seen, infos)
         return [self._actions.get(agent, int(CardinalAction.WAIT)) for agent in env.possible_agents]
 
     def _check(self, env: AnyEnv, positions: Ints, goals: Ints) -> None:

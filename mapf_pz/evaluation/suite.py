@@ -44,8 +44,8 @@ class TaskEntry:
     """File of POGEMA's benchmark, such as `01-random.mapf.json`."""
     lorr: str | None = None
     """JSON file of a League of Robot Runners problem; its `teamSize` is the number of agents."""
-    num_agents: int | list[int] = 0
-    """Number of agents, or a list of numbers."""
+    num_agents: int | list[int] | None = None
+    """Number of agents, or a list of numbers; not given with `lorr`."""
     max_steps: int = EnvConfig.max_steps
     """Time limit of an episode in steps."""
     episodes: int | None = None
@@ -95,7 +95,7 @@ def _tasks(data: Any, number: int, file: Path) -> list[EvaluationTask]:
     where = f"{file}: task {number}"
     entry = _entry(data, where)
     make = next(make for kind, make in _KINDS.items() if getattr(entry, kind) is not None)
-    counts = entry.num_agents if isinstance(entry.num_agents, list) else [entry.num_agents]
+    counts = entry.num_agents if isinstance(entry.num_agents, list) else [entry.num_agents or 0]
     try:
         return [make(entry, count, file.parent) for count in counts]
     except FormatError:
@@ -126,7 +126,7 @@ def _entry(data: Any, where: str) -> TaskEntry:
         raise FormatError(where, f"expected exactly one of {', '.join(_KINDS)}, got {' and '.join(kinds) or 'none'}")
     if entry.scenarios is not None and entry.map is None:
         raise FormatError(where, "expected 'scenarios' only together with 'map'")
-    if (entry.num_agents == 0) != (entry.lorr is not None):
+    if (entry.num_agents is None) != (entry.lorr is not None):
         raise FormatError(where, "expected 'num_agents', except with 'lorr', where the problem determines it")
     return entry
 

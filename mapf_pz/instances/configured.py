@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from mapf_pz.config import DEFAULT_MAP, DEFAULT_NUM_AGENTS, EnvConfig
-from mapf_pz.instance import InstanceSource
+from mapf_pz.instance import Instance, InstanceSource, Scenario
 from mapf_pz.instances.library import load_map
-from mapf_pz.instances.load import load_instances
+from mapf_pz.instances.load import load_instances, sample_headings
 from mapf_pz.instances.sources import FixedMap, InstanceList
 
 
@@ -26,3 +28,20 @@ def make_source(config: EnvConfig) -> InstanceSource:
         return InstanceList(load_instances(config.scenarios, config.map, config.num_agents, goals_per_agent(config)))
     grid = load_map(DEFAULT_MAP if config.map is None else config.map)
     return FixedMap(grid, config.num_agents or DEFAULT_NUM_AGENTS, goals_per_agent(config))
+
+
+def sample_instance(config: EnvConfig, seed: int) -> Instance:
+    """Return an instance of `make_source(config)` for planners: one goal per agent, and headings if agents rotate.
+
+    Headings of a problem file take precedence over `config.initial_heading`.
+    """
+    rng = np.random.default_rng(seed)
+    instance = make_source(config).sample(rng)
+    scenario, headings = instance.scenario, instance.headings
+    if scenario.goals.ndim > 2:
+        scenario = Scenario(scenario.starts, scenario.goals[:, 0])
+    if config.action_model == "cardinal":
+        headings = None
+    elif headings is None:
+        headings = sample_headings(config.initial_heading, instance.num_agents, rng)
+    return Instance(instance.grid, scenario, headings)

@@ -59,7 +59,7 @@ def load_instance(
         agents = place(grid, num_agents, rng)
     else:
         raise ValueError("num_agents: expected a number, as there is no scenario")
-    instance = Instance(grid, agents, _headings(headings, len(agents), rng) if action_model == "rotate" else None)
+    instance = Instance(grid, agents, sample_headings(headings, len(agents), rng) if action_model == "rotate" else None)
     check_reachable(instance)
     return instance
 
@@ -159,7 +159,8 @@ def _count(num_agents: int | None, available: int, origin: str) -> int:
     return available if num_agents is None else num_agents
 
 
-def _headings(headings: HeadingName | ArrayLike, count: int, rng: np.random.Generator) -> Ints:
+def sample_headings(headings: HeadingName | ArrayLike, count: int, rng: np.random.Generator) -> Ints:
+    """Return the headings of `count` agents: `random`, all `east`, or (count,) numbers; raises `ValueError`."""
     if not isinstance(headings, str):
         return np.asarray(headings)
     if headings not in ("east", "random"):

@@ -76,7 +76,6 @@ class Planner(ABC):
     def decide(self, simulator: Simulator) -> Ints:
         """Return the actions (N,) int64 of all agents in the current state of the simulator's first environment."""
 
-    @abstractmethod
     def solve(
         self,
         instance: Instance,
@@ -95,24 +94,21 @@ class Planner(ABC):
             edge_weights: the guidance graph.
             distance_bytes: maximum memory for cost-to-go tables, as in `EnvConfig`.
         """
+        self.compile(action_model_of(instance))
+        deadline = time.perf_counter() + time_limit
+        self.reset_states()
+        return self._solve(simulator_of(instance, max_steps, edge_weights, self._seed, distance_bytes), deadline)
+
+    @abstractmethod
+    def _solve(self, simulator: Simulator, deadline: float) -> Plan | None:
+        """Return a plan of the episode, or None if none was found; `deadline` is a time of `time.perf_counter()`."""
 
 
 class StepPlanner(Planner):
     """Base class of planners that plan one step at a time, for all agents at once."""
 
-    def solve(
-        self,
-        instance: Instance,
-        time_limit: float = 10.0,
-        max_steps: int = 1000,
-        edge_weights: WeightsName | GuidanceGraph = "uniform",
-        distance_bytes: int | None = None,
-    ) -> Plan | None:
-        """Return a plan that brings all agents to their goals, or None if none was found. See `Planner.solve`."""
-        self.compile(action_model_of(instance))
-        self.reset_states()
-        simulator = simulator_of(instance, max_steps, edge_weights, self._seed, distance_bytes)
-        return _run_episode(simulator, self.decide, time_limit)
+    def _solve(self, simulator: Simulator, deadline: float) -> Plan | None:
+        return _run_episode(simulator, self.decide, deadline)
 
 
 class PlanFollower(Planner):
@@ -176,21 +172,12 @@ class PlanFollower(Planner):
             self._cells[:, active] = path.cells
             self._actions[:, active] = path.actions(simulator.leads_to(0))
 
-    def solve(
-        self,
-        instance: Instance,
-        time_limit: float = 10.0,
-        max_steps: int = 1000,
-        edge_weights: WeightsName | GuidanceGraph = "uniform",
-        distance_bytes: int | None = None,
-    ) -> Plan | None:
-        """Return a plan that brings all agents to their goals, or None if none was found. See `Planner.solve`."""
-        self.compile(action_model_of(instance))
-        start = time.perf_counter()
-        self.reset_states()
-        simulator = simulator_of(instance, max_steps, edge_weights, self._seed, distance_bytes)
-        path = self.plan(problem_of(simulator), time_limit - (time.perf_counter() - start))
-        if path is None or len(path.cells) > max_steps + 1:
+    def _solve(self, simulator: Simulator, deadline: float) -> Plan | None:
+        problem = problem_of(simulator)
+        if len(np.unique(problem.goals)) < len(problem.goals):
+            return None  # agents with the same goal cannot all be there
+        path = self.plan(problem, deadline - time.perf_counter())
+        if path is None or len(path.cells) > simulator.config.max_steps + 1:
             return None
         return Plan(simulator.coordinates(path.cells), path.headings)
 
@@ -239,14 +226,13 @@ def _simulator_of_corridors(action_model: ActionModel) -> Simulator:
     return simulator_of(Instance(grid, scenario, headings), max_steps=10, edge_weights="crisscross", seed=0)
 
 
-def _run_episode(simulator: Simulator, decide: Callable[[Simulator], Ints], time_limit: float) -> Plan | None:
+def _run_episode(simulator: Simulator, decide: Callable[[Simulator], Ints], deadline: float) -> Plan | None:
     """Run the current episode. Return it as a plan if all agents reach their goals, else None.
 
-    It stops when the episode is truncated, or after `time_limit` seconds.
+    It stops when the episode is truncated, or when `time.perf_counter()` reaches the deadline.
     """
     agents = simulator.agents[0]
     cells, headings = [simulator.positions(0)], [agents["heading"].copy()]
-    deadline = time.perf_counter() + time_limit
     while not agents["at_goal"].all():
         if agents["truncated"].any() or time.perf_counter() > deadline:
             return None

@@ -15,14 +15,14 @@ from torch import nn
 from torch.distributions import Categorical
 from torchrl.data import Unbounded
 from torchrl.envs import InitTracker, TensorDictPrimer, Transform
-from torchrl.modules import IndependentNormal, ProbabilisticActor
+from torchrl.modules import IndependentNormal, MaskedCategorical, ProbabilisticActor
 from torchrl.objectives import ClipPPOLoss, IPPOLoss, MAPPOLoss, PPOLoss, ValueEstimators
 
 from mapf_pz.plugins import import_subclass
 from mapf_pz.rl.centralize import Centralize
 from mapf_pz.rl.config import AlgorithmName, PPOConfig, TrainConfig
-from mapf_pz.rl.networks import Actor, LocalCritic, TeamActor, TeamCritic, TeamValue, with_memory
-from mapf_pz.rl.observed import Observed
+from mapf_pz.rl.networks import Actor, LocalCritic, TeamActor, TeamCritic, TeamValue, add_recurrence
+from mapf_pz.rl.observation_shape import ObservationShape
 
 
 class Algorithm(ABC):
@@ -40,7 +40,7 @@ class Algorithm(ABC):
     def __init__(self, config: TrainConfig) -> None:
         """Build the networks and the loss."""
         self.config = config
-        self.observed = Observed.by_policy_of(config.task)
+        self.observation_shape = ObservationShape.of_task(config.task)
         self.network = self.make_network(config)
         """The network that is saved as the policy."""
         self.actor = self.make_actor()
@@ -62,7 +62,7 @@ class Algorithm(ABC):
         """Return the loss, with its critic and its advantage estimator."""
 
     @abstractmethod
-    def observed_keys(self) -> list[NestedKey]:
+    def observation_keys(self) -> list[NestedKey]:
         """Return the keys of the image and, if there are any, of the features."""
 
     @property
@@ -75,7 +75,7 @@ class Algorithm(ABC):
         return {"done": ("agents", "done"), "terminated": ("agents", "terminated")} if self.agents_end else {}
 
     @staticmethod
-    def num_memories(config: TrainConfig) -> int:
+    def num_hidden_states(config: TrainConfig) -> int:
         """Return the number of hidden states per environment: one per agent."""
         return config.task.num_agents
 
@@ -84,14 +84,14 @@ class Algorithm(ABC):
         size = self.config.model.recurrent
         if size == 0:
             return []
-        hidden_state = Unbounded(shape=torch.Size([self.num_memories(self.config), size]))
+        hidden_state = Unbounded(shape=torch.Size([self.num_hidden_states(self.config), size]))
         return [InitTracker(), TensorDictPrimer({"hidden_state": hidden_state}, expand_specs=True)]
 
     def network_module(self) -> TensorDictModule:
         """Return the network with its input and output keys; a hidden state is carried from step to step."""
         if self.config.model.recurrent == 0:
-            return TensorDictModule(self.network, in_keys=self.observed_keys(), out_keys=self.parameters)
-        in_keys: list[NestedKey] = ["hidden_state", "is_init", *self.observed_keys()]
+            return TensorDictModule(self.network, in_keys=self.observation_keys(), out_keys=self.parameters)
+        in_keys: list[NestedKey] = ["hidden_state", "is_init", *self.observation_keys()]
         return TensorDictModule(self.network, in_keys=in_keys, out_keys=[*self.parameters, ("next", "hidden_state")])
 
 
@@ -106,22 +106,26 @@ class MultiAgentPPO(Algorithm):
     @staticmethod
     def make_network(config: TrainConfig) -> nn.Module:
         """Return a network for any number of agents."""
-        return with_memory(Actor(Observed.by_policy_of(config.task), config.model), config.model)
+        return add_recurrence(Actor(ObservationShape.of_task(config.task), config.model), config.model)
 
     def make_actor(self) -> ProbabilisticActor:
-        """Return the policy that samples each agent's action from the network's logits."""
+        """Return the policy that samples each agent's action from the network's logits, masked if configured."""
+        masked = self.config.model.mask_actions
+        parameters: dict[str, NestedKey] = {"logits": ("agents", "logits")}
+        if masked:
+            parameters["mask"] = ("agents", "action_mask")
         return ProbabilisticActor(
             self.network_module(),
-            in_keys=self.parameters,
+            in_keys=cast("Any", parameters),  # annotated as a list of keys
             out_keys=[("agents", "action")],
-            distribution_class=Categorical,
+            distribution_class=MaskedCategorical if masked else Categorical,
             return_log_prob=True,
         )
 
     def make_loss(self) -> PPOLoss:
         """Return TorchRL's loss."""
-        network = self.critic(self.observed, self.config.model)
-        critic = TensorDictModule(network, in_keys=self.observed_keys(), out_keys=[("agents", "state_value")])
+        network = self.critic(self.observation_shape, self.config.model)
+        critic = TensorDictModule(network, in_keys=self.observation_keys(), out_keys=[("agents", "state_value")])
         loss = self.loss_class(self.actor, critic, **_coefficients(self.config.ppo))
         loss.set_keys(
             value=("agents", "state_value"),
@@ -133,9 +137,9 @@ class MultiAgentPPO(Algorithm):
         loss.make_value_estimator(ValueEstimators.MAGAE, **_estimation(self.config.ppo))
         return loss
 
-    def observed_keys(self) -> list[NestedKey]:
+    def observation_keys(self) -> list[NestedKey]:
         """Return the keys of each agent's image and features."""
-        if self.observed.features:
+        if self.observation_shape.features:
             return [("agents", "observation", "image"), ("agents", "observation", "features")]
         return [("agents", "observation")]
 
@@ -167,7 +171,9 @@ class CentralPPO(Algorithm):
     centralized = True
 
     def __init__(self, config: TrainConfig) -> None:
-        """Build the networks and the loss."""
+        """Build the networks and the loss; raises `ValueError` with `mask_actions`."""
+        if config.model.mask_actions:
+            raise ValueError("mask_actions: expected False with central-ppo, whose actions are real numbers")
         self._each = config.ppo.credit == "agent"
         self.reward_key = ("agents", "reward") if self._each else ("team", "reward")
         super().__init__(config)
@@ -175,17 +181,20 @@ class CentralPPO(Algorithm):
     @staticmethod
     def make_network(config: TrainConfig) -> nn.Module:
         """Return a network for exactly the number of agents in the configuration."""
-        actor = TeamActor(Observed.by_policy_of(config.task), config.task.num_agents, config.model)
-        return with_memory(actor, config.model)
+        actor = TeamActor(ObservationShape.of_task(config.task), config.task.num_agents, config.model)
+        return add_recurrence(actor, config.model)
 
     @staticmethod
-    def num_memories(config: TrainConfig) -> int:
+    def num_hidden_states(config: TrainConfig) -> int:
         """Return 1: the team has a single hidden state."""
         return 1
 
     def transforms(self, seed: int) -> list[Transform]:
         """Return the transforms, followed by the one that centralizes the environment."""
-        return [*super().transforms(seed), Centralize(self.observed.actions, self.config.task.action_mode, seed)]
+        return [
+            *super().transforms(seed),
+            Centralize(self.observation_shape.actions, self.config.task.action_mode, seed),
+        ]
 
     def make_actor(self) -> ProbabilisticActor:
         """Return the policy that samples the matrix from normal distributions with learned, constant scales."""
@@ -201,8 +210,8 @@ class CentralPPO(Algorithm):
     def make_loss(self) -> PPOLoss:
         """Return TorchRL's loss."""
         config = self.config
-        network = TeamValue(self.observed, config.task.num_agents, config.ppo.credit, config.model)
-        critic = TensorDictModule(network, in_keys=self.observed_keys(), out_keys=[("team", "state_value")])
+        network = TeamValue(self.observation_shape, config.task.num_agents, config.ppo.credit, config.model)
+        critic = TensorDictModule(network, in_keys=self.observation_keys(), out_keys=[("team", "state_value")])
         loss_class = MAPPOLoss if self._each else ClipPPOLoss
         loss = loss_class(self.actor, critic, **_coefficients(config.ppo))
         loss.set_keys(
@@ -216,10 +225,10 @@ class CentralPPO(Algorithm):
         loss.make_value_estimator(estimator, **_estimation(config.ppo))
         return loss
 
-    def observed_keys(self) -> list[NestedKey]:
+    def observation_keys(self) -> list[NestedKey]:
         """Return the keys of the team's image and features."""
         keys: list[NestedKey] = [("team", "image"), ("team", "features")]
-        return keys if self.observed.features else keys[:1]
+        return keys if self.observation_shape.features else keys[:1]
 
 
 ALGORITHMS: dict[AlgorithmName, type[Algorithm]] = {"mappo": MAPPO, "ippo": IPPO, "central-ppo": CentralPPO}

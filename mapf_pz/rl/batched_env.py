@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,8 +15,20 @@ from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded, Unb
 from torchrl.envs import EnvBase
 
 from mapf_pz.arrays import Ints
+from mapf_pz.batch import BatchConfig
 from mapf_pz.config import EnvConfig
+from mapf_pz.signatures import init_with_fields_of
 from mapf_pz.simulator import Simulator
+
+
+@dataclass(frozen=True)
+class BatchedMapfConfig(BatchConfig):
+    """All keywords of `BatchedMapfEnv`; the first three may be given by position."""
+
+    num_envs: int = 64
+    """Number of environments B."""
+    device: str | torch.device = "cpu"
+    """Device of all tensors that the environment returns; it is always stepped on the CPU."""
 
 
 class BatchedMapfEnv(EnvBase):
@@ -37,20 +51,17 @@ class BatchedMapfEnv(EnvBase):
     another dtype, shape or range.
     """
 
-    def __init__(
-        self, num_envs: int = 64, num_threads: int = 1, device: str | torch.device = "cpu", **keywords: Any
-    ) -> None:
-        """Create the environment; keywords are those of `parallel_env`, and raise as there.
+    # The metaclass has a method `__call__`, which would hide the signature of `__init__`.
+    __signature__ = inspect.signature(BatchedMapfConfig)
 
-        Args:
-            num_envs: B.
-            num_threads: Number of threads of the kernels.
-            device: Device of all tensors that the environment returns; it is always stepped on the CPU.
-            **keywords: The fields of `EnvConfig`.
-        """
-        self.config = EnvConfig.from_keywords(**keywords)
-        self.simulator = Simulator(self.config, num_envs, num_threads)
-        super().__init__(device=torch.device(device), batch_size=torch.Size([num_envs]))
+    @init_with_fields_of(BatchedMapfConfig)
+    def __init__(self, *arguments: Any, **keywords: Any) -> None:
+        """Create the environment; raises as `parallel_env`."""
+        config = BatchedMapfConfig.from_keywords(*arguments, **keywords)
+        self.config = EnvConfig(**config.keywords())
+        num_envs = config.num_envs
+        self.simulator = Simulator(self.config, num_envs, config.num_threads)
+        super().__init__(device=torch.device(config.device), batch_size=torch.Size([num_envs]))
         num_agents = self.simulator.num_agents
         self.group_map = {"agents": [f"agent_{i}" for i in range(num_agents)]}
         self._seed_next: int | None = None

@@ -112,6 +112,9 @@ class ModelConfig:
     """Size of the hidden state of the policy's GRU; 0 disables recurrence. Critics are not recurrent."""
     head: tuple[int, ...] = (128,)
     """Widths of the hidden layers of the policy head and the value head."""
+    mask_actions: bool = False
+    """Whether agents sample only actions that their action mask allows (Huang and Ontañón, 2022); not available for
+    `central-ppo`, whose action is a matrix of real numbers."""
 
     def __post_init__(self) -> None:
         """Check names and numbers."""

@@ -19,7 +19,7 @@ from torchrl.objectives import RNDLoss
 
 from mapf_pz.rl.config import CuriosityConfig, CuriosityName, ModelConfig, TrainConfig
 from mapf_pz.rl.encoders import make_encoder, scaled
-from mapf_pz.rl.observed import Observed
+from mapf_pz.rl.observation_shape import ObservationShape
 
 _OBSERVATION: NestedKey = ("agents", "observation")
 _NEXT_OBSERVATION: NestedKey = ("next", "agents", "observation")
@@ -31,10 +31,10 @@ class Embedding(nn.Module):
     Unlike in Burda et al., observations are not whitened: their entries already have the same scale.
     """
 
-    def __init__(self, observed: Observed, model: ModelConfig, size: int, num_hidden: int = 0) -> None:
+    def __init__(self, shape: ObservationShape, model: ModelConfig, size: int, num_hidden: int = 0) -> None:
         """Build an encoder like the policy's, `num_hidden` hidden layers, and a linear output layer."""
         super().__init__()
-        self.encoder = make_encoder(observed, model)
+        self.encoder = make_encoder(shape, model)
         self.head = _layers([model.hidden] * (num_hidden + 1) + [size])
 
     def forward(self, observation: Tensor | TensorDictBase) -> Tensor:
@@ -125,9 +125,9 @@ class RandomNetworkDistillation(Curiosity):
     def __init__(self, config: TrainConfig, action_key: NestedKey) -> None:
         """Build f and g."""
         super().__init__(config, action_key)
-        observed, size = Observed.by_policy_of(config.task), self.config.size
-        predictor = Embedding(observed, config.model, size, num_hidden=2)
-        target = Embedding(observed, config.model, size)
+        shape, size = ObservationShape.of_task(config.task), self.config.size
+        predictor = Embedding(shape, config.model, size, num_hidden=2)
+        target = Embedding(shape, config.model, size)
         self.distillation = RNDLoss(predictor, target, reduction="none", update_fraction=1.0)
         self.distillation.set_keys(observation=_NEXT_OBSERVATION)
 
@@ -146,10 +146,10 @@ class ForwardDynamics(Curiosity):
     def __init__(self, config: TrainConfig, action_key: NestedKey) -> None:
         """Build phi and f."""
         super().__init__(config, action_key)
-        observed, size, hidden = Observed.by_policy_of(config.task), self.config.size, config.model.hidden
-        self.num_actions = observed.actions
-        self.embedding = Embedding(observed, config.model, size).requires_grad_(False)
-        self.forward_model = _layers([size + observed.actions, hidden, hidden, size])
+        shape, size, hidden = ObservationShape.of_task(config.task), self.config.size, config.model.hidden
+        self.num_actions = shape.actions
+        self.embedding = Embedding(shape, config.model, size).requires_grad_(False)
+        self.forward_model = _layers([size + shape.actions, hidden, hidden, size])
 
     def surprise(self, steps: TensorDictBase) -> Tensor:
         """Return the error of f."""

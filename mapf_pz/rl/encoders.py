@@ -11,19 +11,19 @@ from torch import Tensor, nn
 
 from mapf_pz.plugins import import_subclass
 from mapf_pz.rl.config import EncoderName, ModelConfig
-from mapf_pz.rl.observed import Observed
+from mapf_pz.rl.observation_shape import ObservationShape
 
 
 class Encoder(nn.Module):
     """Encodes an image `(..., K, h, w)` and features `(..., F)` as an embedding `(..., hidden)`."""
 
-    def __init__(self, observed: Observed, config: ModelConfig) -> None:
+    def __init__(self, shape: ObservationShape, config: ModelConfig) -> None:
         """Build the image layers and one linear layer; raises `ValueError` if `conv_channels` does not fit."""
         super().__init__()
-        layers = IMAGE_LAYERS[cast("EncoderName", config.encoder)](observed.image, config)
+        layers = IMAGE_LAYERS[cast("EncoderName", config.encoder)](shape.image, config)
         self.image = nn.Sequential(*layers, nn.Flatten())
         with torch.no_grad():
-            size = self.image(torch.zeros(1, *observed.image)).shape[-1] + observed.features
+            size = self.image(torch.zeros(1, *shape.image)).shape[-1] + shape.features
         self.joint = nn.Sequential(scaled(nn.Linear(size, config.hidden)), nn.ReLU())
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> Tensor:
@@ -97,11 +97,11 @@ IMAGE_LAYERS: dict[EncoderName, Callable[[tuple[int, int, int], ModelConfig], li
 """The layers for an image (K, h, w), by the encoder's name."""
 
 
-def make_encoder(observed: Observed, config: ModelConfig) -> nn.Module:
+def make_encoder(shape: ObservationShape, config: ModelConfig) -> nn.Module:
     """Return the encoder that `config` names; raises `ValueError` if `package.module:Class` is not an `nn.Module`."""
     if ":" not in config.encoder:
-        return Encoder(observed, config)
-    return import_subclass("encoder", config.encoder, nn.Module)(observed, config)
+        return Encoder(shape, config)
+    return import_subclass("encoder", config.encoder, nn.Module)(shape, config)
 
 
 def scaled(layer: nn.Linear | nn.Conv2d, scale: float = math.sqrt(2)) -> nn.Module:

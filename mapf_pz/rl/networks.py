@@ -11,17 +11,17 @@ from torchrl.modules import GRUModule
 
 from mapf_pz.rl.config import Credit, ModelConfig
 from mapf_pz.rl.encoders import make_encoder, scaled
-from mapf_pz.rl.observed import Observed
+from mapf_pz.rl.observation_shape import ObservationShape
 
 
 class Actor(nn.Module):
     """Logits `(..., A)` from one agent's own observation; works with any number of agents."""
 
-    def __init__(self, observed: Observed, config: ModelConfig) -> None:
+    def __init__(self, shape: ObservationShape, config: ModelConfig) -> None:
         """Build the encoder and the head."""
         super().__init__()
-        self.encoder = make_encoder(observed, config)
-        self.head = _head(config.recurrent or config.hidden, config.head, observed.actions, scale=0.01)
+        self.encoder = make_encoder(shape, config)
+        self.head = _head(config.recurrent or config.hidden, config.head, shape.actions, scale=0.01)
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> tuple[Tensor]:
         """Return the logits of the action distribution."""
@@ -35,10 +35,10 @@ class Actor(nn.Module):
 class LocalCritic(nn.Module):
     """Value `(..., N, 1)` of each agent from its own observation."""
 
-    def __init__(self, observed: Observed, config: ModelConfig) -> None:
+    def __init__(self, shape: ObservationShape, config: ModelConfig) -> None:
         """Build the encoder and the head."""
         super().__init__()
-        self.encoder = make_encoder(observed, config)
+        self.encoder = make_encoder(shape, config)
         self.head = _head(config.hidden, config.head, 1, scale=1.0)
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> Tensor:
@@ -52,10 +52,10 @@ class TeamCritic(nn.Module):
     The mean over agents (Zaheer et al., *Deep Sets*, 2017) includes all agents at a cost linear in N.
     """
 
-    def __init__(self, observed: Observed, config: ModelConfig) -> None:
+    def __init__(self, shape: ObservationShape, config: ModelConfig) -> None:
         """Build the encoder and the head."""
         super().__init__()
-        self.encoder = make_encoder(observed, config)
+        self.encoder = make_encoder(shape, config)
         self.head = _head(2 * config.hidden, config.head, 1, scale=1.0)
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> Tensor:
@@ -68,13 +68,13 @@ class TeamCritic(nn.Module):
 class TeamActor(nn.Module):
     """The report's policy: mean and standard deviation `(..., N, A)` of the action matrix from stacked observations."""
 
-    def __init__(self, observed: Observed, num_agents: int, config: ModelConfig) -> None:
+    def __init__(self, shape: ObservationShape, num_agents: int, config: ModelConfig) -> None:
         """Build the encoder for N * K channels, the head, and state-independent standard deviations."""
         super().__init__()
-        self.encoder = make_encoder(observed.stacked(num_agents), config)
+        self.encoder = make_encoder(shape.stacked(num_agents), config)
         size = config.recurrent or config.hidden
-        self.head = _head(size, config.head, num_agents * observed.actions, scale=0.01)
-        self.log_scale = nn.Parameter(torch.full((num_agents, observed.actions), -0.5))
+        self.head = _head(size, config.head, num_agents * shape.actions, scale=0.01)
+        self.log_scale = nn.Parameter(torch.full((num_agents, shape.actions), -0.5))
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Return the mean and the standard deviation of the action distribution."""
@@ -96,18 +96,18 @@ class RecurrentActor(nn.Module):
         """Put the GRU between the actor's encoder and its head."""
         super().__init__()
         self.actor = actor
-        self.memory = Memory(config.hidden, config.recurrent)
+        self.core = RecurrentCore(config.hidden, config.recurrent)
 
     def forward(
         self, hidden_state: Tensor, is_init: Tensor, image: Tensor, features: Tensor | None = None
     ) -> tuple[Tensor, ...]:
-        """Return the parameters of the action distribution, and the hidden state after the step; see `Memory`."""
+        """Return the parameters of the action distribution, and the next hidden state; see `RecurrentCore`."""
         embedding = self.actor.encoder(image, features)
-        hidden_state = self.memory(embedding.reshape(*hidden_state.shape[:-1], -1), hidden_state, is_init)
+        hidden_state = self.core(embedding.reshape(*hidden_state.shape[:-1], -1), hidden_state, is_init)
         return *self.actor.act(hidden_state.reshape(*embedding.shape[:-1], -1)), hidden_state
 
 
-class Memory(nn.Module):
+class RecurrentCore(nn.Module):
     """A GRU (Cho et al., 2014) with one hidden state per agent, and weights shared by all agents.
 
     Embeddings `(B, M, hidden)` are a single step. In TorchRL's recurrent mode, which losses set, embeddings
@@ -144,10 +144,10 @@ class Memory(nn.Module):
 class TeamValue(nn.Module):
     """Values from all agents' stacked observations: `(..., 1)` for the team, or `(..., N, 1)`, one per agent."""
 
-    def __init__(self, observed: Observed, num_agents: int, credit: Credit, config: ModelConfig) -> None:
+    def __init__(self, shape: ObservationShape, num_agents: int, credit: Credit, config: ModelConfig) -> None:
         """Build the encoder and the head."""
         super().__init__()
-        self.encoder = make_encoder(observed.stacked(num_agents), config)
+        self.encoder = make_encoder(shape.stacked(num_agents), config)
         self.shape = (1,) if credit == "team" else (num_agents, 1)
         self.head = _head(config.hidden, config.head, math.prod(self.shape), scale=1.0)
 
@@ -156,8 +156,8 @@ class TeamValue(nn.Module):
         return self.head(self.encoder(image, features)).unflatten(-1, self.shape)
 
 
-def with_memory(actor: Actor | TeamActor, config: ModelConfig) -> nn.Module:
-    """Return the actor, made recurrent if the configuration asks for it."""
+def add_recurrence(actor: Actor | TeamActor, config: ModelConfig) -> nn.Module:
+    """Return the actor, with a recurrent core if the configuration has one."""
     return RecurrentActor(actor, config) if config.recurrent else actor
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
@@ -19,7 +20,10 @@ from mapf_pz.io.atomic import write_whole
 from mapf_pz.rl.algorithms import algorithm_of
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
-from mapf_pz.rl.observed import Observed
+from mapf_pz.rl.observation_shape import ObservationShape
+
+Infos: TypeAlias = "Mapping[str, Mapping[str, Any]]"
+"""Infos by agent, as the environment gives them."""
 
 WEIGHTS = "policy.safetensors"
 _DAMAGE = (SafetensorError, RuntimeError, ValueError, TypeError, LookupError, OverflowError)
@@ -30,6 +34,9 @@ class LearnedPolicy:
 
     Actions are sampled from the network's distribution, since agents that always take the most likely action can block
     each other forever. A recurrent policy keeps a separate hidden state for each agent until `reset_states`.
+
+    A policy that was trained with `mask_actions` only takes actions that the action masks in the environment's infos
+    allow, so it acts as `act(observations, infos)`; `needs_infos` is then True.
 
     `env_kwargs` are the keywords that give an environment the policy's observations;
     `mapf_pz.evaluation.episodes.make_env` applies them.
@@ -46,36 +53,54 @@ class LearnedPolicy:
         """
         self.network = network.eval()
         self.config = config
-        self._observed = Observed.by_policy_of(config.task)
+        self._shape = ObservationShape.of_task(config.task)
         self.env_kwargs = config.task.observation_keywords()
+        self.needs_infos = config.model.mask_actions
         self.deterministic = deterministic
         self._seed = seed
         self.reset_states()
 
-    def act(self, observations: dict[str, Any]) -> dict[str, int]:
-        """Return an action for each agent in `observations`; raises `ValueError` for observations of another shape."""
-        return dict(zip(observations, self._choose(self._rate(observations)), strict=True)) if observations else {}
+    def act(self, observations: dict[str, Any], infos: Infos | None = None) -> dict[str, int]:
+        """Return an action for each agent in `observations`.
 
-    def preferences(self, observations: dict[str, Any]) -> dict[str, Floats]:
-        """Return preferences (A,) over actions for each agent; `act` converts them to actions."""
-        return dict(zip(observations, self._rate(observations).numpy(), strict=True)) if observations else {}
+        Args:
+            observations: the agents' observations.
+            infos: the agents' infos, from which a policy with `needs_infos` reads the action masks.
 
-    def _rate(self, observations: dict[str, Any]) -> Tensor:
+        Raises `ValueError` for observations of another shape, and if infos are needed but not given.
+        """
+        if self.needs_infos and infos is None:
+            raise ValueError("this policy masks actions: expected act(observations, infos)")
+        chosen = self._choose(self._rate(observations, infos)) if observations else []
+        return dict(zip(observations, chosen, strict=True))
+
+    def preferences(self, observations: dict[str, Any], infos: Infos | None = None) -> dict[str, Floats]:
+        """Return preferences (A,) over actions for each agent; `act` converts them to actions.
+
+        With `needs_infos`, the preference for an action that is not allowed is -inf; without infos, none is masked.
+        """
+        rated = self._rate(observations, infos).numpy() if observations else []
+        return dict(zip(observations, rated, strict=True))
+
+    def _rate(self, observations: dict[str, Any], infos: Infos | None) -> Tensor:
         """Return the preferences (N, A) of the N agents in `observations`."""
         self._check(observations)
         values = list(observations.values())
-        if self._observed.features:
+        if self._shape.features:
             inputs = [_stack([value[name] for value in values]) for name in ("image", "features")]
         else:
             inputs = [_stack(values)]
+        mask = None
+        if self.needs_infos and infos is not None:
+            mask = _stack([infos[name]["action_mask"] for name in observations]).bool()
         with torch.no_grad():
-            return self._prefer(list(observations), *inputs)
+            return self._prefer(list(observations), mask, *inputs)
 
     def _check(self, observations: dict[str, Any]) -> None:
         """Raise `ValueError` unless all observations have the shapes that the network was trained with."""
-        expected: Any = self._observed.image
-        if self._observed.features:
-            expected = {"image": self._observed.image, "features": (self._observed.features,)}
+        expected: Any = self._shape.image
+        if self._shape.features:
+            expected = {"image": self._shape.image, "features": (self._shape.features,)}
         for agent, observation in observations.items():
             if (got := _shapes(observation)) != expected:
                 raise ValueError(
@@ -83,8 +108,11 @@ class LearnedPolicy:
                     "mapf_pz.evaluation.make_env(policy, ...) makes an environment for it"
                 )
 
-    def _prefer(self, names: list[str], image: Tensor, features: Tensor | None = None) -> Tensor:
-        """Return the preferences (N, A) of the agents `names`, given image (N, K, h, w) and features (N, F)."""
+    def _prefer(self, names: list[str], mask: Tensor | None, image: Tensor, features: Tensor | None = None) -> Tensor:
+        """Return the preferences (N, A) of the agents `names`.
+
+        Their observations are `image` (N, K, h, w) and `features` (N, F); `mask` (N, A) bool are allowed actions.
+        """
         raise NotImplementedError
 
     def _choose(self, preferences: Tensor) -> list[int]:
@@ -112,8 +140,10 @@ class LearnedPolicy:
 class SharedPolicy(LearnedPolicy):
     """Each agent acts by itself, and all share one network: works with any number of agents."""
 
-    def _prefer(self, names: list[str], image: Tensor, features: Tensor | None = None) -> Tensor:
+    def _prefer(self, names: list[str], mask: Tensor | None, image: Tensor, features: Tensor | None = None) -> Tensor:
         (logits,) = self._run(names, image, features)
+        if mask is not None:
+            logits = logits.masked_fill(~mask, -torch.inf)
         if self.deterministic:
             return logits
         # The argmax of logits with Gumbel noise is a sample from their distribution; the order of all of them is a
@@ -137,7 +167,7 @@ class TeamPolicy(LearnedPolicy):
         super().reset_states()
         self._rng = np.random.default_rng(self._seed)
 
-    def _prefer(self, names: list[str], image: Tensor, features: Tensor | None = None) -> Tensor:
+    def _prefer(self, names: list[str], mask: Tensor | None, image: Tensor, features: Tensor | None = None) -> Tensor:
         expected = self.config.task.num_agents
         if len(image) != expected:
             raise ValueError(f"this policy acts for exactly {expected} agents, {len(image)} observe")

@@ -36,7 +36,7 @@ class RunFolder:
     """Writes the files of a training run."""
 
     def __init__(self, path: Path) -> None:
-        """Refer to the folder; nothing is written before `begin`."""
+        """Refer to the folder; nothing is written before `prepare`."""
         self.path = path
         self.checkpoints = Checkpoints(path)
         self._rows: list[dict[str, float]] = []
@@ -63,7 +63,7 @@ class RunFolder:
         self._saved_steps = position.agent_steps
         return position.updates
 
-    def begin(self, config: TrainConfig) -> None:
+    def prepare(self, config: TrainConfig) -> None:
         """Prepare the folder: remove files that are newer than the restored checkpoint, or all if none was restored."""
         self.path.mkdir(parents=True, exist_ok=True)
         if self._rows:

@@ -117,7 +117,7 @@ def _run(
     done = 0 if checkpoint is None else run.restore(checkpoint, learner)
     with interrupts_deferred() as check, _collecting(config, algorithm, done) as collector:
         with naming(run.path):
-            run.begin(config)
+            run.prepare(config)
         try:
             for row in _updates(config, algorithm, learner, collector, done, run.seconds):
                 with naming(run.path):

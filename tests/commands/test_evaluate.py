@@ -13,6 +13,7 @@ from mapf_pz.cli import main
 from mapf_pz.evaluation.results import COLUMNS
 from mapf_pz.instances import load_map, place, write_scenario
 from tests.evaluation.test_parallel import children_of, is_alive, wait_for
+from tests.instances.problem_files import write_lorr, write_pogema
 
 SMALL = ["--map", "empty-8-8", "--num-agents", 3, "--max-steps", 20, "--episodes", 4]
 
@@ -86,7 +87,7 @@ def test_figures_where_there_are_several_numbers_of_agents(capsys, suite, tmp_pa
     assert files(tmp_path / "out") == {"episodes.csv", "tasks.json", "evaluation.md", "empty-8-8.png"}
 
 
-def test_without_what_draws_figures(capsys, suite, tmp_path, monkeypatch):
+def test_figures_need_matplotlib(capsys, suite, tmp_path, monkeypatch):
     monkeypatch.setattr("mapf_pz.commands.evaluate.find_spec", lambda name: None)
     _, out, _ = run(capsys, "--policy", "pibt", "--suite", suite, "--output", tmp_path / "out")
     assert out[-1].startswith("no figures: they require matplotlib, pip install")
@@ -133,23 +134,41 @@ def test_a_scenario_is_one_episode(capsys, tmp_path):
     assert (status, err) == (1, [f"mapf-pz evaluate: {message}"])
 
 
-@pytest.mark.parametrize("again", [False, True])
-def test_several_scenarios_and_numbers_of_agents(capsys, tmp_path, again):
+def test_several_scenarios_and_numbers_of_agents(capsys, tmp_path):
     costs = list(written_scenarios(tmp_path, 5, 6, 7))
-    scenarios = ["--scenario", tmp_path / "2.scen", "--scenario" if again else tmp_path / "0.scen"]
-    scenarios += [tmp_path / "[01].scen"]
-    counts = ["--num-agents", 4, "--num-agents", 2] if again else ["--num-agents", 4, 2]
-    assert run(capsys, *ON_SCENARIOS, *scenarios, *counts, "--output", tmp_path / "out")[0] == 0
+    scenarios = ["--scenario", tmp_path / "2.scen", tmp_path / "[01].scen", tmp_path / "0.scen"]
+    assert run(capsys, *ON_SCENARIOS, *scenarios, "--num-agents", 4, 2, "--output", tmp_path / "out")[0] == 0
     assert [row["num_agents"] for row in rows(tmp_path / "out")] == ["4"] * 3 + ["2"] * 3
     assert {row["task"] for row in rows(tmp_path / "out")} == {"empty-8-8, 3 scenarios"}
     assert bounds(tmp_path / "out") == [costs[number](count) for count in (4, 2) for number in (2, 0, 1)]
 
 
-def test_scenarios_of_different_numbers_of_agents(capsys, tmp_path):
-    list(written_scenarios(tmp_path, 5, 6))
-    status, _, err = run(capsys, *ON_SCENARIOS, "--scenario", tmp_path / "*.scen")
-    message = "task 'empty-8-8, 2 scenarios': num_agents=5, but instance 1 has 6 agents"
-    assert (status, err) == (1, [f"mapf-pz evaluate: {message}"])
+def test_all_agents_of_the_smallest_scenario_are_used(capsys, tmp_path):
+    costs = list(written_scenarios(tmp_path, 6, 5))
+    assert run(capsys, *ON_SCENARIOS, "--scenario", tmp_path / "*.scen", "--output", tmp_path / "out")[0] == 0
+    assert [row["num_agents"] for row in rows(tmp_path / "out")] == ["5", "5"]
+    assert bounds(tmp_path / "out") == [cost(5) for cost in costs]
+
+
+def test_problem_files(capsys, tmp_path):
+    tasks = {
+        write_lorr(tmp_path): ("depot.json", "3"),
+        write_pogema(tmp_path): ("01-set.lmapf.json", "3"),
+    }
+    for file, task in tasks.items():
+        output = tmp_path / f"evaluation of {file.name}"
+        words = ["--policy", "pibt", "--scenario", file, "--max-steps", 9, "--on-target", "restart", "--output", output]
+        status, _, err = run(capsys, *words)
+        assert (status, err) == (0, [])
+        assert {(row["task"], row["num_agents"]) for row in rows(output)} == {task}
+        assert all(float(row["avg_throughput"]) > 0 for row in rows(output))
+
+
+def test_the_environment_of_a_suite_can_be_changed(capsys, suite, tmp_path):
+    words = ["--policy", "pibt", "--suite", suite, "--output", tmp_path / "out", "--episodes", 1]
+    assert run(capsys, *words, "--on-target", "restart", "--max-steps", 7)[0] == 0
+    assert {row["ep_length"] for row in rows(tmp_path / "out")} == {"7.0"}
+    assert all(row["avg_throughput"] for row in rows(tmp_path / "out"))
 
 
 def test_several_numbers_of_agents_on_a_map(capsys, tmp_path):
@@ -174,7 +193,7 @@ def test_several_suites(capsys, suite, tmp_path):
     assert (status, err) == (1, [expected])
 
 
-def test_what_acts_differently_has_another_name(capsys, tmp_path):
+def test_different_settings_have_different_labels(capsys, tmp_path):
     pytest.importorskip("torch")
     words = ["--policy", "mappo", "--policy", "random", *SMALL, "--output", tmp_path]
     for options in ([], ["--deterministic"], ["--policy-seed", 2], ["--policy-seed", 2, "--deterministic"]):
@@ -204,11 +223,11 @@ def test_what_acts_differently_has_another_name(capsys, tmp_path):
         (["--policy", "pibt", "--suite", "nothing"], "suite 'nothing': expected a .json file, or one of "),
         (["--policy", "pibt", "--suite", "no.json"], "no.json: no such file"),
         (["--policy", "pibt", "--suite", "quickstart", *SMALL], "expected either --suite or --map"),
-        (["--policy", "pibt", "--scenario", "a.scen"], "--scenario: expected --map, too"),
+        (["--policy", "pibt", "--suite", "quickstart", "--scenario", "a.json"], "expected either --suite or --map"),
         (["--policy", "pibt", "--map", "nowhere"], "no .map file is named 'nowhere'"),
         (["--policy", "pibt", *SMALL[:4], "--scenario", "a.scen"], "a.scen: no such file"),
         (["--policy", "pibt", *SMALL[:4], "--scenario", "a*.scen"], "--scenario a*.scen: no file matches this pattern"),
-        (["--policy", "pibt", *SMALL[:4], "--scenario"], "--scenario: expected at least one value, got none"),
+        (["--policy", "pibt", *SMALL[:4], "--scenario"], "scenario=(): expected the path of a file, several paths"),
         (["--policy", "pibt", *SMALL[:2], "--num-agents"], "--num-agents: expected at least one value, got none"),
         (["--policy", "pibt", *SMALL[:2], "--num-agents", 0], "num_agents=0: "),
         (["--policy", "pibt", *SMALL[:2], "--num-agents", 65], "65 agents do not fit"),

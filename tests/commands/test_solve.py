@@ -1,12 +1,16 @@
 import numpy as np
 import pytest
 
+import mapf_pz
 from mapf_pz.cli import main
 from mapf_pz.commands.solve import lower_bound
+from mapf_pz.config import EnvConfig
 from mapf_pz.instances import load_instance
+from mapf_pz.instances.configured import sample_instance
 from mapf_pz.planners import PLANNERS, Plan, Planner
 from mapf_pz.planners.base import wait_action
 from tests.helpers.text_instances import drawn
+from tests.instances.problem_files import write_lorr, write_pogema
 
 
 def run(capsys, command, *words):
@@ -44,6 +48,31 @@ def test_a_scenario_of_the_benchmark(capsys, tmp_path, benchmark):
     assert run(capsys, "validate", tmp_path / "plan.csv", *files)[0] == 0
 
 
+@pytest.mark.parametrize(("write", "agents"), [(write_lorr, 3), (write_pogema, 3)])
+@pytest.mark.parametrize("action_model", ["rotate", "cardinal"])
+def test_a_problem_file(capsys, tmp_path, write, agents, action_model):
+    problem = write(tmp_path)
+    words = [tmp_path / "plan.txt", "--scenario", problem, "--action-model", action_model]
+    status, out, err = run(capsys, "solve", *words)
+    assert (status, err) == (0, [])
+    assert f"plan.txt: {agents} agents, sum of costs " in out[0]
+    status, _, err = run(capsys, "solve", *words, "--map", "empty-8-8")
+    assert status == 1
+    assert "which names its own map" in err[0]
+
+
+def test_an_instance_is_that_of_the_environment():
+    """The same fields and seed give the starts and goals of the first episode."""
+    for keywords in ({"map": "random-16-16-20", "num_agents": 5}, {"initial_heading": "east"}):
+        env = mapf_pz.parallel_env(**keywords)
+        env.reset(seed=3)
+        instance = sample_instance(env.config, seed=3)
+        np.testing.assert_array_equal(instance.scenario.starts, env.positions)
+        np.testing.assert_array_equal(instance.scenario.goals, env.goals)
+        np.testing.assert_array_equal(instance.headings, env.headings)
+    assert sample_instance(EnvConfig(action_model="cardinal"), seed=0).headings is None
+
+
 def test_lower_bound():
     assert lower_bound(drawn("a.B\n##.\nA.b", headings=[0, 0])) == 6 + 2 + 2 + 1
     assert lower_bound(drawn("a.B\n##.\nA.b")) == 6 + 2
@@ -58,7 +87,7 @@ class Idle(Planner):
     def decide(self, simulator):
         return np.full(simulator.num_agents, wait_action(simulator))
 
-    def solve(self, instance, time_limit=10.0, max_steps=1000, edge_weights="uniform", distance_bytes=None):
+    def _solve(self, simulator, deadline):
         return self.plan
 
 
@@ -90,7 +119,6 @@ def test_a_wrong_plan_is_not_written(capsys, tmp_path, idle, monkeypatch):
         (["a.txt", "--planner", "none"], "planner 'none': expected one of "),
         (["a.gif", "--num-agents", "2"], "a.gif: expected a file name that ends in .json, .csv, .txt"),
         (["a.csv", "--num-agents", "2"], "a.csv: a tracker CSV file cannot hold headings, expected act"),
-        (["a.txt"], "num_agents: expected a number, as there is no scenario"),
         (["a.txt", "--num-agents", "65"], "65 agents do not fit on the 64 cells"),
         (["a.txt", "--map", "nowhere", "--num-agents", "2"], "no .map file is named 'nowhere'"),
     ],

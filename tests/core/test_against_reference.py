@@ -296,7 +296,7 @@ def test_views_of_every_width(width):
 
 
 @pytest.mark.parametrize(COMBINATION_NAMES, COMBINATIONS)
-def test_the_environment_hands_out_the_same(action_model, collision_system, on_target):
+def test_the_pettingzoo_environment_returns_the_same_values(action_model, collision_system, on_target):
     """`MapfEnv` gives each agent what is its own: few steps, all dictionaries."""
     rng = np.random.default_rng(200)
     source = Disorder(rng, (3, 4), 5, num_goals=2 if on_target == "restart" else 1)

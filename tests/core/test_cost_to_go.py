@@ -170,7 +170,7 @@ def play(simulator, num_steps):
     return log
 
 
-def test_too_little_memory_is_told_in_one_line():
+def test_too_little_memory_is_one_line():
     config = EnvConfig(num_agents=6, channels=("cost_to_go",), distance_bytes=5 * 4 * 65 * 5)
     simulator = Simulator(config)
     with pytest.raises(

@@ -98,7 +98,7 @@ def test_a_turned_instance_gives_the_turned_episode(action_model, seed, collisio
 @pytest.mark.parametrize("action_model", ["rotate", "cardinal"])
 @settings(max_examples=25)
 @given(seed=SEEDS, on_target=st.sampled_from(["nothing", "finish"]))
-def test_without_an_index_in_the_rule_it_does_not_matter_who_is_who(action_model, seed, on_target):
+def test_rules_without_an_index_do_not_depend_on_the_order(action_model, seed, on_target):
     config = config_of((5, 6), 6, action_model, collision_system="block_both", on_target=on_target)
     instance = drawn_instance(config, seed)
     rng = np.random.default_rng(seed)

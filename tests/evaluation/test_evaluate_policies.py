@@ -30,7 +30,7 @@ def test_every_policy_is_in_every_episode():
     ]
 
 
-def test_policies_by_name_at_hand_and_as_what_makes_them():
+def test_policies_by_name_as_objects_and_as_factories():
     class Module(Right):
         """Can be called, as networks can."""
 

@@ -39,7 +39,7 @@ def test_policies_of_one_number_of_agents_have_no_figure(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_policy_that_was_tried_with_fewer_numbers(tmp_path):
+def test_a_policy_with_fewer_numbers_of_agents(tmp_path):
     tried = episodes("maze", [4], "random", CSR=1.0) + episodes("maze", [4, 8], "pibt", CSR=1.0)
     assert len(draw_figures(tried, tmp_path)) == 1
 

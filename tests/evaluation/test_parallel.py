@@ -52,7 +52,7 @@ def test_in_this_process():
     assert list(run_jobs(process, [0], 1)) == [os.getpid()]
 
 
-def test_one_after_the_other():
+def test_jobs_run_in_sequence():
     done = []
     running = run_jobs(done.append, [1, 2], 1)
     next(running)
@@ -75,7 +75,7 @@ def test_errors_are_raised_here(jobs):
     assert multiprocessing.active_children() == []
 
 
-def test_what_is_given_up_is_not_waited_for():
+def test_abandoned_jobs_are_not_awaited():
     start = time.monotonic()
     running = run_jobs(sleep, [0, 300, 300], 2)
     assert next(running) == 0
@@ -85,7 +85,7 @@ def test_what_is_given_up_is_not_waited_for():
 
 
 @pytest.mark.parametrize("jobs", [2, "ray"])
-def test_no_work_begins_nothing(jobs, monkeypatch):
+def test_no_jobs_start_no_process(jobs, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     assert list(run_jobs(squared, [], jobs)) == []
 

@@ -142,7 +142,7 @@ def test_a_policy_of_pogema_is_evaluated():
         assert (episode.metrics["CSR"], episode.metrics["SoC_ratio"]) == (1, 1)
 
 
-def test_what_does_not_fit_pogema():
+def test_environments_that_do_not_fit_pogema():
     with pytest.raises(ValueError, match="action_model='rotate': POGEMA's actions are 'cardinal'"):
         FromPogema(Straight(), mapf_pz.parallel_env())
     env, _ = env_of([[0, 0]], [[0, 1]])
@@ -274,7 +274,7 @@ def test_another_time_limit():
 
 
 @pytest.mark.parametrize(("map", "starts"), [("....\n....\n....\n", [[0, 0]]), (MAP, [[0, 0], [2, 0]])])
-def test_another_episode_without_a_reset(map, starts):
+def test_a_missing_reset_is_reported(map, starts):
     env, _ = env_of([[0, 0]], [[0, 3]])
     agent = moving_right()
     agent.act(observed(env))

@@ -135,7 +135,7 @@ def test_actions_must_be_those_that_a_policy_was_trained_for():
     assert env.config.action_model == "cardinal"
 
 
-def test_a_policy_that_is_at_hand():
+def test_an_existing_policy():
     policy = Right()
     env, same = factory_for(policy)(ROOM)
     assert same is policy

@@ -59,7 +59,7 @@ def test_the_file_has_every_number(tmp_path):
     assert Results(TASKS, tmp_path).episodes == episodes
 
 
-def test_nothing_is_done_twice(tmp_path):
+def test_finished_jobs_are_not_repeated(tmp_path):
     before, _ = evaluated(Right(), TASKS, tmp_path)
     text = (tmp_path / "episodes.csv").read_bytes()
     policy = Right()
@@ -68,7 +68,7 @@ def test_nothing_is_done_twice(tmp_path):
     assert (tmp_path / "episodes.csv").read_bytes() == text
 
 
-def test_an_interrupted_evaluation_goes_on(tmp_path):
+def test_an_interrupted_evaluation_resumes(tmp_path):
     whole, _ = evaluated(Right(), TASKS, tmp_path / "whole")
     # 3 episodes, 8, and the first of the last 2; before each of these parts it decides once, which is not measured.
     with pytest.raises(KeyboardInterrupt):
@@ -96,7 +96,7 @@ def test_a_line_that_was_cut_is_done_again(tmp_path, kept):
 
 
 @pytest.mark.parametrize("text", ["policy,episode\n", "notes of mine", HEADER.replace("CSR", "csr") + "\n"])
-def test_a_foreign_file_is_left_alone(tmp_path, text):
+def test_a_file_with_other_columns_is_not_changed(tmp_path, text):
     (tmp_path / "episodes.csv").write_text(text)
     with pytest.raises(FormatError, match=r"episodes\.csv:1: expected the columns policy, task"):
         evaluated(Right(), TASKS, tmp_path)

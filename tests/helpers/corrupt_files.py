@@ -40,6 +40,13 @@ def refused(read, pattern=None):
     assert outcome(read) is None
 
 
+def near_misses(text, separators="\n,09#[{"):
+    """Texts that differ from `text` in one replaced part, often by a single separator."""
+    inserted = st.text(max_size=6) | st.sampled_from(separators)
+    cut = st.tuples(st.integers(0, len(text)), st.integers(0, 12), inserted)
+    return cut.map(lambda c: text[: c[0]] + c[2] + text[c[0] + c[1] :])
+
+
 @contextmanager
 def bounded(megabytes=200, seconds=20.0):
     """Check that what is done inside takes little memory and time."""

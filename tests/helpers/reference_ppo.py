@@ -48,7 +48,7 @@ def normal(action, mean, deviation):
 def recurrent_distribution(network, observation, memory, is_init):
     """Return the distribution's parameters (R, T, ...) of R sequences; the GRU runs step by step."""
     embedding = network.actor.encoder(*observation)
-    gru, states, state = network.memory.gru.gru, [], memory[:, 0]  # (R, M, size)
+    gru, states, state = network.core.gru.gru, [], memory[:, 0]  # (R, M, size)
     for t in range(embedding.shape[1]):
         state = torch.where(is_init[:, t, :, None], 0.0, state)
         inputs = embedding[:, t].reshape(-1, gru.input_size)

@@ -150,7 +150,7 @@ def test_a_second_run_does_nothing(capsys, served, cache):
     assert before == {name: (cache / name).stat().st_mtime_ns for name in files(cache)}
 
 
-def test_a_lost_file_comes_back(capsys, served, cache):
+def test_a_deleted_file_is_written_again(capsys, served, cache):
     run(capsys)
     (cache / "maps" / "tiny.map").unlink()
     assert run(capsys)[1] == [f"1 files written to {cache}"]
@@ -193,7 +193,7 @@ def test_what_is_shown(server, tmp_path):
 
 
 @pytest.mark.parametrize("knows_ranges", [True, False])
-def test_a_cut_download_goes_on(server, tmp_path, knows_ranges):
+def test_an_interrupted_download_resumes(server, tmp_path, knows_ranges):
     server.knows_ranges = knows_ranges
     server.cut_after = 90_000  # what is less than a piece is lost
     with pytest.raises(ConnectionError, match=f"cut after {PIECE:,} bytes; run the same command again to resume"):
@@ -238,7 +238,7 @@ def test_offline(server, tmp_path):
     assert files(tmp_path) == []
 
 
-def test_what_the_server_does_not_have(server, tmp_path):
+def test_files_that_the_server_lacks(server, tmp_path):
     del server.contents["maps.zip"]
     with pytest.raises(OSError, match=r"maps\.zip: the server answers 404 Not Found$"):
         fetch(server, tmp_path)
@@ -295,7 +295,7 @@ def spoilt(name):
         "too much",
     ],
 )
-def test_what_is_refused(tmp_path, content, message):
+def test_malformed_archives_are_refused(tmp_path, content, message):
     file = tmp_path / "folder" / "a.zip"
     file.parent.mkdir()
     file.write_bytes(content)
@@ -305,7 +305,7 @@ def test_what_is_refused(tmp_path, content, message):
     assert files(tmp_path) == ["folder/a.zip"]
 
 
-def test_bombs(tmp_path, monkeypatch):
+def test_archives_with_too_much_content_are_refused(tmp_path, monkeypatch):
     file = tmp_path / "a.zip"
     file.write_bytes(zipped({f"{i}.map": bytes(1000) for i in range(11)}))
     assert file.stat().st_size < 3000

@@ -122,7 +122,7 @@ def test_rooms_are_connected_and_have_one_door_a_wall(shape, size):
         (lambda: generate.warehouse(1, 1, 1, 1, 1, margin=-1), "margin=-1"),
     ],
 )
-def test_senseless_parameters_are_refused(call, message):
+def test_invalid_parameters_are_refused(call, message):
     with pytest.raises(ValueError, match=message):
         call()
 

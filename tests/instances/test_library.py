@@ -75,7 +75,7 @@ def test_a_map_by_array_or_grid():
         (None, TypeError, "expected a name"),
     ],
 )
-def test_what_is_no_map_is_refused_in_one_line(named, map, error, message):
+def test_files_that_are_not_maps_are_refused_in_one_line(named, map, error, message):
     with pytest.raises(error, match=message) as caught:
         load_map(map)
     assert "\n" not in str(caught.value)
@@ -88,7 +88,7 @@ def test_a_scenario_by_object_file_or_name(named):
         assert load_scenario(same, GRID).starts.tolist() == [[1, 0]]
 
 
-def test_what_is_no_scenario_is_refused_in_one_line(named):
+def test_files_that_are_not_scenarios_are_refused_in_one_line(named):
     with pytest.raises(ValueError, match=r"^no \.scen file is named 'tiny-random-2': did you mean 'tiny-random-1'"):
         load_scenario("tiny-random-2")
     with pytest.raises(FileNotFoundError, match="no such file"):

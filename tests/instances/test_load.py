@@ -53,7 +53,7 @@ def test_starts_goals_and_headings_are_drawn_from_the_seed():
         ({"scenario": SCENARIO, "map": "....\n....\n...@"}, r"agent 1: start \[row 2, col 3\] is an obstacle"),
     ],
 )
-def test_what_is_refused(keywords, message):
+def test_invalid_arguments_are_refused(keywords, message):
     with pytest.raises(ValueError, match=message):
         load_instance(**{"map": MAP} | keywords)
 
@@ -139,7 +139,7 @@ def test_several_problems_share_a_canvas(tmp_path):
         ({"scenario": (SCENARIO,)}, r"scenario=\(Scenario.*: expected the path of a file"),
     ],
 )
-def test_what_an_environment_refuses(scenarios, monkeypatch, keywords, message):
+def test_scenarios_that_environments_refuse(scenarios, monkeypatch, keywords, message):
     monkeypatch.chdir(scenarios)
     write_lorr(scenarios)
     (scenarios / "broken.json").write_text("{")

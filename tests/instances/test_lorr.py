@@ -4,10 +4,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import strategies as st
 
 from mapf_pz.errors import FormatError
 from mapf_pz.instances import InstanceList, LorrProblem, load_problem
+from tests.helpers.corrupt_files import near_misses
 
 MAP = "type octile\nheight 2\nwidth 3\nmap\n.ES\n.T@\n"
 JSON = {"mapFile": "maps/a.map", "agentFile": "a.agents", "taskFile": "a.tasks", "teamSize": 2}
@@ -46,7 +46,7 @@ def test_a_problem_of_2023(tmp_path):
     assert [cells(loaded.task(k)) for k in (0, 3, 8)] == [[0], [3], [3]]
 
 
-def test_tasks_go_round_the_file(tmp_path):
+def test_tasks_repeat_in_file_order(tmp_path):
     instance = load_problem(problem(tmp_path)).instance()
     assert cells(instance.scenario.goals) == [[0, 2, 1, 1, 3], [1, 3, 0, 2, 1]]
     assert instance.headings.tolist() == [0, 0]
@@ -93,7 +93,7 @@ def test_other_strategies_give_no_sequence_of_goals(tmp_path, strategy):
 
 
 @pytest.mark.parametrize("count", [0, -1, 10**9])
-def test_absurd_numbers_of_goals(tmp_path, count):
+def test_huge_numbers_of_goals(tmp_path, count):
     with pytest.raises(ValueError, match=f"goals_per_agent: expected 1 to 8000000 for 2 robots, got {count}"):
         load_problem(problem(tmp_path)).instance(count)
 
@@ -191,12 +191,6 @@ def test_missing_files(tmp_path):
         load_problem(tmp_path / "b.json")
     with pytest.raises(FileNotFoundError, match=r"b\.map: no such file"):
         load_problem(problem(tmp_path, {"mapFile": "b.map"}))
-
-
-def near_misses(text):
-    """Texts near a good one: with a piece cut out and something else in its place."""
-    cut = st.tuples(st.integers(0, len(text)), st.integers(0, 12), st.text(max_size=6) | st.sampled_from("\n,09#[{"))
-    return cut.map(lambda c: text[: c[0]] + c[2] + text[c[0] + c[1] :])
 
 
 @given(near_misses(json.dumps(JSON)), near_misses(AGENTS), near_misses(TASKS_2024))

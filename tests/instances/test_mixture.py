@@ -124,7 +124,7 @@ def test_an_environment_with_a_mixture():
     assert maps == set(FAMILIES)
 
 
-def test_a_list_is_as_good_as_a_tuple():
+def test_lists_are_equal_to_tuples():
     assert MapMixture(maps=["maze"], height=[5, 6]) == MapMixture(maps=("maze",), height=(5, 6))
 
 
@@ -144,7 +144,7 @@ def test_a_list_is_as_good_as_a_tuple():
         ({"maps": ("problem.json",)}, 2, "map='problem.json': expected a .map file"),
     ],
 )
-def test_what_cannot_be_is_refused(fields, num_agents, message):
+def test_impossible_values_are_refused(fields, num_agents, message):
     with pytest.raises(ValueError) as caught:  # noqa: PT011
         MapMixture(**fields).source(num_agents)
     assert str(caught.value).startswith(message)

@@ -19,6 +19,7 @@ from mapf_pz.instances import (
     write_scenario,
 )
 from mapf_pz.instances.octile import octile_distances
+from tests.helpers.corrupt_files import near_misses
 
 MAP = "type octile\nheight 2\nwidth 3\nmap\n.@.\n...\n"
 GRID = Grid([[True, False, True], [True, True, True]], "tiny")
@@ -193,7 +194,7 @@ def test_scenario_round_trip(free, seed, num_agents):
         (Grid([[True]], "a\tb"), [[0, 0]], [[0, 0]], "tabs"),
     ],
 )
-def test_what_cannot_be_written_is_refused(grid, starts, goals, message):
+def test_unwritable_plans_are_refused(grid, starts, goals, message):
     with pytest.raises(ValueError, match=message):
         format_scenario(Scenario(starts, goals), grid)
 
@@ -224,7 +225,7 @@ def test_byte_order_mark(tmp_path):
     assert read_map(tmp_path / "bom.map").shape == (2, 3)
 
 
-def test_what_is_no_text_file_is_refused_in_one_line(tmp_path, monkeypatch):
+def test_files_that_are_not_text_are_refused_in_one_line(tmp_path, monkeypatch):
     file = tmp_path / "strange.map"
     with pytest.raises(FileNotFoundError, match=r"strange\.map: no such file$"):
         read_map(file)
@@ -236,13 +237,10 @@ def test_what_is_no_text_file_is_refused_in_one_line(tmp_path, monkeypatch):
     assert message_of(read_scenario, file) == f"{file}: expected at most 10 bytes"
 
 
-def near_misses(text):
-    """Texts near a good one: with a piece cut out and something else in its place."""
-    cut = st.tuples(st.integers(0, len(text)), st.integers(0, 12), st.text(max_size=6) | st.sampled_from("\n\r\t09.@"))
-    return cut.map(lambda c: text[: c[0]] + c[2] + text[c[0] + c[1] :])
+SEPARATORS = "\n\r\t09.@"
 
 
-@given(st.text() | near_misses(MAP))
+@given(st.text() | near_misses(MAP, SEPARATORS))
 def test_any_text_is_a_map_or_a_format_error(text):
     try:
         parse_map(text, "m")
@@ -250,7 +248,7 @@ def test_any_text_is_a_map_or_a_format_error(text):
         assert "\n" not in str(error)  # noqa: PT017 (most texts, not all, are refused)
 
 
-@given(st.text() | near_misses(SCENARIO), st.sampled_from([None, GRID]))
+@given(st.text() | near_misses(SCENARIO, SEPARATORS), st.sampled_from([None, GRID]))
 def test_any_text_is_a_scenario_or_a_format_error(text, grid):
     try:
         parse_scenario(text, "s", grid)

@@ -109,7 +109,7 @@ def test_the_seed_alone_decides(length):
         (1, 0, "goals_per_agent=0"),
     ],
 )
-def test_senseless_numbers_are_refused(num_agents, length, message):
+def test_invalid_numbers_are_refused(num_agents, length, message):
     with pytest.raises(ValueError, match=message):
         place(Grid([[True, True, False, True]]), num_agents, rng(), length)
 

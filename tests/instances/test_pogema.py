@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.bounds import most_goals
 from mapf_pz.instances import InstanceList, load_pogema, pogema
+from tests.helpers.corrupt_files import near_misses
 
 MAPS = {"a": [".@#", "$!."], "b": ["...."]}
 ONE_SHOT = [
@@ -72,7 +73,7 @@ def test_instances_of_one_map_share_it(tmp_path):
 
 
 @pytest.mark.parametrize("num_agents", [0, -1])
-def test_absurd_numbers_of_agents(tmp_path, num_agents):
+def test_huge_numbers_of_agents(tmp_path, num_agents):
     with pytest.raises(ValueError, match=f"num_agents={num_agents}: expected a whole number, 1 or more"):
         load_pogema(files(tmp_path, ONE_SHOT), num_agents)
 
@@ -136,19 +137,13 @@ def test_missing_files(tmp_path):
         load_pogema(path, 2)
 
 
-def test_a_sequence_that_others_would_go_round_too_often(tmp_path, monkeypatch):
+def test_a_goal_sequence_that_others_would_repeat_too_often(tmp_path, monkeypatch):
     """Two instances of 2 agents and 3 goals are 12 goals, though the file holds 10."""
     path = files(tmp_path, LIFELONG * 2)
     monkeypatch.setattr(pogema, "MAX_GOALS", 12)
     assert len(load_pogema(path, 2)) == 2
     monkeypatch.setattr(pogema, "MAX_GOALS", 11)
     assert message_of(path) == WHERE + "expected at most 5 goals, got 2 x 3"
-
-
-def near_misses(text):
-    """Texts near a good one: with a piece cut out and something else in its place."""
-    cut = st.tuples(st.integers(0, len(text)), st.integers(0, 12), st.text(max_size=6) | st.sampled_from("\n,09#[{"))
-    return cut.map(lambda c: text[: c[0]] + c[2] + text[c[0] + c[1] :])
 
 
 @given(near_misses(json.dumps(MAPS)), near_misses(json.dumps(ONE_SHOT)), near_misses(json.dumps(LIFELONG)))
@@ -202,7 +197,7 @@ def test_published_instances(pogema_benchmark, name, instances, num_maps, most_a
         load_pogema(pogema_benchmark / f"{name}.mapf.json", most_agents + 1)
 
 
-def test_no_agent_reaches_the_end_of_a_published_sequence(pogema_benchmark):
+def test_published_goal_sequences_are_long_enough(pogema_benchmark):
     """Not even alone on the map, in the 256 steps of an episode."""
     for file in sorted(pogema_benchmark.glob("*.lmapf.json")):
         num_agents = json.loads(file.read_text())[0]["num_agents"]

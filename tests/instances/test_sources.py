@@ -172,6 +172,6 @@ def changing_size(generator):
         (lambda: SourceMixture([FixedMap(GRID, 3), RandomObstacles(6, 5, 0.1, 3)]), "source 1: .* a 6 x 5 map"),
     ],
 )
-def test_what_cannot_be_is_refused(make, message):
+def test_impossible_values_are_refused(make, message):
     with pytest.raises(ValueError, match=message):
         make()

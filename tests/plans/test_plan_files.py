@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 from mapf_pz.errors import FormatError
 from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.planners import Plan
-from mapf_pz.plans.files import About, Selection, format_plan, parse_plan, read_plan, write_plan
+from mapf_pz.plans.files import PlanMetadata, Selection, format_plan, parse_plan, read_plan, write_plan
 from mapf_pz.plans.plan import reached
+from tests.helpers.corrupt_files import near_misses
 
 GRID = Grid(np.ones((3, 4), bool), "small")
 STEPS = np.array([(0, 1), (1, 0), (0, -1), (-1, 0), (0, 0)])
@@ -94,7 +95,7 @@ def assert_same(plan, expected):
 @given(plans())
 def test_text_round_trip(drawn):
     plan, instance = drawn
-    text = format_plan(plan, "a.txt", instance, About("", "some solver", 1.5))
+    text = format_plan(plan, "a.txt", instance, PlanMetadata("", "some solver", 1.5))
     file = parse_plan(text, "a.txt")
     assert_same(file.plan, plan)
     assert np.array_equal(file.goals, instance.scenario.goals)
@@ -126,7 +127,7 @@ def test_lifelong_lorr_round_trip(drawn):
 def test_tracker_round_trip(drawn):
     """Waits at the end are not written."""
     plan, instance = drawn
-    text = format_plan(plan, "a.csv", instance, About("some-map-even-7"))
+    text = format_plan(plan, "a.csv", instance, PlanMetadata("some-map-even-7"))
     file = parse_plan(text, "a.csv", Selection(instance.scenario, plan.num_agents, "small-even-7"))
     assert_same(file.plan, Plan(plan.positions[: plan.makespan + 1]))
     assert file.claims == {"sum of costs": plan.sum_of_costs}
@@ -163,14 +164,14 @@ def test_what_is_written():
         "events": [[[0, 0, "assigned"], [0, 2, "finished"]], [[1, 0, "assigned"], [1, 2, "finished"]]],
         "tasks": [[0, 0, 0], [1, 2, 2]],
     }
-    table = format_plan(plan, "a.csv", instance, About("small-random-3"))
+    table = format_plan(plan, "a.csv", instance, PlanMetadata("small-random-3"))
     assert table == (
         "map_name,scen_type,type_id,agents,lower_cost,solution_cost,solution_plan\n"
         'small,random,3,2,,4,"ud\nwl"\n'
     )  # fmt: skip
 
 
-def test_what_cannot_be_written_is_rejected():
+def test_unwritable_plans_are_rejected():
     lifelong = Instance(GRID, Scenario([[0, 0]], [[[0, 0], [0, 1]]]))
     still = Plan(np.zeros((1, 1, 2)))
     for ending in ("csv", "txt"):
@@ -413,7 +414,7 @@ def test_an_assigned_task_that_the_file_lacks():
 # Several goals in order.
 
 
-def test_a_goal_counts_from_the_step_after_the_last_was_reached():
+def test_goals_are_counted_from_the_step_after_the_previous_one():
     path = np.array([(0, 0), (0, 0), (0, 1), (0, 1), (0, 0)])
     assert reached(path, np.array([(0, 0), (0, 1), (0, 1), (0, 0), (0, 0)])) == [1, 2, 3, 4]
     assert reached(path, np.array([(0, 1), (5, 5), (0, 0)])) == [2]
@@ -423,16 +424,16 @@ def test_a_goal_counts_from_the_step_after_the_last_was_reached():
 # Any text.
 
 
-def near_misses(text):
-    """Return texts that differ from a valid one in one replaced part."""
-    cut = st.tuples(st.integers(0, len(text)), st.integers(0, 12), st.text(max_size=6) | st.sampled_from('\n"09,:[]('))
-    return cut.map(lambda c: text[: c[0]] + c[2] + text[c[0] + c[1] :])
-
-
 TICKS = lorr(version="2026 LoRR", agentMaxCounter=3, actualPaths=["[(0,0,0,0,0):(F 2,W 1)][(3,0,0,0,0):(F 3)]"] * 2)
 
 
-@given(st.text() | st.one_of([near_misses(text) for text in (TEXT, TRACKER, lorr(), json.dumps(LORR_2024), TICKS)]))
+SEPARATORS = '\n"09,:[]('
+
+
+@given(
+    st.text()
+    | st.one_of([near_misses(text, SEPARATORS) for text in (TEXT, TRACKER, lorr(), json.dumps(LORR_2024), TICKS)])
+)
 def test_any_text_is_a_plan_or_a_format_error(text):
     try:
         file = parse_plan(text, "p", Selection(SCENARIO, 2))

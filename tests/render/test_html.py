@@ -26,7 +26,7 @@ def test_the_page_loads_nothing_and_shows_no_foreign_tags(tmp_path):
     assert "a &lt;b&gt;title" in page
 
 
-def test_what_looks_like_a_template_stays_as_it_is(tmp_path):
+def test_text_that_looks_like_a_template_is_unchanged(tmp_path):
     save_html(replace(RECORDING, title="{{script}}", facts={"</script>": "{{data}}"}), tmp_path / "a.html")
     page = (tmp_path / "a.html").read_text()
     assert "<title>{{script}}</title>" in page

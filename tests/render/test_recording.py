@@ -34,7 +34,7 @@ def test_a_name_is_needed_for_each_plane():
 
 
 @pytest.mark.parametrize(("name", "fps", "message"), [("a.bmp", 4, "a.bmp: expected"), ("a.svg", 0, "fps=0")])
-def test_what_cannot_be_saved(tmp_path, name, fps, message):
+def test_objects_that_cannot_be_saved(tmp_path, name, fps, message):
     with pytest.raises(ValueError, match=message):
         save_recording(RECORDING, tmp_path / name, fps)
     assert not list(tmp_path.iterdir())

@@ -44,7 +44,7 @@ def test_agents_are_where_they_were_recorded(tmp_path):
         assert place(animation, 3 / 2 + PAUSE) == pytest.approx(POSITIONS[3, agent], abs=1e-3)
 
 
-def test_they_move_only_while_a_step_lasts(tmp_path):
+def test_drawn_agents_move_only_during_a_step(tmp_path):
     animation = groups(saved(tmp_path), "circle")[0].find(f"{SVG}animateTransform[@type='translate']")
     assert place(animation, 0.4) == pytest.approx([0, 0], abs=1e-3)
     assert place(animation, 0.75) == pytest.approx([0, 0.5], abs=1e-3)

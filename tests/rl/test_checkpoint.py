@@ -2,9 +2,8 @@ import dataclasses
 import json
 import math
 import os
+import shutil
 import signal
-import subprocess
-import sys
 import threading
 import time
 import zipfile
@@ -124,7 +123,7 @@ def test_checkpoints_are_an_interval_apart_and_at_the_end(tmp_path):
 @pytest.mark.parametrize("name", ["CSR", "throughput"])
 def test_a_checkpoint_is_as_good_as_the_last_hundred_episodes(tmp_path, name):
     run, learner, scores = RunFolder(tmp_path), make_learner(), []
-    run.begin(TINY)
+    run.prepare(TINY)
     for update, (episodes, mean) in enumerate([(0, math.nan), (50, 0.5), (40, 1.0), (60, 0.25), (120, 0.75)], 1):
         run.log({"agent_steps": update, "episodes": episodes, name: mean})
         run.save(learner)
@@ -292,7 +291,7 @@ def test_damaged_progress_is_one_line(tmp_path):
         assert "\n" not in str(caught.value)
 
 
-def test_what_is_not_a_run_is_one_line(tmp_path, capsys):
+def test_folders_without_a_run_are_one_line(tmp_path, capsys):
     with pytest.raises(FileNotFoundError, match="no checkpoint in"):
         resume(tmp_path)
     assert main(["train", "resume", str(tmp_path), "--evaluate", "none"]) == 1
@@ -311,23 +310,26 @@ def wait_for_checkpoints(folder, running, seconds=60):
         time.sleep(0.01)
 
 
-def test_a_killed_run_continues_from_its_last_checkpoint(tmp_path, capsys):
-    with subprocess.Popen([sys.executable, "-m", "mapf_pz", *command(tmp_path)], stdout=subprocess.DEVNULL) as process:
-        wait_for_checkpoints(tmp_path, lambda: process.poll() is None)
-        process.kill()
-    assert not (tmp_path / "policy.safetensors").exists()
-    config = json.loads((tmp_path / "config.json").read_text())
-    (tmp_path / "checkpoints" / ".checkpoint-1.stage-1").mkdir()  # as if killed while it wrote
-    done = read_position(Checkpoints(tmp_path).latest()).updates
-    length = str(96 * (done + 3))
-    assert main(["train", "resume", str(tmp_path), "--agent-steps", length, "--evaluate", "none"]) == 0
-    assert config["agent_steps"] == 40000
-    assert steps(tmp_path) == [96 * (i + 1) for i in range(done + 3)]
-    assert load_policy(tmp_path).act({}) == {}
-    assert not list((tmp_path / "checkpoints").glob(".*"))
+def test_a_killed_run_continues_from_its_last_checkpoint(tmp_path):
+    """The folder is copied while the run continues, so the copy is what a kill leaves; `tests.faults` sends signals."""
+    run, killed = tmp_path / "run", tmp_path / "killed"
+
+    def copy(row):
+        if row["agent_steps"] == 3 * PER_UPDATE:
+            shutil.copytree(run, killed)
+
+    train(TINY, run, copy)
+    assert not (killed / "policy.safetensors").exists()
+    (killed / "checkpoints" / ".checkpoint-1.stage-1").mkdir()  # as if killed while it wrote
+    assert read_position(Checkpoints(killed).latest()).updates == 3
+    assert main(["train", "resume", str(killed), "--agent-steps", str(5 * PER_UPDATE), "--evaluate", "none"]) == 0
+    assert steps(killed) == [PER_UPDATE * (i + 1) for i in range(5)]
+    assert rows(killed)[:3] == rows(run)[:3]
+    assert load_policy(killed).act({}) == {}
+    assert not list((killed / "checkpoints").glob(".*"))
 
 
-def test_sigterm_saves_what_was_learnt(tmp_path, capsys):
+def test_sigterm_saves_a_checkpoint(tmp_path, capsys):
     def terminate():
         wait_for_checkpoints(tmp_path, threading.main_thread().is_alive)
         os.kill(os.getpid(), signal.SIGTERM)

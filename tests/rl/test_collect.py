@@ -1,79 +1,81 @@
 import dataclasses
-import math
 
+import numpy as np
 import pytest
 import torch
 
+from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.instances import load_map
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.algorithms import ALGORITHMS
-from mapf_pz.rl.collect import collecting
-from mapf_pz.rl.learner import Learner
-from tests.helpers.small_run import TINY, rows
+from tests.helpers.small_run import TINY, changed, rows
+
+GRAPH = GuidanceGraph.random(load_map("empty-8-8").free, np.random.default_rng(0))
 
 
-@pytest.fixture
-def config():
-    return dataclasses.replace(TINY, num_workers=2)
+def collected(config, folder):
+    """Train for three updates, and return the batches; after the first, the policy becomes one that always waits."""
+    algorithms, batches = [], []
+
+    def make_algorithm(config):
+        algorithms.append(ALGORITHMS[config.algorithm](config))
+        value_estimator = algorithms[0].loss.value_estimator
+        value_estimator.register_forward_pre_hook(lambda _module, inputs: batches.append(inputs[0].clone()))
+        return algorithms[0]
+
+    def always_wait(_row):
+        with torch.no_grad():
+            layer = algorithms[0].network.head[-1]
+            layer.weight.zero_()
+            layer.bias.fill_(-50.0).view(-1, 4)[:, 3] = 50.0
+
+    train(config, folder, always_wait, make_algorithm)
+    steps = [batch.reshape(config.ppo.num_envs, -1) for batch in batches]
+    return [(batch[algorithms[0].action_key], batch["agents", "position"], batch["agents"]) for batch in steps]
 
 
-def collected(config, updates):
-    """Collect some batches and learn from each; between them the policy becomes one that always waits."""
-    algorithm = ALGORITHMS[config.algorithm](config)
-    learner = Learner(algorithm, config)
-    batches = []
-    with collecting(algorithm, config, config.seed, updates) as collector:
-        for batch in collector:
-            batches.append(batch.reshape(config.ppo.num_envs, -1).clone())
-            assert all(map(math.isfinite, learner.learn(batch, 0.0).values()))
-            with torch.no_grad():
-                for parameter in algorithm.network.head[-1].parameters():
-                    parameter.zero_()
-                algorithm.network.head[-1].bias[3] = 50.0
-            collector.update_policy_weights_()
-    return batches
+def check_workers(config, folder):
+    """Check that training with workers gives what training in this process does, apart from random actions."""
+    (first, _, last), (single, _, last_single) = (
+        collected(dataclasses.replace(config, collector=collector), folder / collector)
+        for collector in (config.collector, "single")
+    )
+    for (actions, positions, _), (waiting, _, _) in ((first, last), (single, last_single)):
+        assert actions.shape == (4, 16, 3)
+        assert len(actions.unique()) == 4
+        assert len(positions[:, 0].unique(dim=0)) == 4
+        assert (waiting == 3).all()  # every step obeys the new policy
+    assert torch.equal(first[1][:, 0], single[1][:, 0])  # the same instances
+    several, one = rows(folder / config.collector), rows(folder / "single")
+    assert [row.keys() for row in one] == [row.keys() for row in several]
+    assert [row["agent_steps"] for row in one] == [row["agent_steps"] for row in several]
+    assert all(float(row["acting_share"]) == 0 for row in several)  # workers act
+    assert all(float(row["collecting_share"]) > 0 for row in several)
+    assert load_policy(folder / config.collector).config == config
+    return first[2], single[2]
 
 
-def check(config, batches):
-    """Every step of the second batch obeys the new policy, and instances are those of a single process."""
-    single = collected(dataclasses.replace(config, collector="single"), 2)
-    assert [tuple(batch.shape) for batch in batches] == [(4, 16), (4, 16)]
-    for first, second in (batches, single):
-        assert len(first["agents", "action"].unique()) == 4
-        assert (second["agents", "action"] == 3).all()
-    one, other = batches[0]["agents", "position"][:, 0], single[0]["agents", "position"][:, 0]
-    assert torch.equal(one, other)
-    assert len(one.unique(dim=0)) == 4
+def test_processes(tmp_path):
+    task = changed(TINY.task, map="empty-8-8", edge_weights=GRAPH, channels=("view", "edge_weights"))
+    config = dataclasses.replace(TINY, task=task, collector="processes", num_workers=2)
+    agents, expected = check_workers(config, tmp_path)
+    observed, wanted = (group["observation", "image"][:, 0, :, 1:] for group in (agents, expected))
+    assert torch.equal(observed, wanted)  # the edge weights of the graph
+    assert len(observed.unique()) > 50
 
 
-def test_processes(config):
-    config = dataclasses.replace(config, collector="processes")
-    check(config, collected(config, 2))
-
-
-def test_ray(config, monkeypatch):
+def test_ray(tmp_path, monkeypatch):
     ray = pytest.importorskip("ray")
     monkeypatch.setenv("RAY_AUTH_MODE", "disabled")
     monkeypatch.setenv("RAY_worker_niceness", "0")  # on a busy machine, its workers would never get their turn
     started, init = [], ray.init
     monkeypatch.setattr(ray, "init", lambda **options: started.append(options) or init(**options))
-    config = dataclasses.replace(config, collector="ray")
-    check(config, collected(config, 2))
-    assert [options["num_cpus"] for options in started] == [2]  # one for each worker
+    config = dataclasses.replace(TINY, algorithm="central-ppo", collector="ray", num_workers=1)
+    check_workers(config, tmp_path)
+    assert [options["num_cpus"] for options in started] == [1]  # one for each worker
     assert not ray.is_initialized()
 
 
-def test_processes_train_like_one(tmp_path, config):
-    config = dataclasses.replace(config, algorithm="central-ppo")
-    for collector in ("single", "processes"):
-        train(dataclasses.replace(config, collector=collector), tmp_path / collector)
-    one, several = rows(tmp_path / "single"), rows(tmp_path / "processes")
-    assert [row.keys() for row in one] == [row.keys() for row in several]
-    assert [row["agent_steps"] for row in one] == [row["agent_steps"] for row in several]
-    assert all(float(row["acting_share"]) == 0 for row in several)  # workers act
-    assert all(float(row["collecting_share"]) > 0 for row in several)
-    load_policy(tmp_path / "processes")
-
-
-def test_environments_are_shared_out_evenly(config):
+def test_environments_are_divided_evenly():
     with pytest.raises(ValueError, match="num_envs=4: expected a multiple of num_workers=3"):
-        dataclasses.replace(config, collector="processes", num_workers=3)
+        dataclasses.replace(TINY, collector="processes", num_workers=3)

@@ -13,7 +13,7 @@ from mapf_pz.rl.checkpoint import Checkpoints, Position, restore
 from mapf_pz.rl.config import CuriosityConfig
 from mapf_pz.rl.curiosity import RewardScale, make_curiosity
 from mapf_pz.rl.learner import Learner
-from mapf_pz.rl.observed import Observed
+from mapf_pz.rl.observation_shape import ObservationShape
 from mapf_pz.rl.train import resume
 from tests.helpers import small_run as tiny
 from tests.helpers.small_run import changed, rows, untimed
@@ -40,7 +40,7 @@ def interrupt_after(updates):
 def random_steps(config, number, seed):
     """Steps of N agents each between observations that have nothing to do with each other."""
     torch.manual_seed(seed)
-    observed, each = Observed.by_policy_of(config.task), (number, config.task.num_agents)
+    observed, each = ObservationShape.of_task(config.task), (number, config.task.num_agents)
 
     def seen():
         return {"image": torch.rand(*each, *observed.image), "features": torch.rand(*each, observed.features)}
@@ -62,7 +62,7 @@ def rollout(config, steps, max_steps=None):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_is_known_surprises_less(kind):
+def test_known_transitions_surprise_less(kind):
     config = curious(kind, update_fraction=1.0)
     torch.manual_seed(0)
     curiosity = make_curiosity(config, ALGORITHMS[config.algorithm].action_key)
@@ -163,7 +163,7 @@ def test_an_observation_without_features():
 
 @pytest.mark.parametrize("algorithm", ["mappo", "ippo", "central-ppo"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_curious_run(tmp_path, kind, algorithm):
+def test_a_run_with_curiosity(tmp_path, kind, algorithm):
     folder = train(dataclasses.replace(curious(kind), algorithm=algorithm), tmp_path)
     assert len(rows(folder)) == 4
     for row in rows(folder):
@@ -172,7 +172,7 @@ def test_a_curious_run(tmp_path, kind, algorithm):
     assert load_policy(folder).config.curiosity.kind == kind
 
 
-def test_without_curiosity_nothing_is_said_of_it(tmp_path):
+def test_curiosity_is_not_reported_without_it(tmp_path):
     assert not {"intrinsic_reward", "loss_curiosity"} & rows(train(TINY, tmp_path))[0].keys()
 
 
@@ -226,7 +226,7 @@ def test_a_checkpoint_holds_networks_moments_and_statistics(tmp_path, kind):
     torch.testing.assert_close(restored.reward(steps), curiosity.reward(steps), rtol=0, atol=0)
 
 
-def test_a_checkpoint_of_a_curious_run_fits_no_other(tmp_path):
+def test_a_checkpoint_with_curiosity_fits_no_other_run(tmp_path):
     learner, _ = make_learner(curious("rnd"))
     checkpoints = Checkpoints(tmp_path)
     checkpoints.save(learner, Position(1, 192, 0.5))
@@ -238,7 +238,7 @@ def test_a_checkpoint_of_a_curious_run_fits_no_other(tmp_path):
 
 @pytest.mark.parametrize("algorithm", ["mappo", "central-ppo"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_curious_run_continues(tmp_path, kind, algorithm):
+def test_a_run_with_curiosity_resumes(tmp_path, kind, algorithm):
     with pytest.raises(KeyboardInterrupt):
         train(dataclasses.replace(curious(kind), algorithm=algorithm), tmp_path, interrupt_after(2))
     before = rows(tmp_path)

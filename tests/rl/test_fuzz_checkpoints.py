@@ -122,7 +122,7 @@ def test_the_weights_file_stands_for_its_folder_and_has_numbers_of_32_bits(train
 
 
 @pytest.mark.parametrize("lie", LIES.values(), ids=list(LIES))
-def test_weights_that_lie(trained, tmp_path, lie):
+def test_weights_with_false_sizes(trained, tmp_path, lie):
     files, members, read_checkpoint = trained
     with bounded():
         refused(
@@ -150,7 +150,7 @@ def test_weights_that_lie(trained, tmp_path, lie):
     ],
     ids=lambda model: str(model)[:40],
 )
-def test_configurations_of_absurd_networks(trained, tmp_path, model):
+def test_configurations_of_huge_networks(trained, tmp_path, model):
     config = json.loads(trained[0]["config.json"])
     config["model"] |= model
     with bounded():

@@ -9,7 +9,7 @@ from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.config import ModelConfig, PPOConfig, TrainConfig
 from mapf_pz.rl.encoders import IMAGE_LAYERS
 from mapf_pz.rl.networks import Actor, LocalCritic, TeamActor, TeamCritic, TeamValue
-from mapf_pz.rl.observed import Observed
+from mapf_pz.rl.observation_shape import ObservationShape
 from tests.helpers.small_run import TINY
 
 SIZES = [(1, 1), (3, 3), (5, 9), (7, 7), (11, 11), (20, 20), (2, 25)]
@@ -25,7 +25,7 @@ def observations(observed, *lead):
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("name", IMAGE_LAYERS)
 def test_any_size_any_leading_dimensions_any_number_of_agents(name, size, features):
-    observed, config = Observed((3, *size), features, 4), MODELS[name]
+    observed, config = ObservationShape((3, *size), features, 4), MODELS[name]
     actor, local, team = (network(observed, config) for network in (Actor, LocalCritic, TeamCritic))
     for lead in [(1,), (7,), (2, 3), (2, 3, 5)]:
         seen = observations(observed, *lead)
@@ -37,7 +37,7 @@ def test_any_size_any_leading_dimensions_any_number_of_agents(name, size, featur
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("name", IMAGE_LAYERS)
 def test_a_team_s_networks(name, size):
-    observed, config = Observed((3, *size), 5, 4), MODELS[name]
+    observed, config = ObservationShape((3, *size), 5, 4), MODELS[name]
     actor = TeamActor(observed, 3, config)
     for lead in [(), (2,), (2, 3)]:
         seen = observations(observed.stacked(3), *lead)
@@ -48,8 +48,8 @@ def test_a_team_s_networks(name, size):
 
 
 @pytest.mark.parametrize("name", IMAGE_LAYERS)
-def test_agents_permuted_logits_and_values_permuted(name):
-    observed, order = Observed((3, 7, 7), 5, 4), torch.tensor([3, 0, 4, 2, 1])
+def test_logits_and_values_are_permuted_with_the_agents(name):
+    observed, order = ObservationShape((3, 7, 7), 5, 4), torch.tensor([3, 0, 4, 2, 1])
     image, features = observations(observed, 2, 5)
     actor = Actor(observed, MODELS[name])
     torch.testing.assert_close(actor(image[:, order], features[:, order])[0], actor(image, features)[0][:, order])
@@ -58,7 +58,7 @@ def test_agents_permuted_logits_and_values_permuted(name):
 
 
 def test_the_report_s_network_is_that_of_its_code():
-    observed = Observed((7, 20, 20), 0, 5).stacked(4)
+    observed = ObservationShape((7, 20, 20), 0, 5).stacked(4)
     encoder = Actor(observed, ModelConfig(encoder="report", conv_channels=(32, 64), hidden=128)).encoder
     shapes = {name: tuple(weight.shape) for name, weight in encoder.named_parameters() if name.endswith("weight")}
     assert shapes == {"image.0.weight": (32, 28, 8, 8), "image.2.weight": (64, 32, 4, 4), "joint.0.weight": (128, 64)}
@@ -80,7 +80,7 @@ def test_convolutions_are_padded_where_the_shorter_side_is_3_or_less(size, left)
 
 def test_the_report_s_network_has_two_convolutions():
     with pytest.raises(ValueError, match=r"conv_channels=\(16,\): the encoder 'report' has exactly two convolutions"):
-        Actor(Observed((7, 20, 20), 0, 5), ModelConfig(encoder="report"))
+        Actor(ObservationShape((7, 20, 20), 0, 5), ModelConfig(encoder="report"))
 
 
 @pytest.mark.parametrize(("side", "pooled"), [(7, 7), (11, 11), (12, 6), (20, 10), (22, 11), (24, 6), (40, 10)])
@@ -93,7 +93,9 @@ def test_only_large_images_are_pooled(side, pooled):
 @pytest.mark.parametrize("num_blocks", [0, 1, 3])
 def test_number_of_residual_blocks(num_blocks):
     config = dataclasses.replace(MODELS["residual"], num_blocks=num_blocks)
-    convolutions = [m for m in Actor(Observed((3, 7, 7), 0, 4), config).modules() if isinstance(m, torch.nn.Conv2d)]
+    convolutions = [
+        m for m in Actor(ObservationShape((3, 7, 7), 0, 4), config).modules() if isinstance(m, torch.nn.Conv2d)
+    ]
     assert len(convolutions) == 2 * (1 + 2 * num_blocks)
 
 

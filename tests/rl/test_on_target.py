@@ -92,7 +92,7 @@ def collect(config, steps=40):
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHM_NAMES)
-def test_steps_after_an_agent_has_left_teach_nothing(algorithm):
+def test_steps_after_an_agent_has_disappeared_are_not_learned_from(algorithm):
     """Whatever is in those steps, the update is the same."""
     config = on("finish", algorithm=algorithm)
     config = dataclasses.replace(config, ppo=dataclasses.replace(config.ppo, steps_per_batch=40, minibatch_size=64))
@@ -110,7 +110,7 @@ def test_steps_after_an_agent_has_left_teach_nothing(algorithm):
     torch.testing.assert_close(weights[0], weights[1], rtol=0, atol=0)
 
 
-def test_the_value_of_leaving_is_the_last_reward():
+def test_the_value_of_disappearing_is_the_last_reward():
     config = dataclasses.replace(on("finish"), ppo=dataclasses.replace(TINY.ppo, steps_per_batch=40))
     made, batch = collect(config)
     left = batch["agents", "active"] & ~batch["next", "agents", "active"]

@@ -39,7 +39,7 @@ def test_evaluate_by_name(capsys):
     assert "│ empty-8-8 │ 4 " in capsys.readouterr().out
 
 
-def test_names_are_told():
+def test_unknown_policies_list_the_known_ones():
     with pytest.raises(FileNotFoundError, match="expected the folder of a training run, or one of central-ppo, ippo"):
         load_policy("mapo")
 

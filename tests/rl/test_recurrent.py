@@ -10,7 +10,7 @@ from torchrl.modules import set_recurrent_mode
 import mapf_pz
 from mapf_pz.rl import BatchedMapfEnv, load_policy, resume, train
 from mapf_pz.rl.algorithms import ALGORITHMS
-from mapf_pz.rl.networks import Memory
+from mapf_pz.rl.networks import RecurrentCore
 from tests.helpers import small_run as tiny
 
 TINY = dataclasses.replace(
@@ -71,7 +71,7 @@ def test_the_loss_finds_the_log_probs_that_the_collector_acted_with(name, credit
         assert terms["clip_fraction"] == 0
 
 
-def test_what_was_seen_in_an_episode_changes_its_later_steps_and_no_others():
+def test_an_observation_changes_only_later_steps_of_its_episode():
     algorithm = make("mappo")
     batch = batches(algorithm, 1)[0]
     changed = batch.clone()
@@ -87,14 +87,14 @@ def test_what_was_seen_in_an_episode_changes_its_later_steps_and_no_others():
     assert not differs[..., 1:].any()
 
 
-def test_the_loss_teaches_the_memory():
+def test_the_loss_trains_the_recurrent_core():
     algorithm = make("ippo")
     batch = batches(algorithm, 1)[0]
     with torch.no_grad():
         algorithm.loss.value_estimator(batch, params=algorithm.loss.critic_network_params)
     optimizer = torch.optim.Adam(algorithm.loss.parameters(), 1e-2)
     algorithm.loss(batch)["loss_objective"].backward()
-    weights = dict(algorithm.network.memory.named_parameters())
+    weights = dict(algorithm.network.core.named_parameters())
     before = {name: weight.clone() for name, weight in weights.items()}
     optimizer.step()
     assert len(weights) == 4
@@ -102,13 +102,13 @@ def test_the_loss_teaches_the_memory():
         assert not torch.equal(weight, before[name])
     # The network that acts, and the one in the loss, go on with the new weights.
     inputs = torch.randn(2, 3, 16), torch.zeros(2, 3, 12), torch.zeros(2, 1, dtype=torch.bool)
-    fresh = Memory(16, 12)
+    fresh = RecurrentCore(16, 12)
     fresh.load_state_dict(weights)
-    torch.testing.assert_close(algorithm.network.memory(*inputs), fresh(*inputs))
+    torch.testing.assert_close(algorithm.network.core(*inputs), fresh(*inputs))
 
 
-def test_agents_permuted_memories_permuted():
-    memory, order = Memory(6, 4), torch.tensor([2, 0, 1])
+def test_hidden_states_are_permuted_with_the_agents():
+    memory, order = RecurrentCore(6, 4), torch.tensor([2, 0, 1])
     code, before, begins = torch.randn(2, 5, 3, 6), torch.randn(2, 5, 3, 4), torch.zeros(2, 5, 1, dtype=torch.bool)
     with set_recurrent_mode(True):
         after = memory(code, before, begins)
@@ -129,7 +129,7 @@ def test_training_resuming_and_acting(tmp_path, name):
     observations, _ = env.reset(seed=1)
     algorithm = ALGORITHMS[name](config)
     algorithm.network.load_state_dict(policy.network.state_dict())
-    hidden_state = torch.zeros(1, algorithm.num_memories(config), 12)
+    hidden_state = torch.zeros(1, algorithm.num_hidden_states(config), 12)
     for step in range(4):
         actions = policy.act(observations)
         seen = {
@@ -149,7 +149,7 @@ def test_training_resuming_and_acting(tmp_path, name):
         observations = env.step(actions)[0]
 
 
-def test_each_agent_has_its_own_memory_until_it_is_reset(tmp_path):
+def test_each_agent_has_a_hidden_state_until_it_is_reset(tmp_path):
     folder = train(dataclasses.replace(TINY, agent_steps=192), tmp_path)
     policy = load_policy(folder)
     first, _ = mapf_pz.parallel_env(**policy.env_kwargs, num_agents=4).reset(seed=3)

@@ -14,7 +14,7 @@ from mapf_pz.instances import RandomObstacles, SourceMixture
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.algorithms import ALGORITHMS, MAPPO
 from mapf_pz.rl.config import CuriosityConfig
-from mapf_pz.rl.observed import Observed
+from mapf_pz.rl.observation_shape import ObservationShape
 from mapf_pz.rl.train import Progress
 from tests.helpers.small_run import TINY, changed, rows, untimed
 
@@ -44,7 +44,7 @@ def test_a_run_leaves_its_files_and_a_policy_that_acts(tmp_path, algorithm):
 
 
 @pytest.mark.parametrize(("asked", "updates"), [(1, 1), (192, 1), (193, 2), (384, 2)])
-def test_a_run_is_at_least_as_long_as_asked_for(tmp_path, asked, updates):
+def test_a_run_has_at_least_the_given_agent_steps(tmp_path, asked, updates):
     config = dataclasses.replace(TINY, agent_steps=asked)
     assert (config.num_updates, config.steps_per_update) == (updates, 192)
     assert [int(row["agent_steps"]) for row in rows(train(config, tmp_path))] == [192, 384][:updates]
@@ -119,7 +119,9 @@ def test_a_refusal_names_the_bounds(change, message):
         dataclasses.replace(TINY.ppo, **change)
 
 
-@pytest.mark.parametrize("config", [TINY, TINY.task, TINY.model, TINY.ppo, TINY.curiosity, Observed((5, 3, 3), 7, 4)])
+@pytest.mark.parametrize(
+    "config", [TINY, TINY.task, TINY.model, TINY.ppo, TINY.curiosity, ObservationShape((5, 3, 3), 7, 4)]
+)
 def test_configurations_do_not_change(config):
     name = dataclasses.fields(config)[0].name
     with pytest.raises(dataclasses.FrozenInstanceError):
@@ -212,7 +214,7 @@ def test_validations_are_an_interval_apart_and_at_the_end(tmp_path):
     assert looked == [False, True, False, True, True]
 
 
-def test_an_algorithm_of_ones_own(tmp_path):
+def test_a_custom_algorithm(tmp_path):
     class Lazy(MAPPO):
         """Nobody earns anything."""
 
@@ -224,7 +226,7 @@ def test_an_algorithm_of_ones_own(tmp_path):
     load_policy(tmp_path)
 
 
-def test_a_gpu_is_left_alone_when_the_cpu_is_asked_for(tmp_path, monkeypatch):
+def test_a_gpu_is_not_used_for_device_cpu(tmp_path, monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     made = []
 
@@ -237,7 +239,7 @@ def test_a_gpu_is_left_alone_when_the_cpu_is_asked_for(tmp_path, monkeypatch):
     assert made == ["cpu"]
 
 
-def test_a_gpu_that_is_not_there_is_refused(tmp_path):
+def test_cuda_without_a_gpu_is_refused(tmp_path):
     if torch.cuda.is_available():
         pytest.skip("there is a GPU")
     with pytest.raises(ValueError, match="device='cuda': torch finds no GPU"):
@@ -310,7 +312,7 @@ def test_a_team_policy_says_how_many_agents_it_acts_for(tmp_path):
 
 
 @pytest.mark.parametrize("algorithm", ["mappo", "ippo", "central-ppo"])
-def test_all_ideas_at_once(tmp_path, algorithm):
+def test_all_ideas_combined(tmp_path, algorithm):
     task = changed(
         TINY.task,
         channels=("view", "cost_to_go", "heuristic"),

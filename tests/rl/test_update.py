@@ -12,7 +12,7 @@ from mapf_pz.rl.collect import collecting
 from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
 from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.networks import LocalCritic, TeamCritic, TeamValue
-from mapf_pz.rl.observed import Observed
+from mapf_pz.rl.observation_shape import ObservationShape
 from tests.helpers.reference_ppo import ReferencePPO, categorical, normal, recurrent_distribution
 from tests.helpers.small_run import changed
 
@@ -32,12 +32,12 @@ ALL = [
 ]
 
 
-def configured(algorithm="mappo", recurrent=0, on_target="nothing", **ppo):
+def configured(algorithm="mappo", recurrent=0, on_target="nothing", mask_actions=False, **ppo):
     return dataclasses.replace(
         SMALL,
         task=changed(SMALL.task, on_target=on_target),
         algorithm=algorithm,
-        model=dataclasses.replace(SMALL.model, recurrent=recurrent),
+        model=dataclasses.replace(SMALL.model, recurrent=recurrent, mask_actions=mask_actions),
         ppo=dataclasses.replace(SMALL.ppo, **ppo),
     )
 
@@ -55,7 +55,7 @@ def make(config):
 def make_critic(algorithm):
     """Return a copy of the algorithm's critic, as a module."""
     config = algorithm.config
-    observed = Observed.by_policy_of(config.task)
+    observed = ObservationShape.of_task(config.task)
     critics = {
         "mappo": lambda: TeamCritic(observed, config.model),
         "ippo": lambda: LocalCritic(observed, config.model),
@@ -84,7 +84,7 @@ def as_reference_batch(algorithm, batch):
     group = batch["team" if team else "agents"]
     reward = batch["next", "agents", "reward"].squeeze(-1)
     log_prob = group["action_log_prob"]
-    observed = algorithm.observed_keys()
+    observed = algorithm.observation_keys()
     done, terminated = batch["next", "done"], batch["next", "terminated"]
     active = torch.ones_like(reward, dtype=torch.bool)
     if masked(algorithm.config):  # an agent's episode ends when it leaves
@@ -95,6 +95,7 @@ def as_reference_batch(algorithm, batch):
         "observation": tuple(batch[key] for key in observed),
         "next_observation": tuple(batch["next"][key] for key in observed),
         "action": group["action"],
+        "action_mask": batch["agents", "action_mask"],
         "log_prob": log_prob.unsqueeze(-1) if one else log_prob,
         "reward": reward.mean(-1, keepdim=True) if one else reward,
         "active": active[..., :1] if one else active,
@@ -112,8 +113,13 @@ def make_reference(algorithm):
 
     def distribution(part):
         if config.model.recurrent:
-            return recurrent_distribution(actor, part["observation"], part["hidden_state"], part["is_init"])
-        return actor(*part["observation"])
+            inputs = part["observation"], part["hidden_state"], part["is_init"]
+            parameters = recurrent_distribution(actor, *inputs)
+        else:
+            parameters = actor(*part["observation"])
+        if config.model.mask_actions:
+            return (parameters[0].masked_fill(~part["action_mask"], -1e9),)
+        return parameters
 
     def log_prob_and_entropy(action, *parameters):
         found = (normal if config.algorithm == "central-ppo" else categorical)(action, *parameters)
@@ -138,26 +144,37 @@ def assert_episodes_end_within(batch, observed):
     assert differs[ended].all()  # features hold the last actions, and resets clear them
 
 
-@pytest.mark.parametrize("on_target", ["nothing", "finish"])
-@pytest.mark.parametrize("recurrent", [0, 6])
-@pytest.mark.parametrize(("name", "credit"), ALL)
-@pytest.mark.filterwarnings("error")
-def test_updates_are_those_of_the_papers(name, credit, recurrent, on_target):
-    config = configured(name, recurrent, on_target, credit=credit, max_grad_norm=0.3)
+def ratios_of_equal_updates(config):
+    """Check that updates of the algorithm and of the reference are equal; return the reference's probability ratios."""
     algorithm, batch = make(config)
-    assert batch["agents", "active"].all() == (on_target == "nothing")
-    assert_episodes_end_within(batch, algorithm.observed_keys())
+    assert batch["agents", "active"].all() == (config.task.env.on_target == "nothing")
+    assert_episodes_end_within(batch, algorithm.observation_keys())
     reference, actor, critic = make_reference(algorithm)
     learner = Learner(algorithm, config)
     for progress in (0.0, 0.25, 0.5):  # the same batch again, so that probability ratios are clipped
         torch.manual_seed(7)
         learner.learn(batch.clone(), progress)
         torch.manual_seed(7)
-        reference.update(as_reference_batch(algorithm, batch), bool(recurrent), progress)
+        reference.update(as_reference_batch(algorithm, batch), bool(config.model.recurrent), progress)
         torch.testing.assert_close(dict(algorithm.network.state_dict()), dict(actor.state_dict()), rtol=0, atol=1e-6)
         torch.testing.assert_close(critic_weights(algorithm), dict(critic.state_dict()), rtol=0, atol=1e-6)
-    clipped = (torch.cat([ratio.flatten() for ratio in reference.ratios]) - 1).abs() > config.ppo.clip_epsilon
-    assert clipped.any()
+    return torch.cat([ratio.flatten() for ratio in reference.ratios])
+
+
+@pytest.mark.parametrize("on_target", ["nothing", "finish"])
+@pytest.mark.parametrize("recurrent", [0, 6])
+@pytest.mark.parametrize(("name", "credit"), ALL)
+@pytest.mark.filterwarnings("error")
+def test_updates_are_those_of_the_papers(name, credit, recurrent, on_target):
+    config = configured(name, recurrent, on_target, credit=credit, max_grad_norm=0.3)
+    assert ((ratios_of_equal_updates(config) - 1).abs() > config.ppo.clip_epsilon).any()
+
+
+@pytest.mark.parametrize("on_target", ["nothing", "finish"])
+@pytest.mark.parametrize("recurrent", [0, 6])
+@pytest.mark.filterwarnings("error")
+def test_updates_with_action_masks_are_those_of_the_papers(recurrent, on_target):
+    ratios_of_equal_updates(configured("mappo", recurrent, on_target, mask_actions=True))
 
 
 def test_advantages_are_normalized_for_each_agent():

@@ -28,7 +28,7 @@ def assert_same(ours, theirs):
         ("affine", "sum", {"action_model": "cardinal", "view": "centered"}),
     ],
 )
-def test_the_same_episodes_as_one_after_the_other(on_target, action_mode, team_reward, keywords):
+def test_parallel_episodes_equal_sequential_ones(on_target, action_mode, team_reward, keywords):
     options = {**SMALL, "on_target": on_target, "action_mode": action_mode, "team_reward": team_reward, **keywords}
     ours = CentralizedVectorEnv(num_envs=4, **options)
     theirs = SyncVectorEnv([lambda: centralized_env(**options)] * 4)
@@ -82,7 +82,7 @@ def test_observations_are_never_reused():
     assert (first == kept).all()
 
 
-def test_what_is_refused():
+def test_invalid_arguments_are_refused():
     with pytest.raises(ValueError, match="team_reward='most': expected one of 'sum', 'mean'"):
         CentralizedVectorEnv(2, team_reward="most", **SMALL)
     with pytest.raises(ValueError, match="action_mode='best': expected one of 'argmax'"):

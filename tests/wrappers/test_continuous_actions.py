@@ -36,7 +36,7 @@ def test_the_action_space_is_one_object():
 
 
 @pytest.mark.parametrize("mode", ["argmax", "affine"])
-def test_a_row_that_is_certain_acts_as_the_action(mode):
+def test_a_certain_row_is_the_action(mode):
     env, plain = make(mode), mapf_pz.parallel_env(num_agents=3, max_steps=20)
     env.reset(seed=4)
     plain.reset(seed=4)
@@ -139,7 +139,7 @@ def test_wrong_arguments_are_refused():
         ContinuousActions(ContinuousActions(env))
 
 
-def test_what_is_inside_stays_in_reach():
+def test_attributes_of_the_wrapped_environment_are_accessible():
     env = ContinuousActions(BaseParallelWrapper(mapf_pz.parallel_env(num_agents=2, render_mode="ansi")))
     env.reset(seed=0)
     assert env.unwrapped.positions.tolist() == env.positions.tolist()

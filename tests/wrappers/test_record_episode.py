@@ -85,7 +85,7 @@ def test_how_many_agents_observations_are_kept(observed, shape):
     assert env.recording.observed.shape[1] == shape
 
 
-def test_fewer_than_none():
+def test_negative_numbers_are_refused():
     with pytest.raises(ValueError, match="observed=-1: expected 0 or more"):
         RecordEpisode(drawn(), -1)
 

@@ -9,18 +9,14 @@ from typing import TypeVar
 import numpy as np
 
 from mapf_pz.arrays import Floats, Ints
-from mapf_pz.config import WeightsName
 from mapf_pz.core.cost_tables import CostTables
 from mapf_pz.core.world import allocate
-from mapf_pz.guidance import GuidanceGraph
-from mapf_pz.instance import Instance
 from mapf_pz.planners.base import PlanFollower
 from mapf_pz.planners.lacam import schedule
 from mapf_pz.planners.lacam import search as lacam
 from mapf_pz.planners.lacam.step import allocate_scratch
 from mapf_pz.planners.problem import Path, Problem, problem_of
 from mapf_pz.planners.sipp.refine import NeighborhoodSearch, refine
-from mapf_pz.plans.plan import Plan
 from mapf_pz.simulator import Simulator
 
 MAX_BYTES = 1 << 30
@@ -66,19 +62,6 @@ class LaCAM(PlanFollower):
             search = NeighborhoodSearch(problem, self._rng)
             search.plan_all(np.arange(len(problem.goals)), math.inf)
             search.path()
-
-    def solve(
-        self,
-        instance: Instance,
-        time_limit: float = 10.0,
-        max_steps: int = 1000,
-        edge_weights: WeightsName | GuidanceGraph = "uniform",
-        distance_bytes: int | None = None,
-    ) -> Plan | None:
-        """Return a plan that brings all agents to their goals, or None if none was found. See `Planner.solve`."""
-        goals = instance.scenario.goals.reshape(-1, 2)
-        shared = len(np.unique(goals, axis=0)) < len(goals)
-        return None if shared else super().solve(instance, time_limit, max_steps, edge_weights, distance_bytes)
 
 
 def _cost_to_go(problem: Problem) -> Floats:

@@ -12,14 +12,14 @@ from mapf_pz.errors import FormatError
 from mapf_pz.instance import Instance
 from mapf_pz.io.text import read_text
 from mapf_pz.plans.files.lorr import format_lorr, parse_lorr
-from mapf_pz.plans.files.planfile import About, PlanFile, Schedule, Selection
+from mapf_pz.plans.files.planfile import PlanFile, PlanMetadata, Schedule, Selection
 from mapf_pz.plans.files.text import format_text, parse_text
 from mapf_pz.plans.files.tracker import format_tracker, parse_tracker
 from mapf_pz.plans.plan import Plan
 
 __all__ = [
-    "About",
     "PlanFile",
+    "PlanMetadata",
     "Schedule",
     "Selection",
     "check_format",
@@ -36,7 +36,7 @@ PARSERS: dict[str, Callable[[str, str | Path, Selection], PlanFile]] = {
 }
 """The parsers, by a pattern of the start of their files; the first match is used."""
 
-FORMATTERS: dict[str, Callable[[Plan, Instance, About], str]] = {
+FORMATTERS: dict[str, Callable[[Plan, Instance, PlanMetadata], str]] = {
     ".json": format_lorr,
     ".csv": format_tracker,
     ".txt": format_text,
@@ -78,22 +78,22 @@ def check_format(path: str | Path, action_model: ActionModel) -> None:
         raise ValueError(f"{path}: a tracker CSV file cannot hold headings, expected action_model='cardinal'")
 
 
-def format_plan(plan: Plan, path: str | Path, instance: Instance, about: About | None = None) -> str:
+def format_plan(plan: Plan, path: str | Path, instance: Instance, metadata: PlanMetadata | None = None) -> str:
     """Return the text of a plan file in the format of the extension; raises `ValueError` as `write_plan` does."""
     check_format(path, "cardinal" if plan.headings is None else "rotate")
-    return FORMATTERS[Path(path).suffix.lower()](plan, instance, about or About())
+    return FORMATTERS[Path(path).suffix.lower()](plan, instance, metadata or PlanMetadata())
 
 
-def write_plan(plan: Plan, path: str | Path, instance: Instance, about: About | None = None) -> None:
+def write_plan(plan: Plan, path: str | Path, instance: Instance, metadata: PlanMetadata | None = None) -> None:
     """Write a plan file: League of Robot Runners `.json`, tracker `.csv` (cardinal agents only), or `.txt`.
 
     Args:
         plan: the plan.
         path: the file.
         instance: the instance that the plan solves; lifelong instances can be written only as `.json`.
-        about: metadata, which is written if the format has fields for it.
+        metadata: metadata, which is written if the format has fields for it.
 
     Raises:
         ValueError: the file has another extension, or its format cannot hold the plan.
     """
-    Path(path).write_text(format_plan(plan, path, instance, about), "utf-8", newline="\n")
+    Path(path).write_text(format_plan(plan, path, instance, metadata), "utf-8", newline="\n")

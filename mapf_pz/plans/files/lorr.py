@@ -28,7 +28,7 @@ from mapf_pz.io.json import (
     whole_number,
 )
 from mapf_pz.plans.files.letters import TURNS, Steps, follow_steps, follow_turns, format_steps, format_turns
-from mapf_pz.plans.files.planfile import About, PlanFile, Selection, check_size
+from mapf_pz.plans.files.planfile import PlanFile, PlanMetadata, Selection, check_size
 from mapf_pz.plans.files.schedule import parse_schedule
 from mapf_pz.plans.files.ticks import expand_ticks
 from mapf_pz.plans.plan import Plan, reached
@@ -66,7 +66,7 @@ def parse_lorr(text: str, origin: str | Path, _: Selection) -> PlanFile:
     return PlanFile(plan, goals, schedule, claims)
 
 
-def format_lorr(plan: Plan, instance: Instance, _: About) -> str:
+def format_lorr(plan: Plan, instance: Instance, _: PlanMetadata) -> str:
     """Return the text of a plan file: with one task for each agent, or with a task for each of its goals (lifelong).
 
     Raises `ValueError` if the plan has another number of agents than the instance, or if it has an impossible move or

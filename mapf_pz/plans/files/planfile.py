@@ -93,10 +93,10 @@ class Selection:
 
 
 @dataclass(frozen=True)
-class About:
+class PlanMetadata:
     """Metadata that is written to a plan file if its format has fields for it."""
 
-    scenario: str = ""
+    scenario_name: str = ""
     """The scenario's name, such as `random-32-32-20-even-1`."""
     solver: str = "mapf-pz"
     """Name of the solver."""

@@ -19,7 +19,7 @@ from mapf_pz.actions import Heading
 from mapf_pz.arrays import Ints
 from mapf_pz.errors import FormatError
 from mapf_pz.instance import Instance
-from mapf_pz.plans.files.planfile import About, PlanFile, Selection, one_goal_each
+from mapf_pz.plans.files.planfile import PlanFile, PlanMetadata, Selection, one_goal_each
 from mapf_pz.plans.plan import Plan
 
 HEADINGS = {
@@ -73,18 +73,18 @@ def parse_text(text: str, origin: str | Path, _: Selection) -> PlanFile:
     return PlanFile(plan, goals=given["goals"], claims=claims)
 
 
-def format_text(plan: Plan, instance: Instance, about: About) -> str:
+def format_text(plan: Plan, instance: Instance, metadata: PlanMetadata) -> str:
     """Return the text of a result file; raises `ValueError` if agents have several goals each."""
     goals = one_goal_each(instance.scenario.goals, "text")
     names = {int(heading): f",{name}" for name, heading in HEADINGS.items()}
     header = {
         "agents": plan.num_agents,
         "map_file": f"{instance.grid.name}.map",
-        "solver": about.solver,
+        "solver": metadata.solver,
         "solved": 1,
         "soc": plan.sum_of_costs,
         "makespan": plan.makespan,
-        "comp_time": round(about.seconds * 1000),
+        "comp_time": round(metadata.seconds * 1000),
         "starts": _row(plan.positions[0], [""] * plan.num_agents),
         "goals": _row(goals, [""] * plan.num_agents),
         "solution": "",

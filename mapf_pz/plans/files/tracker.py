@@ -16,7 +16,7 @@ from typing import NamedTuple
 from mapf_pz.errors import FormatError
 from mapf_pz.instance import Instance
 from mapf_pz.plans.files.letters import follow_steps, format_steps
-from mapf_pz.plans.files.planfile import About, PlanFile, Selection, check_size, one_goal_each
+from mapf_pz.plans.files.planfile import PlanFile, PlanMetadata, Selection, check_size, one_goal_each
 from mapf_pz.plans.plan import Plan
 
 STEPS = {"u": (1, 0), "d": (-1, 0), "l": (0, -1), "r": (0, 1), "w": (0, 0)}
@@ -67,7 +67,7 @@ def parse_tracker(text: str, origin: str | Path, selection: Selection) -> PlanFi
     return PlanFile(follow_steps(selection.scenario.starts[:count], letters, STEPS), claims=_claims(row))
 
 
-def format_tracker(plan: Plan, instance: Instance, about: About) -> str:
+def format_tracker(plan: Plan, instance: Instance, metadata: PlanMetadata) -> str:
     """Return the text of a tracker CSV file for cardinal agents.
 
     Raises `ValueError` if agents have several goals each, or if the plan has an impossible move.
@@ -75,7 +75,7 @@ def format_tracker(plan: Plan, instance: Instance, about: About) -> str:
     one_goal_each(instance.scenario.goals, "tracker CSV")
     if re.search(r'[",\r\n]', instance.grid.name):
         raise ValueError(f"map name {instance.grid.name!r}: a tracker CSV file cannot hold this name")
-    named = _SCENARIO.fullmatch(about.scenario)
+    named = _SCENARIO.fullmatch(metadata.scenario_name)
     kind, number = (named[2], named[3]) if named else ("", "")
     waits = re.compile("w+$")
     letters = "\n".join(waits.sub("", word) for word in format_steps(plan, STEPS))

@@ -9,7 +9,7 @@ from mapf_pz.rl.config import TaskConfig
 
 
 @dataclass(frozen=True)
-class Observed:
+class ObservationShape:
     """Shapes of one agent's observation and the number of its actions."""
 
     image: tuple[int, int, int]
@@ -20,12 +20,12 @@ class Observed:
     """A, the number of actions."""
 
     @classmethod
-    def by_policy_of(cls, task: TaskConfig) -> Observed:
+    def of_task(cls, task: TaskConfig) -> ObservationShape:
         """Return the shapes for a task."""
         layout = ObservationLayout(task.env, task.env.view_size)
         return cls(layout.image_shape, layout.num_features, layout.num_actions)
 
-    def stacked(self, number: int) -> Observed:
+    def stacked(self, number: int) -> ObservationShape:
         """Return the shapes of `number` concatenated observations."""
         channels, height, width = self.image
-        return Observed((number * channels, height, width), number * self.features, self.actions)
+        return ObservationShape((number * channels, height, width), number * self.features, self.actions)
