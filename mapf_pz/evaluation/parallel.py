@@ -20,8 +20,18 @@ RAY = "ray"
 
 def run_jobs(function: Callable[[Job], Result], items: Sequence[Job], jobs: int | str) -> Iterator[Result]:
     """Yield the result of `function` for each item, in the order of completion: see `job_runner`."""
+    _check(jobs)
+    return _run_all(function, items, jobs) if items else iter(())
+
+
+def _run_all(function: Callable[[Job], Result], items: Sequence[Job], jobs: int | str) -> Iterator[Result]:
     with job_runner(jobs) as run:
         yield from run(function, items)
+
+
+def _check(jobs: int | str) -> None:
+    if jobs != RAY and (not isinstance(jobs, int) or jobs < 1):
+        raise ValueError(f"jobs={jobs!r}: expected a number of processes, 1 or more, or 'ray'")
 
 
 class RunJobs(Protocol):
@@ -42,17 +52,16 @@ def job_runner(jobs: int | str) -> Generator[RunJobs]:
 
     Raises `ValueError` for other values of `jobs`, and `ImportError` if Ray is not installed.
     """
+    _check(jobs)
     if jobs == RAY:
         with _ray():
             yield _on_ray
         return
-    if not isinstance(jobs, int) or jobs < 1:
-        raise ValueError(f"jobs={jobs!r}: expected a number of processes, 1 or more, or 'ray'")
     if jobs == 1:
         yield map
         return
     existing = set(active_children())
-    with ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_start_process) as pool:
+    with ProcessPoolExecutor(int(jobs), get_context("spawn"), initializer=_start_process) as pool:
         try:
             yield partial(_in_processes, pool)
         except BaseException:  # otherwise running jobs would be waited for

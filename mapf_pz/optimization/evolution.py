@@ -1,4 +1,4 @@
-"""`evolution`: a population of graphs, each of which evolves by the feedback rule with parameters of its own."""
+"""`evolution`: a population of graphs, which improve by the feedback rule while its parameters evolve."""
 
 from __future__ import annotations
 

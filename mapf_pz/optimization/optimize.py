@@ -94,7 +94,7 @@ def baselines(task: GuidanceTask) -> list[Candidate]:
 
 
 def _improve(search: Search, config: OptimizeConfig, folder: OptimizationFolder | None) -> None:
-    """Run the methods one after another, for equal shares of the time."""
+    """Run the methods in sequence, for equal shares of the time."""
     names = config.method.split("+")
     for number, name in enumerate(names, 1):
         search.method = name

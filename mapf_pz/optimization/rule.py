@@ -28,9 +28,9 @@ class FeedbackRule:
     """Repeated simulation, in which edges become cheaper in the direction in which they are used more.
 
     After an episode with `U` moves over an edge and `U'` over the opposite one, the running means move by `rate`
-    towards `(U - U') / (U + U' + prior)`, and likewise for waiting and flow. The logarithm of an edge's weight is
+    toward `(U - U') / (U + U' + prior)`, and likewise for waiting and flow. The logarithm of an edge's weight is
     `-direction_gain / 2 * direction + waiting_gain * waiting + flow_gain * flow`, the latter two of the cell that it
-    leaves. The two directions of a passage thus separate by themselves, and agents avoid crowded cells.
+    leaves. The two directions of a passage separate by themselves, and agents avoid crowded cells.
     """
 
     direction_gain: float = 1.3

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from mapf_pz.config import EnvConfig
 from mapf_pz.guidance import GuidanceGraph
@@ -35,7 +36,7 @@ class GuidanceTask:
         if make_source(self.env).grid is None:
             raise ValueError("a guidance graph belongs to one map: expected episodes that share one")
 
-    @property
+    @cached_property
     def grid(self) -> Grid:
         """The map."""
         grid = make_source(self.env).grid

@@ -122,7 +122,7 @@ def _neighbors(values: Floats, turn: int) -> Floats:
 def piu(search: Search, share: float = 1.0, model: UpdateModel | None = None) -> UpdateModel:
     """Train a model until `share` of the time budget is spent, from `model` if given; return the best one.
 
-    The score of a model is the best score of the graphs that it makes from uniform weights, one after another.
+    The score of a model is the best score of the graphs that it makes in sequence, from uniform weights on.
     """
     start = UpdateModel.initial() if model is None else model
     deviations = np.full(NUM_PARAMETERS, NETWORK_DEVIATION)
