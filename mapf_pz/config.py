@@ -18,7 +18,7 @@ from mapf_pz.arrays import Bools
 from mapf_pz.core.observation.channels import CHANNELS, Channel, channel_of
 from mapf_pz.core.observation.features import Feature, feature_of
 from mapf_pz.core.reward import REWARDS, RewardConfig
-from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.guidance.library import EdgeWeights, check_edge_weights
 from mapf_pz.instance import Grid, InstanceSource, Scenario
 from mapf_pz.plugins import import_object
 from mapf_pz.transition import Transition
@@ -33,13 +33,12 @@ View = Literal["front", "centered"]
 Frame = Literal["egocentric", "map"]
 RewardFunction = Callable[[Transition], ArrayLike]
 RenderMode = Literal["human", "rgb_array", "ansi"]
-WeightsName = Literal["uniform", "random", "crisscross"]
 HeadingName = Literal["random", "east"]
 DEFAULT_MAP = "empty-8-8"
 """The map if no map, scenario or source is given."""
 DEFAULT_NUM_AGENTS = 4
 """The number of agents if nothing else determines it."""
-_OBJECT_ALLOWED = ("edge_weights", "initial_heading")  # fields that need not be a name
+_OBJECT_ALLOWED = ("initial_heading",)  # fields that need not be a name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,8 +93,9 @@ class EnvConfig:
     """Number of nearest other agents whose observations are appended to each agent's own, nearest first."""
     neighbor_radius: int = 8
     """Maximum distance of these neighbors, in rows and in columns."""
-    edge_weights: WeightsName | GuidanceGraph = "uniform"
-    """Guidance graph, or the name of a generator; `random` samples new weights in every episode."""
+    edge_weights: EdgeWeights = "uniform"
+    """Guidance graph: `uniform`, `crisscross`, `random` (sampled in every episode), the name of a bundled graph, the
+    path of a file for the map (`.json`, `.csv`, `.w`, `.npz`), or a `GuidanceGraph`."""
     reward: str | RewardConfig | RewardFunction = "report"
     """Reward: `report`, `progress`, a `RewardConfig`, a function from a `Transition` to rewards (B, N), or the
     `package.module:name` of such an object."""
@@ -147,7 +147,6 @@ class EnvConfig:
             "view": (*get_args(View), None),
             "frame": (*get_args(Frame), None),
             "render_mode": (*get_args(RenderMode), None),
-            "edge_weights": get_args(WeightsName),
             "initial_heading": get_args(HeadingName),
         }
         for name, allowed in choices.items():
@@ -156,9 +155,7 @@ class EnvConfig:
                 raise ValueError(f"{name}={_shown(value)}: expected one of {', '.join(map(repr, allowed))}")
             if (value is None or isinstance(value, str)) and value not in allowed:
                 raise ValueError(f"{name}={_shown(value)}: expected one of {', '.join(map(repr, allowed))}")
-        graph: Any = self.edge_weights
-        if not isinstance(graph, (str, GuidanceGraph)):
-            raise ValueError(f"edge_weights={_shown(graph)}: expected a name or a GuidanceGraph")
+        check_edge_weights(self.edge_weights)
         _ = self._resolved_reward  # raises ValueError
 
     def _check_source(self, source: object) -> None:
