@@ -160,5 +160,5 @@ def _common_graph(weights: EdgeWeights, source: InstanceSource) -> GuidanceGraph
         # These do not depend on obstacles; edges into them are blocked when a map is laid out.
         return guidance_graph(weights, Grid(np.ones(source.shape, np.bool_)))
     if source.grid is None:
-        raise ValueError(f"edge_weights={str(weights)!r}: expected weights for any map, since the episodes' maps differ")
+        raise ValueError(f"edge_weights={str(weights)!r}: a file is for one map, but the maps of the episodes differ")
     return guidance_graph(weights, source.grid)

@@ -10,6 +10,12 @@ from mapf_pz.actions import Heading
 from mapf_pz.arrays import Bools, EqualByValue, Floats, Ints, frozen
 from mapf_pz.guidance.edges import of_target, open_edges, opposite_edges
 
+LOW, HIGH = 0.1, 1.0
+"""Default range of random weights."""
+ALONG, AGAINST = 0.5, 1.0
+"""Default weights of moves along a direction, and of other moves."""
+CONTRAFLOW, CONGESTION = 1.0, 1.0
+"""Default weights of the terms of `GuidanceGraph.traffic`."""
 ARROWS = {">": Heading.EAST, "v": Heading.SOUTH, "<": Heading.WEST, "^": Heading.NORTH}
 """Characters of directions in drawings of highways."""
 NO_ARROW = ".@T"
@@ -59,13 +65,13 @@ class GuidanceGraph(EqualByValue):
         return cls(np.where(open_edges(free), 1, np.inf), np.ones(free.shape))
 
     @classmethod
-    def random(cls, free: Bools, rng: np.random.Generator, low: float = 0.1, high: float = 1.0) -> GuidanceGraph:
+    def random(cls, free: Bools, rng: np.random.Generator, low: float = LOW, high: float = HIGH) -> GuidanceGraph:
         """Sample every weight uniformly between `low` and `high`, as in the report's test."""
         move = rng.uniform(low, high, (4, *free.shape))
         return cls(np.where(open_edges(free), move, np.inf), rng.uniform(low, high, free.shape))
 
     @classmethod
-    def crisscross(cls, free: Bools, along: float = 0.5, against: float = 1.0) -> GuidanceGraph:
+    def crisscross(cls, free: Bools, along: float = ALONG, against: float = AGAINST) -> GuidanceGraph:
         """Return alternating directions: even rows lead east, odd rows west, even columns north, odd columns south.
 
         Moves in the direction of their row or column cost `along`, other moves `against`, and waiting 1. This is the
@@ -80,7 +86,7 @@ class GuidanceGraph(EqualByValue):
         return cls(np.where(open_edges(free), move, np.inf), np.ones(free.shape))
 
     @classmethod
-    def highway(cls, free: Bools, arrows: str, along: float = 0.5, against: float = 1.0) -> GuidanceGraph:
+    def highway(cls, free: Bools, arrows: str, along: float = ALONG, against: float = AGAINST) -> GuidanceGraph:
         """Return a graph of highways, which are drawn with arrows.
 
         From a cell with an arrow, the move in its direction costs `along` and the other moves `against`. All other
@@ -105,7 +111,7 @@ class GuidanceGraph(EqualByValue):
 
     @classmethod
     def traffic(
-        cls, free: Bools, moves: Ints | Floats, contraflow: float = 1.0, congestion: float = 1.0
+        cls, free: Bools, moves: Ints | Floats, contraflow: float = CONTRAFLOW, congestion: float = CONGESTION
     ) -> GuidanceGraph:
         """Return a graph in which moves against the traffic, and moves into busy cells, cost more.
 

@@ -34,7 +34,7 @@ def layout_rows(data: JsonObject, origin: str | Path) -> list[str]:
     allowed = re.compile(f"[{PASSABLE}{BLOCKED}]+")
     for number, row in enumerate(rows):
         if not isinstance(row, str) or not allowed.fullmatch(row):
-            expected = f"expected row {number} of 'layout' to be text of {PASSABLE}{BLOCKED}"
+            expected = f"expected row {number} of 'layout' to consist of {PASSABLE}{BLOCKED}"
             raise FormatError(origin, f"{expected}, got {shortened(row)}")
         if len(row) != len(rows[0]):
             raise FormatError(origin, f"expected {len(rows[0])} cells in row {number} of 'layout', got {len(row)}")

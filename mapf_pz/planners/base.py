@@ -12,9 +12,9 @@ import numpy as np
 
 from mapf_pz.actions import Action, CardinalAction
 from mapf_pz.arrays import Ints
-from mapf_pz.config import ActionModel, EnvConfig, WeightsName
+from mapf_pz.config import ActionModel, EnvConfig
 from mapf_pz.environment import MapfEnv
-from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.guidance.library import EdgeWeights
 from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances.sources import InstanceList
 from mapf_pz.planners.problem import Path, Problem, problem_of
@@ -91,7 +91,7 @@ class Planner(ABC):
                 cardinal agents.
             time_limit: time limit in seconds, which excludes the compilation of kernels.
             max_steps: maximum number of steps of the plan.
-            edge_weights: the guidance graph.
+            edge_weights: the guidance graph, as in `EnvConfig`.
             distance_bytes: maximum memory for cost-to-go tables, as in `EnvConfig`.
         """
         self.compile(action_model_of(instance))

@@ -51,6 +51,7 @@ def write(graph: GuidanceGraph, path: str | Path, grid: Grid) -> None:
     too_large = np.isfinite(weights) & (weights >= BLOCKED_EDGE)
     if too_large.any():
         largest = weights[too_large].max()
-        raise ValueError(f"{path}: expected weights less than {BLOCKED_EDGE}, a blocked edge in .w files, got {largest:g}")
+        expected = f"expected weights less than {BLOCKED_EDGE}, which is a blocked edge in .w files"
+        raise ValueError(f"{path}: {expected}, got {largest:g}")
     content = json.dumps(as_numbers(np.where(np.isinf(weights), np.float32(BLOCKED_EDGE), weights)))
     write_whole(Path(path), content.encode())
