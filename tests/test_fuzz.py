@@ -88,7 +88,7 @@ SUITE = {
     ],
 }
 EPISODES = f'{",".join(COLUMNS)}\na,"b,c",1,0,1,0.5,{"," * 10}2\nüä,b,2,1,{"," * 10}1e-3,7,0.25\n'.encode()
-GGO = {"layout": ["......", "...@@@"], "optimize_wait": False, "weights": [1, *[0.5] * 19, -1, *[2.5e1] * 2]}
+GGO = {"layout": ["......", "...@@@"], "optimize_wait": False, "weights": [1, *[0.5] * 17, -1, *[2.5e1] * 2]}
 GGO_CSV = b"""id,type,x,y,weight_to_RIGHT,weight_to_UP,weight_to_LEFT,weight_to_DOWN,weight_for_WAIT
 0,.,0,0,1.5,inf,inf,inf,2
 1,w,0,1,inf,inf,3e0,inf,1
@@ -268,10 +268,11 @@ def test_no_path_in_a_suite_leaves_its_folder(folders, monkeypatch, name, with_b
     if with_benchmark:
         monkeypatch.setenv("MAPF_PZ_BENCHMARK", str(folder))
     told = name.replace("{outside}", str(outside))
-    suffixes = {"map": ".map", "pogema": ".mapf.json", "lorr": ".json", "scenarios": ".scen"}
+    suffixes = {"map": ".map", "pogema": ".mapf.json", "lorr": ".json", "scenarios": ".scen", "edge_weights": ".csv"}
     for member, suffix in suffixes.items():
         file = told.replace(".map", suffix)
-        entry = {"map": "empty-8-8", member: [file]} if member == "scenarios" else {member: file}
+        of_map = {"scenarios": {member: [file]}, "edge_weights": {"env": {member: file}}}
+        entry = {"map": "empty-8-8"} | of_map[member] if member in of_map else {member: file}
         content = as_json({"tasks": [entry | ({} if member == "lorr" else {"num_agents": 1})]})
         read = Case({"mine.json": content}, lambda folder: load_suite(folder / "mine.json")).written(folder)
         refused(read, "in the folder of the JSON" if name in OUTSIDE else None)
