@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 ActionModel = Literal["rotate", "cardinal"]
 CollisionSystem = Literal["soft", "priority", "block_both"]
 OnTarget = Literal["nothing", "finish", "restart"]
+Goals = Literal["uniform", "alternating"]
 View = Literal["front", "centered"]
 Frame = Literal["egocentric", "map"]
 RewardFunction = Callable[[Transition], ArrayLike]
@@ -49,8 +50,8 @@ class EnvConfig:
     """
 
     map: str | Path | Bools | Grid | None = None
-    """A map's name, the path of a `.map` file, a map drawn as text, or a bool array (True = free). Default:
-    `empty-8-8`."""
+    """A map's name, the path of a `.map` file or of a `.json` map of GGO, a map drawn as text, or a bool array (True =
+    free). Default: `empty-8-8`."""
     scenario: str | Path | Scenario | tuple[str | Path, ...] | None = None
     """Starts and goals: a `.scen` file, a `Scenario`, or a problem file that names its own map, `.json` (League of
     Robot Runners) or `.mapf.json` and `.lmapf.json` (POGEMA). With several files, each episode samples one of them.
@@ -68,6 +69,9 @@ class EnvConfig:
     on_target: OnTarget = "nothing"
     """What happens to an agent at its goal: it stays (`nothing`), disappears (`finish`) or gets a new goal (`restart`).
     The names are POGEMA's."""
+    goals: Goals = "uniform"
+    """Sampled goals: `uniform` on the free cells, or `alternating` between the workstations and the endpoints of a
+    warehouse, whose map is a `.json` file of GGO or a `.map` file with `E` and `S`; with `on_target='restart'` only."""
     view_size: tuple[int, int] = (5, 5)
     """Height and width of each agent's view in cells, at most the map's size."""
     view: View | None = None
@@ -133,6 +137,10 @@ class EnvConfig:
                 _check_whole(name, getattr(self, name), least=1)
         if self.resolved_source is not None:
             self._check_source(self.resolved_source)
+        if self.goals == "alternating" and self.on_target != "restart":
+            raise ValueError("goals='alternating': allowed only with on_target='restart'")
+        if self.goals == "alternating" and (self.scenario is not None or self.source is not None):
+            raise ValueError("goals='alternating': not allowed together with scenario or source, which determine goals")
         view, frame = self.resolved_view, self.resolved_frame
         if self.action_model == "cardinal" and (view, frame) != ("centered", "map"):
             raise ValueError("action_model='cardinal': agents have no front, so view='centered' and frame='map' only")
@@ -144,6 +152,7 @@ class EnvConfig:
             "action_model": get_args(ActionModel),
             "collision_system": get_args(CollisionSystem),
             "on_target": get_args(OnTarget),
+            "goals": get_args(Goals),
             "view": (*get_args(View), None),
             "frame": (*get_args(Frame), None),
             "render_mode": (*get_args(RenderMode), None),

@@ -36,7 +36,7 @@ class TaskEntry:
     """
 
     map: str | None = None
-    """Name of a map, or path of a `.map` file. Starts and goals are random unless there are `scenarios`."""
+    """Name of a map, or path of a `.map` or `.json` file. Starts and goals are random unless there are `scenarios`."""
     scenarios: list[str] | None = None
     """Names or `.scen` files of scenarios, one for each episode; names such as `random-1` are relative to the map."""
     random: list[float] | None = None
@@ -188,9 +188,11 @@ _ENV_KEYWORDS = [
 def _of_map(entry: TaskEntry, num_agents: int, folder: Path) -> EvaluationTask:
     """Return a task on one map, with random instances or scenarios."""
     name = cast("str", entry.map)
-    grid = load_map(_find(name, "map", folder) if name.endswith(".map") else name)
+    map = _find(name, "map", folder) if name.endswith((".map", ".json")) else name
+    grid = load_map(map)
     if entry.scenarios is None:
-        return _task(entry, grid.name, num_agents, {"map": grid, "num_agents": num_agents})
+        keywords = {"map": map if "goals" in entry.env else grid, "num_agents": num_agents}
+        return _task(entry, grid.name, num_agents, keywords)
     instances: list[Instance] = []
     for name in entry.scenarios:
         source = _find(name, "scenarios", folder) if name.endswith(".scen") else f"{grid.name}-{name}"

@@ -81,7 +81,7 @@ class Planner(ABC):
         instance: Instance,
         time_limit: float = 10.0,
         max_steps: int = 1000,
-        edge_weights: WeightsName | GuidanceGraph = "uniform",
+        edge_weights: EdgeWeights = "uniform",
         distance_bytes: int | None = None,
     ) -> Plan | None:
         """Return a plan that brings all agents to their goals, or None if none was found.
@@ -195,7 +195,7 @@ def action_model_of(instance: Instance) -> ActionModel:
 def simulator_of(
     instance: Instance,
     max_steps: int,
-    edge_weights: WeightsName | GuidanceGraph,
+    edge_weights: EdgeWeights,
     seed: int,
     distance_bytes: int | None = None,
 ) -> Simulator:

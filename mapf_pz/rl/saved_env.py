@@ -25,6 +25,7 @@ from mapf_pz.guidance.library import guidance_graph, is_guidance_file
 from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances.configured import make_source
 from mapf_pz.instances.sources import FixedMap, FixedScenario, InstanceList, SourceMixture
+from mapf_pz.instances.warehouse import WarehouseTasks
 
 OBJECT_FIELDS = ("map", "scenario", "edge_weights", "source")
 """The fields of `EnvConfig` that may hold an object, which is saved in a separate file."""
@@ -32,7 +33,10 @@ PART_FIELDS = ("channels", "features", "reward")
 """The fields of `EnvConfig` that may name user-defined parts."""
 _TYPES = {
     kind.__name__: kind
-    for kind in (GuidanceGraph, Grid, Scenario, Instance, FixedMap, FixedScenario, InstanceList, SourceMixture)
+    for kind in (
+        *(GuidanceGraph, Grid, Scenario, Instance),
+        *(FixedMap, FixedScenario, InstanceList, SourceMixture, WarehouseTasks),
+    )
 }
 _DAMAGE = (
     *(SafetensorError, OSError, ValueError, TypeError, LookupError, AttributeError),
