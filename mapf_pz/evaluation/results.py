@@ -111,7 +111,8 @@ def _description(task: EvaluationTask) -> dict[str, Any]:
     """Return the settings that must be equal for episodes to be comparable; the number of episodes may differ."""
     excluded = ("map", "source", "distance_bytes")  # in the digest; the last one does not affect episodes
     keywords = {name: repr(value) for name, value in sorted(task.keywords.items()) if name not in excluded}
-    if is_guidance_file(weights := task.keywords.get("edge_weights")):
+    weights = task.keywords.get("edge_weights")
+    if is_guidance_file(weights):
         keywords["edge_weights"] = sha256(read_bytes(weights)).hexdigest()
     return {"task": task.label, "seed": task.seed, "keywords": keywords, "instances": _digest(task)}
 

@@ -98,7 +98,8 @@ def _tasks(data: Any, number: int, file: Path) -> list[EvaluationTask]:
     make = next(make for kind, make in _KINDS.items() if getattr(entry, kind) is not None)
     counts = entry.num_agents if isinstance(entry.num_agents, list) else [entry.num_agents or 0]
     try:
-        if is_guidance_file(weights := entry.env.get("edge_weights")):
+        weights = entry.env.get("edge_weights")
+        if is_guidance_file(weights):
             entry = replace(entry, env=entry.env | {"edge_weights": _find(weights, "edge_weights", file.parent)})
         return [make(entry, count, file.parent) for count in counts]
     except FormatError:

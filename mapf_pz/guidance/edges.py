@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapf_pz.actions import HEADING_STEPS, Heading
-from mapf_pz.arrays import Bools, Floats, Ints
+from mapf_pz.arrays import Bools, Floats, Ints, Scalar
 
 
 def open_edges(free: Bools) -> Bools:
@@ -33,7 +34,7 @@ def count_moves(positions: Ints, shape: tuple[int, int]) -> Ints:
     return counts
 
 
-def of_target(values: Bools | Floats) -> Bools | Floats:
+def of_target(values: NDArray[Scalar]) -> NDArray[Scalar]:
     """Return (4, H, W): the entry of `values` (H, W) at the cell that each move leads to; 0 off the map."""
     height, width = values.shape
     padded = np.zeros((height + 2, width + 2), values.dtype)

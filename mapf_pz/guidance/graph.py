@@ -78,7 +78,7 @@ class GuidanceGraph(EqualByValue):
         baseline of Zhang et al., *Guidance Graph Optimization for Lifelong MAPF*, IJCAI 2024.
         """
         rows, cols = np.indices(free.shape)
-        move = np.full((4, *free.shape), against)
+        move = np.full((4, *free.shape), against, np.float64)
         move[Heading.EAST, rows % 2 == 0] = along
         move[Heading.WEST, rows % 2 == 1] = along
         move[Heading.NORTH, cols % 2 == 0] = along

@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 from reprlib import repr as shortened
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -24,7 +24,7 @@ def guidance_names() -> list[str]:
     return sorted(file.stem for file in _bundled().glob("*.npz"))
 
 
-def is_guidance_file(weights: object) -> bool:
+def is_guidance_file(weights: object) -> TypeGuard[str | Path]:
     """Return whether `weights` is the path of a file: a `Path`, or text that ends in one of `FORMATS`."""
     return isinstance(weights, Path) or (isinstance(weights, str) and weights.endswith(tuple(FORMATS)))
 

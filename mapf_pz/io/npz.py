@@ -7,8 +7,9 @@ import math
 import re
 import zipfile
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,7 +27,7 @@ _HEADER = re.compile(
 _DAMAGE = (zipfile.BadZipFile, zlib.error, ValueError, LookupError, EOFError, OSError, RuntimeError, TypeError)
 
 
-def read_npz(path: str | Path, names: Iterable[str]) -> dict[str, NDArray[np.generic]]:
+def read_npz(path: str | Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
     """Return the arrays of these names, of booleans, numbers or text.
 
     Raises:
@@ -42,14 +43,17 @@ def read_npz(path: str | Path, names: Iterable[str]) -> dict[str, NDArray[np.gen
         raise FormatError(path, f"expected an .npz file with the arrays {', '.join(names)}: {reason}") from None
 
 
-def write_npz(path: str | Path, **arrays: ArrayLike) -> None:
+def write_npz(path: str | Path, arrays: Mapping[str, ArrayLike]) -> None:
     """Write arrays by name; the file is replaced atomically."""
     buffer = io.BytesIO()
-    np.savez_compressed(buffer, **{name: np.asarray(array) for name, array in arrays.items()})
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w") as member:
+                np.lib.format.write_array(member, np.asarray(array), allow_pickle=False)
     write_whole(Path(path), buffer.getvalue())
 
 
-def _array(archive: zipfile.ZipFile, name: str) -> NDArray[np.generic]:
+def _array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
     """Return an array, after checking its size and its header without evaluating it; raises one of `_DAMAGE`."""
     member = archive.getinfo(f"{name}.npy")
     if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) or member.file_size > MAX_ARRAY_BYTES:

@@ -13,6 +13,7 @@ from mapf_pz.config import EnvConfig
 from mapf_pz.evaluation import load_suite
 from mapf_pz.instance import Grid
 from mapf_pz.instances import WarehouseTasks, load_map, load_warehouse
+from mapf_pz.planners import PIBT
 
 LAYOUT = ["w.eee", "..@@e", "w.eee"]
 STATIONS = [[0, 0], [2, 0]]
@@ -107,11 +108,11 @@ KEYWORDS = {"num_agents": 3, "goals": "alternating", "on_target": "restart", "vi
 @pytest.mark.parametrize("name", ["depot.json", "depot.map"])
 def test_an_environment_with_alternating_goals(files, name):
     env = mapf_pz.parallel_env(map=files / name, max_steps=60, **KEYWORDS)
-    env.reset(seed=1)
-    rng = np.random.default_rng(0)
+    observations, _ = env.reset(seed=1)
+    planner = PIBT(env)
     goals = [env.simulator.goals(0)]
     while env.agents:
-        env.step({agent: int(rng.integers(4)) for agent in env.agents})
+        observations = env.step(planner.act(observations))[0]
         goals.append(env.simulator.goals(0))
     stations = kinds(np.array(goals))
     new = (np.diff(goals, axis=0) != 0).any(axis=2)

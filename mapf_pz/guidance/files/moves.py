@@ -32,4 +32,4 @@ def load_moves(path: str | Path, grid: Grid) -> Floats:
 
 def save_moves(moves: Ints | Floats, path: str | Path) -> None:
     """Write how often agents left each cell, (4, H, W), such as `count_moves` returns, to an `.npz` file."""
-    write_npz(path, moves=moves)
+    write_npz(path, {"moves": moves})

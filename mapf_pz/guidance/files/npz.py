@@ -34,7 +34,7 @@ def read(path: str | Path, grid: Grid | None) -> GuidanceGraph:
 
 def write(graph: GuidanceGraph, path: str | Path, grid: Grid) -> None:
     """Write a graph of the map `grid`."""
-    write_npz(path, move=graph.move, wait=graph.wait, map=grid.name, digest=map_digest(grid.free))
+    write_npz(path, {"move": graph.move, "wait": graph.wait, "map": grid.name, "digest": map_digest(grid.free)})
 
 
 def map_digest(free: Bools) -> str:
