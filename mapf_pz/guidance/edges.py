@@ -15,8 +15,13 @@ def open_edges(free: Bools) -> Bools:
 
 
 def opposite_edges(weights: Floats) -> Floats:
-    """Return the weight of each edge's opposite, (4, H, W), given the weights (4, H, W); 0 off the map."""
-    return np.stack([of_target(weights[(heading + 2) % 4])[heading] for heading in Heading])
+    """Return for each edge (4, H, W) the weight of the edge in the opposite direction; 0 outside the map."""
+    values = np.zeros_like(weights)
+    values[Heading.EAST, :, :-1] = weights[Heading.WEST, :, 1:]
+    values[Heading.SOUTH, :-1] = weights[Heading.NORTH, 1:]
+    values[Heading.WEST, :, 1:] = weights[Heading.EAST, :, :-1]
+    values[Heading.NORTH, 1:] = weights[Heading.SOUTH, :-1]
+    return values
 
 
 def count_moves(positions: Ints, shape: tuple[int, int]) -> Ints:
