@@ -100,7 +100,7 @@ def _tasks(data: Any, number: int, file: Path) -> list[EvaluationTask]:
     try:
         weights = entry.env.get("edge_weights")
         if is_guidance_file(weights):
-            entry = replace(entry, env=entry.env | {"edge_weights": _find(weights, "edge_weights", file.parent)})
+            entry = replace(entry, env=entry.env | {"edge_weights": _find(str(weights), "edge_weights", file.parent)})
         return [make(entry, count, file.parent) for count in counts]
     except FormatError:
         raise
