@@ -18,7 +18,7 @@ from mapf_pz.arrays import Bools
 from mapf_pz.core.observation.channels import CHANNELS, Channel, channel_of
 from mapf_pz.core.observation.features import Feature, feature_of
 from mapf_pz.core.reward import REWARDS, RewardConfig
-from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.guidance.library import EdgeWeights, check_edge_weights
 from mapf_pz.instance import Grid, InstanceSource, Scenario
 from mapf_pz.plugins import import_object
 from mapf_pz.transition import Transition
@@ -29,17 +29,17 @@ if TYPE_CHECKING:
 ActionModel = Literal["rotate", "cardinal"]
 CollisionSystem = Literal["soft", "priority", "block_both"]
 OnTarget = Literal["nothing", "finish", "restart"]
+Goals = Literal["uniform", "alternating"]
 View = Literal["front", "centered"]
 Frame = Literal["egocentric", "map"]
 RewardFunction = Callable[[Transition], ArrayLike]
 RenderMode = Literal["human", "rgb_array", "ansi"]
-WeightsName = Literal["uniform", "random", "crisscross"]
 HeadingName = Literal["random", "east"]
 DEFAULT_MAP = "empty-8-8"
 """The map if no map, scenario or source is given."""
 DEFAULT_NUM_AGENTS = 4
 """The number of agents if nothing else determines it."""
-_OBJECT_ALLOWED = ("edge_weights", "initial_heading")  # fields that need not be a name
+_OBJECT_ALLOWED = ("initial_heading",)  # fields that need not be a name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,8 +50,8 @@ class EnvConfig:
     """
 
     map: str | Path | Bools | Grid | None = None
-    """A map's name, the path of a `.map` file, a map drawn as text, or a bool array (True = free). Default:
-    `empty-8-8`."""
+    """A map's name, the path of a `.map` file or of a `.json` map of GGO, a map drawn as text, or a bool array (True =
+    free). Default: `empty-8-8`."""
     scenario: str | Path | Scenario | tuple[str | Path, ...] | None = None
     """Starts and goals: a `.scen` file, a `Scenario`, or a problem file that names its own map, `.json` (League of
     Robot Runners) or `.mapf.json` and `.lmapf.json` (POGEMA). With several files, each episode samples one of them.
@@ -69,6 +69,9 @@ class EnvConfig:
     on_target: OnTarget = "nothing"
     """What happens to an agent at its goal: it stays (`nothing`), disappears (`finish`) or gets a new goal (`restart`).
     The names are POGEMA's."""
+    goals: Goals = "uniform"
+    """Sampled goals: `uniform` on the free cells, or `alternating` between the workstations and the endpoints of a
+    warehouse, whose map is a `.json` file of GGO or a `.map` file with `E` and `S`; with `on_target='restart'` only."""
     view_size: tuple[int, int] = (5, 5)
     """Height and width of each agent's view in cells, at most the map's size."""
     view: View | None = None
@@ -94,8 +97,9 @@ class EnvConfig:
     """Number of nearest other agents whose observations are appended to each agent's own, nearest first."""
     neighbor_radius: int = 8
     """Maximum distance of these neighbors, in rows and in columns."""
-    edge_weights: WeightsName | GuidanceGraph = "uniform"
-    """Guidance graph, or the name of a generator; `random` samples new weights in every episode."""
+    edge_weights: EdgeWeights = "uniform"
+    """Guidance graph: `uniform`, `crisscross`, `random` (sampled in every episode), the name of a bundled graph, the
+    path of a file for the map (`.json`, `.csv`, `.w`, `.npz`), or a `GuidanceGraph`."""
     reward: str | RewardConfig | RewardFunction = "report"
     """Reward: `report`, `progress`, a `RewardConfig`, a function from a `Transition` to rewards (B, N), or the
     `package.module:name` of such an object."""
@@ -133,6 +137,10 @@ class EnvConfig:
                 _check_whole(name, getattr(self, name), least=1)
         if self.resolved_source is not None:
             self._check_source(self.resolved_source)
+        if self.goals == "alternating" and self.on_target != "restart":
+            raise ValueError("goals='alternating': allowed only with on_target='restart'")
+        if self.goals == "alternating" and (self.scenario is not None or self.source is not None):
+            raise ValueError("goals='alternating': not allowed together with scenario or source, which determine goals")
         view, frame = self.resolved_view, self.resolved_frame
         if self.action_model == "cardinal" and (view, frame) != ("centered", "map"):
             raise ValueError("action_model='cardinal': agents have no front, so view='centered' and frame='map' only")
@@ -144,10 +152,10 @@ class EnvConfig:
             "action_model": get_args(ActionModel),
             "collision_system": get_args(CollisionSystem),
             "on_target": get_args(OnTarget),
+            "goals": get_args(Goals),
             "view": (*get_args(View), None),
             "frame": (*get_args(Frame), None),
             "render_mode": (*get_args(RenderMode), None),
-            "edge_weights": get_args(WeightsName),
             "initial_heading": get_args(HeadingName),
         }
         for name, allowed in choices.items():
@@ -156,9 +164,7 @@ class EnvConfig:
                 raise ValueError(f"{name}={_shown(value)}: expected one of {', '.join(map(repr, allowed))}")
             if (value is None or isinstance(value, str)) and value not in allowed:
                 raise ValueError(f"{name}={_shown(value)}: expected one of {', '.join(map(repr, allowed))}")
-        graph: Any = self.edge_weights
-        if not isinstance(graph, (str, GuidanceGraph)):
-            raise ValueError(f"edge_weights={_shown(graph)}: expected a name or a GuidanceGraph")
+        check_edge_weights(self.edge_weights)
         _ = self._resolved_reward  # raises ValueError
 
     def _check_source(self, source: object) -> None:

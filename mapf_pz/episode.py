@@ -9,12 +9,13 @@ from numpy.typing import ArrayLike
 
 from mapf_pz.actions import Heading
 from mapf_pz.arrays import Ints
-from mapf_pz.config import EnvConfig, HeadingName, WeightsName
+from mapf_pz.config import EnvConfig, HeadingName
 from mapf_pz.core import world
 from mapf_pz.core.cost_tables import CostTables
 from mapf_pz.core.observation.layers import MapLayers, draw_map
 from mapf_pz.core.state import State, World
 from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.guidance.library import EdgeWeights, guidance_graph
 from mapf_pz.instance import Grid, Instance, InstanceSource
 from mapf_pz.instances.place import check_reachable, place
 
@@ -46,7 +47,7 @@ class EpisodeLoader:
         self._tables = tables
         self._state = state
         self._shares_map = shares_map(config, source)
-        self._graph = _common_graph(config.edge_weights, source.shape)
+        self._graph = _common_graph(config.edge_weights, source)
         self._grids: list[Grid | None] = [None] * len(world.obstacle)
         self._rngs = [np.random.default_rng() for _ in range(num_envs)]
         self.starts = np.zeros((num_envs, num_agents), np.int32)
@@ -151,12 +152,13 @@ def _check_headings(headings: HeadingName | ArrayLike, num_agents: int) -> None:
         raise ValueError(f"initial_heading: expected 'random', 'east' or {num_agents} numbers 0 to 3")
 
 
-def _common_graph(weights: WeightsName | GuidanceGraph, shape: tuple[int, int]) -> GuidanceGraph | None:
-    """Return the guidance graph of all maps of `shape` (H, W); None: each has its own."""
-    if isinstance(weights, GuidanceGraph):
-        if weights.shape != shape:
-            raise ValueError(f"edge_weights of shape {weights.shape}: the map's shape is {shape}")
-        return weights
-    # Weights do not depend on obstacles; edges into them are blocked when a map is laid out.
-    make = {"uniform": GuidanceGraph.uniform, "crisscross": GuidanceGraph.crisscross}.get(weights)
-    return None if make is None else make(np.ones(shape, np.bool_))
+def _common_graph(weights: EdgeWeights, source: InstanceSource) -> GuidanceGraph | None:
+    """Return the guidance graph of all maps of a source; None: each has its own."""
+    if weights == "random":
+        return None
+    if isinstance(weights, GuidanceGraph) or weights in ("uniform", "crisscross"):
+        # These do not depend on obstacles; edges into them are blocked when a map is laid out.
+        return guidance_graph(weights, Grid(np.ones(source.shape, np.bool_)))
+    if source.grid is None:
+        raise ValueError(f"edge_weights={str(weights)!r}: a file is for one map, but the maps of the episodes differ")
+    return guidance_graph(weights, source.grid)

@@ -55,7 +55,11 @@ def refuses(error, message, make):
         ({"reward": "rich"}, ValueError, "reward='rich': expected one of 'report', 'progress', or package.module:name"),
         ({"reward": 3}, ValueError, "reward=3: expected a name, a RewardConfig or a function"),
         ({"edge_weights": "heavy"}, ValueError, "edge_weights='heavy': expected one of 'uniform', .*"),
-        ({"edge_weights": 1.5}, ValueError, "edge_weights=1.5: expected a name or a GuidanceGraph"),
+        (
+            {"edge_weights": 1.5},
+            ValueError,
+            "edge_weights=1.5: expected a name, the path of a file, or a GuidanceGraph",
+        ),
         ({"view_size": 5}, ValueError, "view_size=5: expected \\(height, width\\)"),
         ({"view_size": (0, 2)}, ValueError, "view_size=0: expected a whole number, 1 or more"),
         ({"view_size": (4, 2)}, ValueError, "view_size=\\(4, 2\\): expected at most the map's size, \\(3, 4\\)"),
@@ -68,7 +72,7 @@ def refuses(error, message, make):
         (
             {"edge_weights": np.ones((4, 3, 4))},
             ValueError,
-            "edge_weights=array.{,30}: expected a name or a GuidanceGraph",
+            "edge_weights=array.{,30}: expected a name, the path of a file, or a GuidanceGraph",
         ),
         ({"features": ("speed",)}, ValueError, "features: unknown 'speed', expected names out of goal_vector, .*"),
         (

@@ -1,5 +1,6 @@
 """Whatever the bytes in a file: it is read, or refused in one line, soon, and without much memory."""
 
+import io
 import os
 import pickle
 import re
@@ -7,12 +8,14 @@ import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from mapf_pz.evaluation import EvaluationTask, load_suite
 from mapf_pz.evaluation.results import COLUMNS, Results
+from mapf_pz.guidance import load_guidance, load_moves
 from mapf_pz.instance import Grid, Scenario
 from mapf_pz.instances import load_instance, load_map, load_pogema, load_problem, load_scenario
 from mapf_pz.plans.files import Selection, read_plan
@@ -85,6 +88,23 @@ SUITE = {
     ],
 }
 EPISODES = f'{",".join(COLUMNS)}\na,"b,c",1,0,1,0.5,{"," * 10}2\nüä,b,2,1,{"," * 10}1e-3,7,0.25\n'.encode()
+GGO = {"layout": ["......", "...@@@"], "optimize_wait": False, "weights": [1, *[0.5] * 17, -1, *[2.5e1] * 2]}
+GGO_CSV = b"""id,type,x,y,weight_to_RIGHT,weight_to_UP,weight_to_LEFT,weight_to_DOWN,weight_for_WAIT
+0,.,0,0,1.5,inf,inf,inf,2
+1,w,0,1,inf,inf,3e0,inf,1
+2,@,0,2,inf,inf,inf,inf,inf
+"""
+
+
+def guidance(name, content):
+    return Case({name: content}, lambda folder: load_guidance(folder / name, GRID if name == "a.w" else None))
+
+
+def archive(**arrays):
+    """Return an archive that is not compressed, so that its arrays are changed, too."""
+    file = io.BytesIO()
+    np.savez(file, **arrays)
+    return file.getvalue()
 
 
 def episodes(folder):
@@ -123,6 +143,15 @@ CASES = {
         ("mine.json",),
     ),
     "episodes": Case({"episodes.csv": EPISODES}, episodes),
+    "guidance graph in JSON": guidance("a.json", as_json(GGO)),
+    "guidance graph in CSV": guidance("a.csv", GGO_CSV),
+    "guidance graph of WPPL": guidance("a.w", as_json([1.5, 2, 3, 100000, 1] * 12)),
+    "guidance graph in an archive": guidance(
+        "a.npz", archive(move=np.full((4, 2, 6), 2.0), wait=np.ones((2, 6)), map="tiny", digest="0")
+    ),
+    "moves": Case(
+        {"a.npz": archive(moves=np.ones((4, 2, 6)))}, lambda folder: load_moves(folder / "a.npz", GRID).any()
+    ),
 }
 
 
@@ -186,6 +215,8 @@ JSON_READERS = {
     "set.maps.json": lambda file: load_pogema(file.with_name("set.mapf.json"), 1),
     "plan.json": read_plan,
     "mine.json": load_suite,
+    "guidance.json": load_guidance,
+    "guidance.w": lambda file: load_guidance(file, GRID),
 }
 
 
@@ -237,10 +268,11 @@ def test_no_path_in_a_suite_leaves_its_folder(folders, monkeypatch, name, with_b
     if with_benchmark:
         monkeypatch.setenv("MAPF_PZ_BENCHMARK", str(folder))
     told = name.replace("{outside}", str(outside))
-    suffixes = {"map": ".map", "pogema": ".mapf.json", "lorr": ".json", "scenarios": ".scen"}
+    suffixes = {"map": ".map", "pogema": ".mapf.json", "lorr": ".json", "scenarios": ".scen", "edge_weights": ".csv"}
     for member, suffix in suffixes.items():
         file = told.replace(".map", suffix)
-        entry = {"map": "empty-8-8", member: [file]} if member == "scenarios" else {member: file}
+        of_map = {"scenarios": {member: [file]}, "edge_weights": {"env": {member: file}}}
+        entry = {"map": "empty-8-8"} | of_map[member] if member in of_map else {member: file}
         content = as_json({"tasks": [entry | ({} if member == "lorr" else {"num_agents": 1})]})
         read = Case({"mine.json": content}, lambda folder: load_suite(folder / "mine.json")).written(folder)
         refused(read, "in the folder of the JSON" if name in OUTSIDE else None)

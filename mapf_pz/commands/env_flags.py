@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 from tyro.conf import Suppress
 from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
 
-from mapf_pz.config import EnvConfig, HeadingName, WeightsName
+from mapf_pz.config import EnvConfig, HeadingName
 from mapf_pz.core.reward import REWARDS, RewardConfig
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _TYPED: dict[str, Any] = {
     "map": str | None,
     "scenario": str | tuple[str, ...] | None,
-    "edge_weights": WeightsName,
+    "edge_weights": str,
     "initial_heading": HeadingName,
     "reward": RewardConfig,
     "source": str | None,

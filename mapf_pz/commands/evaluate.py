@@ -47,7 +47,7 @@ class EvaluationKeywords(EnvKeywords):
     """The fields of an environment that determine episodes; policies determine the others."""
 
     FIELDS: ClassVar[tuple[str, ...]] = (
-        *("map", "scenario", "max_steps", "action_model", "collision_system", "on_target"),
+        *("map", "scenario", "max_steps", "action_model", "collision_system", "on_target", "goals"),
         *("initial_heading", "edge_weights", "distance_bytes"),
     )
 

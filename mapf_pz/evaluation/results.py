@@ -17,9 +17,10 @@ import numpy as np
 from mapf_pz.config import DEFAULT_MAP
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.task import EvaluationTask
+from mapf_pz.guidance.library import is_guidance_file
 from mapf_pz.instances import load_map
 from mapf_pz.io.atomic import naming, write_whole
-from mapf_pz.io.text import read_text
+from mapf_pz.io.text import read_bytes, read_text
 
 METRICS = (
     "CSR",
@@ -110,6 +111,9 @@ def _description(task: EvaluationTask) -> dict[str, Any]:
     """Return the settings that must be equal for episodes to be comparable; the number of episodes may differ."""
     excluded = ("map", "source", "distance_bytes")  # in the digest; the last one does not affect episodes
     keywords = {name: repr(value) for name, value in sorted(task.keywords.items()) if name not in excluded}
+    weights = task.keywords.get("edge_weights")
+    if is_guidance_file(weights):
+        keywords["edge_weights"] = sha256(read_bytes(weights)).hexdigest()
     return {"task": task.label, "seed": task.seed, "keywords": keywords, "instances": _digest(task)}
 
 

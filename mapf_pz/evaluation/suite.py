@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import resources
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import Any, cast
 from mapf_pz.config import EnvConfig
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.task import EvaluationTask
+from mapf_pz.guidance.library import is_guidance_file
 from mapf_pz.instance import Instance
 from mapf_pz.instances import RandomObstacles, load_map, load_problem, load_scenario
 from mapf_pz.instances.library import benchmark_file
@@ -35,7 +36,7 @@ class TaskEntry:
     """
 
     map: str | None = None
-    """Name of a map, or path of a `.map` file. Starts and goals are random unless there are `scenarios`."""
+    """Name of a map, or path of a `.map` or `.json` file. Starts and goals are random unless there are `scenarios`."""
     scenarios: list[str] | None = None
     """Names or `.scen` files of scenarios, one for each episode; names such as `random-1` are relative to the map."""
     random: list[float] | None = None
@@ -57,7 +58,7 @@ class TaskEntry:
     best: float | None = None
     """Best known throughput."""
     env: JsonObject = field(default_factory=dict)
-    """Other keyword arguments of `parallel_env`."""
+    """Other keyword arguments of `parallel_env`. The file of `edge_weights` is searched like the others."""
 
 
 def suite_names() -> list[str]:
@@ -97,6 +98,9 @@ def _tasks(data: Any, number: int, file: Path) -> list[EvaluationTask]:
     make = next(make for kind, make in _KINDS.items() if getattr(entry, kind) is not None)
     counts = entry.num_agents if isinstance(entry.num_agents, list) else [entry.num_agents or 0]
     try:
+        weights = entry.env.get("edge_weights")
+        if is_guidance_file(weights):
+            entry = replace(entry, env=entry.env | {"edge_weights": _find(str(weights), "edge_weights", file.parent)})
         return [make(entry, count, file.parent) for count in counts]
     except FormatError:
         raise
@@ -185,9 +189,11 @@ _ENV_KEYWORDS = [
 def _of_map(entry: TaskEntry, num_agents: int, folder: Path) -> EvaluationTask:
     """Return a task on one map, with random instances or scenarios."""
     name = cast("str", entry.map)
-    grid = load_map(_find(name, "map", folder) if name.endswith(".map") else name)
+    map = _find(name, "map", folder) if name.endswith((".map", ".json")) else name
+    grid = load_map(map)
     if entry.scenarios is None:
-        return _task(entry, grid.name, num_agents, {"map": grid, "num_agents": num_agents})
+        keywords = {"map": map if "goals" in entry.env else grid, "num_agents": num_agents}
+        return _task(entry, grid.name, num_agents, keywords)
     instances: list[Instance] = []
     for name in entry.scenarios:
         source = _find(name, "scenarios", folder) if name.endswith(".scen") else f"{grid.name}-{name}"

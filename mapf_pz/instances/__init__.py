@@ -25,6 +25,7 @@ from mapf_pz.instances.sources import (
     RandomObstacles,
     SourceMixture,
 )
+from mapf_pz.instances.warehouse import Warehouse, WarehouseTasks, load_warehouse
 
 __all__ = [
     "FixedMap",
@@ -35,6 +36,8 @@ __all__ = [
     "RandomMaps",
     "RandomObstacles",
     "SourceMixture",
+    "Warehouse",
+    "WarehouseTasks",
     "components",
     "format_map",
     "format_scenario",
@@ -46,6 +49,7 @@ __all__ = [
     "load_pogema",
     "load_problem",
     "load_scenario",
+    "load_warehouse",
     "map_names",
     "parse_map",
     "parse_scenario",

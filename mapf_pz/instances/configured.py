@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from mapf_pz.config import DEFAULT_MAP, DEFAULT_NUM_AGENTS, EnvConfig
@@ -9,6 +11,7 @@ from mapf_pz.instance import Instance, InstanceSource, Scenario
 from mapf_pz.instances.library import load_map
 from mapf_pz.instances.load import load_instances, sample_headings
 from mapf_pz.instances.sources import FixedMap, InstanceList
+from mapf_pz.instances.warehouse import WarehouseTasks, load_warehouse
 
 
 def goals_per_agent(config: EnvConfig) -> int:
@@ -19,15 +22,20 @@ def goals_per_agent(config: EnvConfig) -> int:
 def make_source(config: EnvConfig) -> InstanceSource:
     """Return `config.source`, or else a source of the instances of `config.scenario` or of random ones on `config.map`.
 
-    Raises as `load_map` and `load_instances` do.
+    Raises as `load_map`, `load_instances` and `load_warehouse` do.
     """
     source = config.resolved_source
     if source is not None:
         return source
     if config.scenarios:
         return InstanceList(load_instances(config.scenarios, config.map, config.num_agents, goals_per_agent(config)))
-    grid = load_map(DEFAULT_MAP if config.map is None else config.map)
-    return FixedMap(grid, config.num_agents or DEFAULT_NUM_AGENTS, goals_per_agent(config))
+    map = DEFAULT_MAP if config.map is None else config.map
+    num_agents, num_goals = config.num_agents or DEFAULT_NUM_AGENTS, goals_per_agent(config)
+    if config.goals == "alternating":
+        if not isinstance(map, (str, Path)):
+            raise ValueError("goals='alternating': expected a map's name or file, which says where the stations are")
+        return WarehouseTasks(*load_warehouse(map), num_agents, num_goals)
+    return FixedMap(load_map(map), num_agents, num_goals)
 
 
 def sample_instance(config: EnvConfig, seed: int) -> Instance:

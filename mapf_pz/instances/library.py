@@ -11,10 +11,16 @@ from itertools import chain
 from pathlib import Path
 
 from mapf_pz.arrays import Bools
+from mapf_pz.errors import FormatError
 from mapf_pz.instance import Grid, Scenario
 from mapf_pz.instances.download import cache_folder
 from mapf_pz.instances.movingai import parse_cells, read_map, read_scenario
+from mapf_pz.io.json import parse_object
+from mapf_pz.io.layout import PASSABLE, cells_of, layout_rows
+from mapf_pz.io.text import read_text
 
+LAYOUT_ENDING = ".json"
+"""Extension of maps of guidance graph optimization (GGO)."""
 BENCHMARK_VARIABLE = "MAPF_PZ_BENCHMARK"
 """Environment variable with a list of folders of benchmark data, separated as in `PATH`, with `maps/` and `scens/`."""
 ADVICE = (
@@ -33,14 +39,14 @@ def load_map(map: str | Path | Bools | Grid) -> Grid:
             a `Path`: a file;
             a str with a newline: a text drawing, with `.` for free cells and any of `#@OTW` for obstacles; indentation
             and surrounding empty lines are ignored;
-            a str that ends in `.map`: the path of a file;
+            a str that ends in `.map`: the path of a file; or in `.json`: the path of a GGO map;
             any other str: the name of a map in `map_names()`, in the folder `$MAPF_PZ_BENCHMARK/maps`, or among those
             downloaded by `mapf-pz maps download`.
 
     Raises:
         FileNotFoundError: The file does not exist.
         FormatError: The file or the drawing is malformed.
-        ValueError: The name is unknown, the file is a problem file, or the array is not two-dimensional.
+        ValueError: The name is unknown, or the array is not two-dimensional.
         TypeError: `map` has another type.
     """
     if isinstance(map, Grid):
@@ -48,10 +54,16 @@ def load_map(map: str | Path | Bools | Grid) -> Grid:
     if isinstance(map, str) and "\n" in map:
         return _parse_drawing(map)
     if isinstance(map, (str, Path)):
-        if str(map).endswith(".json"):
-            raise ValueError(f"map={str(map)!r}: expected a .map file; a problem's .json file is a scenario")
-        return read_map(_resolve(map, ".map", chain([_bundled()], _benchmark("maps"))))
+        file = map_file(map)
+        return _read_layout(file) if str(file).endswith(LAYOUT_ENDING) else read_map(file)
     return Grid.from_array(map)
+
+
+def map_file(map: str | Path) -> Path:
+    """Return the file of a map by name or path, as in `load_map`; raises `ValueError` for an unknown name."""
+    if str(map).endswith(LAYOUT_ENDING):
+        return Path(map)
+    return _resolve(map, ".map", chain([_bundled()], _benchmark("maps")))
 
 
 def load_scenario(scenario: str | Path | Scenario, grid: Grid | None = None) -> Scenario:
@@ -119,6 +131,14 @@ def _resolve(source: object, ending: str, folders: Iterable[Path]) -> Path:
     near = difflib.get_close_matches(source, dict.fromkeys(names))
     hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
     raise ValueError(f"no {ending} file is named {source!r}: {hint}A path ends in {ending}; {ADVICE}")
+
+
+def _read_layout(path: Path) -> Grid:
+    """Read the map in a GGO file."""
+    data = parse_object(read_text(path), path)
+    if "layout" not in data:
+        raise FormatError(path, "expected a map with the member 'layout'; a problem's .json file is a scenario")
+    return Grid(cells_of(layout_rows(data, path), PASSABLE), path.stem)
 
 
 def _parse_drawing(text: str) -> Grid:

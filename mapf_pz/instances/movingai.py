@@ -82,6 +82,11 @@ def parse_map(text: str, origin: str | Path) -> Grid:
     return Grid(free, Path(origin).stem)
 
 
+def map_rows(text: str, height: int) -> list[str]:
+    """Return the `height` rows of the text of a `.map` file, which `parse_map` has checked."""
+    return list(islice(_lines(text), len(_HEADER), len(_HEADER) + height))
+
+
 def parse_cells(
     rows: Iterable[str],
     width: int,

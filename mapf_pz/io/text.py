@@ -1,4 +1,4 @@
-"""Untrusted text files, which are read up to a size limit, with one-line errors."""
+"""Untrusted files, which are read up to a size limit, with one-line errors."""
 
 from __future__ import annotations
 
@@ -23,6 +23,18 @@ def read_text(path: str | Path, max_bytes: int | None = None) -> str:
         FileNotFoundError: the file does not exist.
         FormatError: the path is a folder or device, or the file is too large or not UTF-8.
     """
+    data = read_bytes(path, max_bytes)
+    data = data.removeprefix(codecs.BOM_UTF8)
+    try:
+        return data.decode()
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        column = error.start - data.rfind(b"\n", 0, error.start)
+        raise FormatError(path, f"expected UTF-8 text, got the byte {data[error.start]:#04x}", line, column) from None
+
+
+def read_bytes(path: str | Path, max_bytes: int | None = None) -> bytes:
+    """Return the content of a file; raises as `read_text`, except that any bytes are allowed."""
     limit = MAX_FILE_BYTES if max_bytes is None else max_bytes
     # A device or pipe could block or be endless.
     if not os.path.isfile(path):
@@ -33,10 +45,4 @@ def read_text(path: str | Path, max_bytes: int | None = None) -> str:
         data = file.read(limit + 1)
     if len(data) > limit:
         raise FormatError(path, f"expected at most {limit} bytes")
-    data = data.removeprefix(codecs.BOM_UTF8)
-    try:
-        return data.decode()
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        column = error.start - data.rfind(b"\n", 0, error.start)
-        raise FormatError(path, f"expected UTF-8 text, got the byte {data[error.start]:#04x}", line, column) from None
+    return data

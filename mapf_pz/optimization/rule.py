@@ -9,7 +9,8 @@ import numpy as np
 
 from mapf_pz.arrays import Bools, Floats
 from mapf_pz.guidance import GuidanceGraph, open_edges
-from mapf_pz.optimization.usage import Usage, opposite
+from mapf_pz.guidance.edges import opposite_edges
+from mapf_pz.optimization.usage import Usage
 
 LARGEST_LOG_WEIGHT = 6.0
 """Bound of the logarithms of weights, so that costs along paths stay exact enough in float32."""
@@ -56,7 +57,7 @@ class FeedbackRule:
 
     def update(self, traffic: Traffic, usage: Usage, free: Bools) -> Traffic:
         """Return the traffic after an episode with this usage."""
-        back, leaving = opposite(usage.moves), usage.moves.sum(axis=0)
+        back, leaving = opposite_edges(usage.moves), usage.moves.sum(axis=0)
         seen = Traffic(
             (usage.moves - back) / (usage.moves + back + self.prior),
             usage.waits / max(usage.waits[free].mean(), 1e-9),

@@ -17,12 +17,13 @@ from mapf_pz.actions import HEADING_STEPS
 from mapf_pz.arrays import Bools, Floats
 from mapf_pz.errors import FormatError
 from mapf_pz.guidance import GuidanceGraph, open_edges
+from mapf_pz.guidance.edges import opposite_edges
 from mapf_pz.io.atomic import replacing
 from mapf_pz.optimization.candidate import Candidate
 from mapf_pz.optimization.cma_es import strategy_for
 from mapf_pz.optimization.rule import LARGEST_LOG_WEIGHT, FeedbackRule
 from mapf_pz.optimization.search import Search
-from mapf_pz.optimization.usage import Usage, opposite
+from mapf_pz.optimization.usage import Usage
 
 NUM_FEATURES, HIDDEN = 10, 12
 NUM_PARAMETERS = 2 + NUM_FEATURES + HIDDEN * (NUM_FEATURES + 2)
@@ -86,7 +87,7 @@ class UpdateModel:
 
 def _features(log_weight: Floats, usage: Usage, free: Bools) -> Floats:
     """Return the features (F, 4, H, W) of each directed edge from a cell `u` to a cell `v`."""
-    moves, back = usage.moves, opposite(usage.moves)
+    moves, back = usage.moves, opposite_edges(usage.moves)
     direction = (moves - back) / (moves + back + FeedbackRule().prior)
     waits, flow = (
         np.broadcast_to(values / max(values[free].mean(), 1e-9), moves.shape)
@@ -101,7 +102,7 @@ def _features(log_weight: Floats, usage: Usage, free: Bools) -> Floats:
         flow - 1,
         _neighbors(flow, 0) - 1,
         log_weight,
-        opposite(log_weight),
+        opposite_edges(log_weight),
         *sides,
     ]
     return np.stack(edges)

@@ -30,16 +30,6 @@ class Usage:
         _add(agents, self.waits.shape[1], self.moves.reshape(4, -1), self.waits.reshape(-1))
 
 
-def opposite(edges: Floats) -> Floats:
-    """Return for each directed edge (4, H, W) the value of the edge in the opposite direction; 0 outside the map."""
-    values = np.zeros_like(edges)
-    values[0, :, :-1] = edges[2, :, 1:]
-    values[1, :-1] = edges[3, 1:]
-    values[2, :, 1:] = edges[0, :, :-1]
-    values[3, 1:] = edges[1, :-1]
-    return values
-
-
 @jit
 def _add(agents: Array, width: int, moves: Array, waits: Array) -> None:
     for agent in agents:

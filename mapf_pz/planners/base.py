@@ -12,9 +12,9 @@ import numpy as np
 
 from mapf_pz.actions import Action, CardinalAction
 from mapf_pz.arrays import Ints
-from mapf_pz.config import ActionModel, EnvConfig, WeightsName
+from mapf_pz.config import ActionModel, EnvConfig
 from mapf_pz.environment import MapfEnv
-from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.guidance.library import EdgeWeights
 from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances.sources import InstanceList
 from mapf_pz.planners.problem import Path, Problem, problem_of
@@ -81,7 +81,7 @@ class Planner(ABC):
         instance: Instance,
         time_limit: float = 10.0,
         max_steps: int = 1000,
-        edge_weights: WeightsName | GuidanceGraph = "uniform",
+        edge_weights: EdgeWeights = "uniform",
         distance_bytes: int | None = None,
     ) -> Plan | None:
         """Return a plan that brings all agents to their goals, or None if none was found.
@@ -91,7 +91,7 @@ class Planner(ABC):
                 cardinal agents.
             time_limit: time limit in seconds, which excludes the compilation of kernels.
             max_steps: maximum number of steps of the plan.
-            edge_weights: the guidance graph.
+            edge_weights: the guidance graph, as in `EnvConfig`.
             distance_bytes: maximum memory for cost-to-go tables, as in `EnvConfig`.
         """
         self.compile(action_model_of(instance))
@@ -195,7 +195,7 @@ def action_model_of(instance: Instance) -> ActionModel:
 def simulator_of(
     instance: Instance,
     max_steps: int,
-    edge_weights: WeightsName | GuidanceGraph,
+    edge_weights: EdgeWeights,
     seed: int,
     distance_bytes: int | None = None,
 ) -> Simulator:

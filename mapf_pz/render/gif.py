@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from PIL import Image
 
 COLORS = 256  # per GIF frame
+SAMPLES = 3  # per pixel and axis, for antialiasing
 
 
 def save_gif(frames: Iterable[NDArray[np.uint8]], path: str | Path, fps: float = 4) -> None:
@@ -46,6 +47,30 @@ def save_png(frame: NDArray[np.uint8], path: str | Path) -> None:
     image = _image(frame)
     with replacing(Path(path)) as file:
         image.save(file, format="PNG")
+
+
+def draw_polygons(
+    background: NDArray[np.uint8], polygons: Sequence[tuple[NDArray[np.floating], tuple[int, int, int, int]]]
+) -> NDArray[np.uint8]:
+    """Return an image (rows, cols, 3) with polygons on it, antialiased.
+
+    Args:
+        background: (rows, cols, 3).
+        polygons: corners (K, 2), [x, y] in pixels, and color of each: red, green, blue, opacity, 0 to 255.
+
+    Raises:
+        ImportError: if Pillow is missing.
+    """
+    image = _image(background)
+    from PIL import Image, ImageDraw
+
+    size = image.width * SAMPLES, image.height * SAMPLES
+    layer = Image.new("RGBA", size)
+    draw = ImageDraw.Draw(layer)
+    for corners, color in polygons:
+        draw.polygon([(x, y) for x, y in (corners * SAMPLES).tolist()], fill=color)
+    layer = layer.resize(image.size, Image.Resampling.BOX)
+    return np.asarray(Image.alpha_composite(image.convert("RGBA"), layer).convert("RGB"))
 
 
 def _palette_image(frame: NDArray[np.uint8]) -> Image.Image:

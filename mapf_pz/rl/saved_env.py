@@ -21,8 +21,11 @@ from mapf_pz.config import EnvConfig, HeadingName
 from mapf_pz.core.reward import RewardConfig
 from mapf_pz.errors import FormatError
 from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.guidance.library import guidance_graph, is_guidance_file
 from mapf_pz.instance import Grid, Instance, Scenario
+from mapf_pz.instances.configured import make_source
 from mapf_pz.instances.sources import FixedMap, FixedScenario, InstanceList, SourceMixture
+from mapf_pz.instances.warehouse import WarehouseTasks
 
 OBJECT_FIELDS = ("map", "scenario", "edge_weights", "source")
 """The fields of `EnvConfig` that may hold an object, which is saved in a separate file."""
@@ -30,7 +33,10 @@ PART_FIELDS = ("channels", "features", "reward")
 """The fields of `EnvConfig` that may name user-defined parts."""
 _TYPES = {
     kind.__name__: kind
-    for kind in (GuidanceGraph, Grid, Scenario, Instance, FixedMap, FixedScenario, InstanceList, SourceMixture)
+    for kind in (
+        *(GuidanceGraph, Grid, Scenario, Instance),
+        *(FixedMap, FixedScenario, InstanceList, SourceMixture, WarehouseTasks),
+    )
 }
 _DAMAGE = (
     *(SafetensorError, OSError, ValueError, TypeError, LookupError, AttributeError),
@@ -79,6 +85,8 @@ def dump_env(config: EnvConfig) -> dict[str, Any]:
     fields = config.keywords()
     for name in PART_FIELDS:
         _check_savable(name, fields[name])
+    if is_guidance_file(config.edge_weights):
+        fields["edge_weights"] = _guidance(config)
     stored = {name: _stored(name, fields[name]) for name in OBJECT_FIELDS}
     return _stored_form()(**fields | stored).model_dump(mode="json")
 
@@ -127,12 +135,22 @@ def object_files(config: EnvConfig) -> dict[str, bytes]:
     files: dict[str, bytes] = {}
     for name in OBJECT_FIELDS:
         value = getattr(config, name)
+        if name == "edge_weights" and is_guidance_file(value):
+            value = _guidance(config)
         if value is not None and not isinstance(value, (str, Path, tuple)):
             try:
                 files[object_file(name)] = _written(value)
             except TypeError as error:
                 raise ValueError(f"{name}: {error}") from None
     return files
+
+
+def _guidance(config: EnvConfig) -> GuidanceGraph:
+    """Return the guidance graph of a file, which is saved as an object, so that a run does not depend on the file."""
+    grid = make_source(config).grid
+    if grid is None:
+        raise ValueError("edge_weights: a file is for one map, but the maps of the episodes differ")
+    return guidance_graph(config.edge_weights, grid)
 
 
 def _written(value: object) -> bytes:

@@ -130,7 +130,7 @@ def test_several_problems_share_a_canvas(tmp_path):
             {"scenario": ("depot.json", "a.scen")},
             "scenario: expected only problem files, such as 'depot.json', or only",
         ),
-        ({"map": "depot.json"}, "map='depot.json': expected a .map file; a problem's .json file is a scenario"),
+        ({"map": "depot.json"}, "depot.json: expected a map with the member 'layout'; a problem's .json file is a sc"),
         ({"scenario": "broken.json"}, "broken.json:1:2: expected JSON"),
         ({"scenario": ("walled.scen", "a.scen"), "map": "walled.map"}, "walled.scen: agent 0: no path on map 'walled'"),
         ({"scenario": ("a.scen", "walled.scen"), "map": "small.map"}, "walled.scen:2:"),

@@ -5,10 +5,11 @@ import pytest
 
 from mapf_pz.config import EnvConfig
 from mapf_pz.guidance import open_edges
+from mapf_pz.guidance.edges import opposite_edges
 from mapf_pz.instance import Scenario
 from mapf_pz.optimization.rule import FeedbackRule, Traffic
 from mapf_pz.optimization.update_model import NUM_PARAMETERS, UpdateModel
-from mapf_pz.optimization.usage import Usage, opposite
+from mapf_pz.optimization.usage import Usage
 from mapf_pz.simulator import Simulator
 
 FREE = np.array([[True, True, True], [True, False, True], [True, True, True]])
@@ -37,14 +38,14 @@ def test_usage_counts_moves_by_direction_and_waits(shape):
 
 def test_opposite_edges():
     edges = np.arange(4 * 9, dtype=np.float64).reshape(4, 3, 3)
-    back = opposite(edges)
+    back = opposite_edges(edges)
     assert back[0, 1, 1] == edges[2, 1, 2]
     assert back[1, 1, 1] == edges[3, 2, 1]
     assert back[2, 1, 1] == edges[0, 1, 0]
     assert back[3, 1, 1] == edges[1, 0, 1]
     assert back[0, 0, 2] == back[3, 0, 0] == 0  # outside
     inside = open_edges(np.ones((3, 3), np.bool_))
-    assert np.array_equal(np.where(inside, opposite(back), 0), np.where(inside, edges, 0))
+    assert np.array_equal(np.where(inside, opposite_edges(back), 0), np.where(inside, edges, 0))
 
 
 def test_the_used_direction_becomes_cheaper():

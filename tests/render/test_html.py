@@ -201,6 +201,17 @@ def test_edge_weights_are_shown_as_heat(open_page):
     assert not open_page(replace(RECORDING, weights=None)).locator("#heat-label").is_visible()
 
 
+def test_arrows_point_in_the_cheaper_direction_of_edges(open_page):
+    page = open_page()
+    edges = page.evaluate("player.cheaperEdges().map((edge) => [edge.heading, edge.cell, edge.strength])")
+    assert edges == [[0, 0, 0.5], [0, 1, 0.5], [0, 2, 0.5]]  # east along row 0, at half the cost
+    scrub(page, 3)
+    plain = color_at(page, 0.5, 1)
+    page.check("#arrows")
+    assert color_at(page, 0.5, 1) != plain
+    assert not open_page(replace(RECORDING, weights=None)).locator("#arrows-label").is_visible()
+
+
 def test_light_and_dark(open_page):
     page = open_page(color_scheme="dark")
     assert state(page)["theme"] == "dark"

@@ -7,6 +7,8 @@ const ACTIVE = 1, BLOCKED = 2;
 const SPEEDS = [1, 2, 4, 8, 16, 32, 64];
 const TRAIL = 60; // steps
 const LARGEST_SCALE = 96; // px per cell
+const ARROW_SCALE = 8; // px per cell, from which on arrows are drawn
+const FULL_RATIO = 4; // of the weights of an edge's two directions, for arrows of full size
 
 // Unpacking.
 
@@ -205,6 +207,7 @@ class Player {
     );
     pen.translate(this.left, this.top);
     if (scale >= 14) this.drawGrid();
+    if (scale >= ARROW_SCALE && $("arrows").checked) this.drawArrows();
     if (this.goals && $("goals").checked) this.drawGoals();
     if (this.chosen >= 0) this.drawChosen();
     this.drawAgents();
@@ -217,6 +220,39 @@ class Player {
     for (let row = 0; row <= this.height; row++) { pen.moveTo(0, row * scale); pen.lineTo(this.width * scale, row * scale); }
     for (let col = 0; col <= this.width; col++) { pen.moveTo(col * scale, 0); pen.lineTo(col * scale, this.height * scale); }
     pen.stroke();
+  }
+
+  // The edges that are cheaper in one direction than in the other, as in `guidance.py`.
+  cheaperEdges() {
+    if (this.cheaper) return this.cheaper;
+    const cells = this.width * this.height, steps = [1, this.width, -1, -this.width];
+    this.cheaper = [];
+    for (let heading = 0; heading < 4; heading++)
+      for (let cell = 0; cell < cells; cell++) {
+        const weight = this.weights[heading * cells + cell], to = cell + steps[heading];
+        const inRow = heading % 2 === 1 || this.row(to) === this.row(cell);
+        if (!Number.isFinite(weight) || !inRow || !this.free[cell] || !this.free[to]) continue;
+        const opposite = this.weights[((heading + 2) % 4) * cells + to];
+        const strength = Math.min(1, Math.log(opposite / weight) / Math.log(FULL_RATIO));
+        if (strength > 0) this.cheaper.push({ heading, cell, strength });
+      }
+    return this.cheaper;
+  }
+
+  // An arrow on the border between two cells.
+  drawArrows() {
+    const { pen, scale } = this;
+    pen.fillStyle = this.ink.chosen;
+    for (const { heading, cell, strength } of this.cheaperEdges()) {
+      const angle = (heading * Math.PI) / 2, cos = Math.round(Math.cos(angle)), sin = Math.round(Math.sin(angle));
+      const x = this.col(cell) + 0.5 + cos / 2, y = this.row(cell) + 0.5 + sin / 2;
+      const length = 0.14 + 0.2 * strength, width = 0.1 + 0.1 * strength;
+      const at = (along, aside) => [scale * (x + along * cos - aside * sin), scale * (y + along * sin + aside * cos)];
+      pen.globalAlpha = 0.35 + 0.65 * strength;
+      pen.beginPath(); pen.moveTo(...at(length, 0)); pen.lineTo(...at(-length, width)); pen.lineTo(...at(-length, -width));
+      pen.closePath(); pen.fill();
+    }
+    pen.globalAlpha = 1;
   }
 
   drawGoals() {
@@ -338,7 +374,7 @@ class Player {
 
   bind() {
     $("scrub").max = this.steps; $("agent").max = this.agents - 1;
-    $("heat-label").hidden = !this.weights;
+    $("heat-label").hidden = $("arrows-label").hidden = !this.weights;
     for (const speed of SPEEDS) $("speed").add(new Option(`${speed} / s`, speed, speed === this.speed, speed === this.speed));
     $("play").onclick = () => this.play(!this.playing);
     $("back").onclick = () => this.seekBy(-1);
@@ -350,7 +386,7 @@ class Player {
     };
     $("theme").onclick = () => this.setTheme(this.theme === "dark" ? "light" : "dark");
     $("agent").oninput = () => this.choose($("agent").value === "" ? -1 : Number($("agent").value));
-    for (const name of ["blocked", "goals", "heat", "follow"]) $(name).onchange = () => { this.dirty = true; };
+    for (const name of ["blocked", "goals", "heat", "arrows", "follow"]) $(name).onchange = () => { this.dirty = true; };
     addEventListener("resize", () => this.resize());
     addEventListener("keydown", (event) => this.key(event));
     this.canvas.onwheel = (event) => {

@@ -1,0 +1,68 @@
+"""Guidance graphs by name or file: what may be given as `edge_weights`."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+from reprlib import repr as shortened
+from typing import Any, TypeGuard
+
+import numpy as np
+
+from mapf_pz.guidance.files import FORMATS, load_guidance
+from mapf_pz.guidance.graph import GuidanceGraph
+from mapf_pz.instance import Grid
+
+EdgeWeights = str | Path | GuidanceGraph
+"""A guidance graph, its file, or its name: one of `GENERATED` or of `guidance_names()`."""
+GENERATED = ("uniform", "random", "crisscross")
+"""Names of the guidance graphs that are generated for any map; `random` differs in every episode."""
+
+
+def guidance_names() -> list[str]:
+    """Return the names of the bundled guidance graphs, sorted."""
+    return sorted(file.stem for file in _bundled().glob("*.npz"))
+
+
+def is_guidance_file(weights: object) -> TypeGuard[str | Path]:
+    """Return whether `weights` is the path of a file: a `Path`, or text that ends in one of `FORMATS`."""
+    return isinstance(weights, Path) or (isinstance(weights, str) and weights.endswith(tuple(FORMATS)))
+
+
+def check_edge_weights(weights: Any) -> None:
+    """Raise `ValueError` unless `weights` is a guidance graph, the path of a file or a known name."""
+    if isinstance(weights, GuidanceGraph) or is_guidance_file(weights):
+        return
+    shown = " ".join(shortened(weights).split())
+    if not isinstance(weights, str):
+        raise ValueError(f"edge_weights={shown}: expected a name, the path of a file, or a GuidanceGraph")
+    names = (*GENERATED, *guidance_names())
+    if weights not in names:
+        advice = f"expected one of {', '.join(map(repr, names))}, or the path of a file ({', '.join(FORMATS)})"
+        raise ValueError(f"edge_weights={shown}: {advice}")
+
+
+def guidance_graph(weights: EdgeWeights, grid: Grid, rng: np.random.Generator | None = None) -> GuidanceGraph:
+    """Return the guidance graph of the map `grid` that `weights` specifies; `rng` samples `random` (default: seed 0).
+
+    Raises:
+        FileNotFoundError: The file does not exist.
+        FormatError: The file is malformed, or its weights are for another map.
+        ValueError: The name is unknown, or the graph's shape is not the map's.
+    """
+    check_edge_weights(weights)
+    if isinstance(weights, GuidanceGraph):
+        if weights.shape != grid.shape:
+            raise ValueError(f"edge_weights of shape {weights.shape}: the map's shape is {grid.shape}")
+        return weights
+    if weights == "uniform":
+        return GuidanceGraph.uniform(grid.free)
+    if weights == "crisscross":
+        return GuidanceGraph.crisscross(grid.free)
+    if weights == "random":
+        return GuidanceGraph.random(grid.free, np.random.default_rng(0) if rng is None else rng)
+    return load_guidance(weights if is_guidance_file(weights) else _bundled() / f"{weights}.npz", grid)
+
+
+def _bundled() -> Path:
+    return Path(str(resources.files("mapf_pz.guidance"))) / "graphs"
