@@ -1,4 +1,4 @@
-"""The command `mapf-pz guidance`: draw, convert and generate guidance graphs."""
+"""The command `mapf-pz guidance`: draw, convert, generate, evaluate and optimize guidance graphs."""
 
 from __future__ import annotations
 
@@ -9,6 +9,12 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import Positional, subcommand
 
+from mapf_pz.commands.guidance_search import (
+    EvaluateGuidance,
+    OptimizeGuidance,
+    evaluate_guidance,
+    optimize_guidance,
+)
 from mapf_pz.guidance import GuidanceGraph, load_guidance, load_moves, save_guidance
 from mapf_pz.guidance.files import check_guidance_file
 from mapf_pz.guidance.graph import AGAINST, ALONG, CONGESTION, CONTRAFLOW, HIGH, LOW
@@ -123,9 +129,11 @@ class GenerateGuidance:
 def guidance(
     task: Annotated[ShowGuidance, subcommand("show")]
     | Annotated[ConvertGuidance, subcommand("convert")]
-    | Annotated[GenerateGuidance, subcommand("generate")],
+    | Annotated[GenerateGuidance, subcommand("generate")]
+    | Annotated[EvaluateGuidance, subcommand("evaluate")]
+    | Annotated[OptimizeGuidance, subcommand("optimize")],
 ) -> None:
-    """Draw, convert or generate guidance graphs."""
+    """Draw, convert, generate, evaluate or optimize guidance graphs."""
     match task:
         case ShowGuidance():
             _show(task)
@@ -133,6 +141,10 @@ def guidance(
             _convert(task)
         case GenerateGuidance(generator):
             _generate(generator)
+        case EvaluateGuidance():
+            evaluate_guidance(task)
+        case OptimizeGuidance():
+            optimize_guidance(task)
 
 
 def _show(task: ShowGuidance) -> None:

@@ -1,0 +1,125 @@
+"""Measure the numbers of docs/explanation/optimized-guidance.md.
+
+`PYTHONPATH=. python experiments/guidance.py COMMAND`. `optimize` writes a graph of each map to `runs/guidance/MAP`;
+`compare` prints the table. Maps are read from the folder of GGO's released files and from those in
+`MAPF_PZ_BENCHMARK`.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from mapf_pz.config import EnvConfig
+from mapf_pz.guidance.library import guidance_graph
+from mapf_pz.optimization.evaluate import compare as compare_graphs
+from mapf_pz.optimization.task import GuidanceTask
+
+RUNS = Path("runs/guidance")
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A map of Table 3 of Zhang et al., IJCAI 2024."""
+
+    map: str
+    """Name of the map, or of GGO's file of it."""
+    num_agents: int
+    """Number of agents."""
+    published: float
+    """The best published throughput."""
+    released: str | None = None
+    """GGO's file of optimized weights, if it was released."""
+    goals: str = "uniform"
+    """How goals are sampled."""
+
+    @property
+    def name(self) -> str:
+        """Name of the run."""
+        return f"{Path(self.map).stem}-{self.num_agents}"
+
+    def flags(self, folder: Path) -> list[str]:
+        """Return the flags of `mapf-pz guidance` for this setup."""
+        map = str(folder / self.map) if self.map.endswith(".json") else self.map
+        return [
+            *("--map", map, "--num-agents", str(self.num_agents), "--goals", self.goals),
+            *("--action-model", "cardinal", "--planner", "pibt"),
+        ]
+
+
+SETUPS = (
+    Setup("pibt_random_unweight_32x32.json", 400, 7.78, "pibt_random_cma-es_32x32_400_agents_four-way-move.json"),
+    Setup("empty-48-48", 1000, 25.98, "pibt_empty-48-48_cma-es-piu_1000_agents_four-way-move.json"),
+    Setup(
+        "pibt_warehouse_33x36_w_mode.json",
+        *(400, 7.64, "pibt_warehouse-33x36_w_mode_cma-es_400_agents_four-way-move.json"),
+        goals="alternating",
+    ),
+    Setup("pibt_room-64-64-8.json", 1500, 3.13, "pibt_room_cma-es-piu-transfer_64x64_1500_agents_four-way-move.json"),
+    Setup("maze-32-32-4", 400, 1.47),
+    Setup("den312d", 1200, 4.98),
+)
+
+
+def optimize(ggo: Path, minutes: float = 10.0, only: tuple[str, ...] = (), seed: int = 0) -> None:
+    """Optimize a graph for each map.
+
+    Args:
+        ggo: Folder of GGO's released files.
+        minutes: Time budget of each map.
+        only: Names of runs; all if there are none.
+        seed: Random seed.
+    """
+    for setup in SETUPS:
+        if not only or setup.name in only:
+            words = ["guidance", "optimize", *setup.flags(ggo), "--minutes", str(minutes), "--seed", str(seed)]
+            command = [sys.executable, "-m", "mapf_pz", *words, "--output", str(RUNS / setup.name)]
+            print(" ".join(["mapf-pz", *words]), flush=True)
+            subprocess.run(command, check=True)
+
+
+def compare(ggo: Path, num_seeds: int = 50, only: tuple[str, ...] = (), jobs: int = 2) -> None:
+    """Print the throughput of uniform, crisscross, released and optimized weights.
+
+    Args:
+        ggo: Folder of GGO's released files.
+        num_seeds: Number of episodes of each graph.
+        only: Names of runs; all if there are none.
+        jobs: Number of processes.
+    """
+    print("| map, agents | published best | uniform | crisscross | released | optimized |\n| --- |" + " --- |" * 5)
+    for setup in SETUPS:
+        if only and setup.name not in only:
+            continue
+        map = str(ggo / setup.map) if setup.map.endswith(".json") else setup.map
+        env = EnvConfig(
+            map=map,
+            num_agents=setup.num_agents,
+            goals="alternating" if setup.goals == "alternating" else "uniform",
+            action_model="cardinal",
+            on_target="restart",
+            max_steps=1000,
+        )
+        task = GuidanceTask(env=env)
+        files = {
+            "uniform": "uniform",
+            "crisscross": "crisscross",
+            "optimized": str(RUNS / setup.name / "guidance.json"),
+        }
+        if setup.released is not None:
+            files["released"] = str(ggo / setup.released)
+        graphs = {name: guidance_graph(file, task.grid) for name, file in files.items()}
+        found = {
+            row.name: f"{row.mean:.2f} ± {row.standard_error:.2f}"
+            for row in compare_graphs(task, graphs, num_seeds, jobs=jobs)
+        }
+        cells = [found.get(name, "") for name in ("uniform", "crisscross", "released", "optimized")]
+        print(f"| {task.grid.name}, {setup.num_agents} | {setup.published} | {' | '.join(cells)} |", flush=True)
+
+
+if __name__ == "__main__":
+    tyro.extras.subcommand_cli_from_dict({"optimize": optimize, "compare": compare})
