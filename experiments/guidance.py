@@ -1,4 +1,4 @@
-"""Measure the numbers of docs/explanation/optimized-guidance.md.
+"""Measure the numbers of docs/explanation/guidance-graphs.md.
 
 `PYTHONPATH=. python experiments/guidance.py COMMAND`. `optimize` writes a graph of each map to `runs/guidance/MAP`;
 `compare` prints the table. Maps are read from the folder of GGO's released files and from those in

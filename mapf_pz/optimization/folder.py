@@ -1,4 +1,4 @@
-"""The folder of an optimization: configuration, history, candidates, and the best guidance graph."""
+"""The folder of an optimization: configuration, history, candidates, the best guidance graph, and pictures."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from mapf_pz.io.atomic import replacing, write_whole
 from mapf_pz.io.text import read_text
 from mapf_pz.optimization.candidate import Candidate, Origin
 from mapf_pz.optimization.config import OptimizeConfig
+from mapf_pz.optimization.pictures import save_pictures
 from mapf_pz.optimization.rule import FeedbackRule, Traffic
 from mapf_pz.optimization.search import Progress
 from mapf_pz.optimization.update_model import UpdateModel
@@ -91,9 +92,10 @@ class OptimizationFolder:
         model.save(self.path / MODEL_FILE)
 
     def save_result(self, candidates: Sequence[Candidate], graph: GuidanceGraph) -> None:
-        """Save everything, and the best graph."""
+        """Save everything, the best graph, and pictures."""
         self._save(candidates)
         save_guidance(graph, self.path / GRAPH_FILE, self._grid)
+        save_pictures(self.path, graph, self._grid, self._rows)
 
 
 def _description(config: OptimizeConfig) -> str:

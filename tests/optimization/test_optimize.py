@@ -72,15 +72,17 @@ def test_files_and_going_on(tmp_path):
     folder = tmp_path / "run"
     result = optimize(replace(SHORT, method="evolution+flips"), folder)
     assert result.graph == load_guidance(folder / "guidance.json", LIFELONG.grid)
-    rows = list(csv.DictReader((folder / "history.csv").open()))
+    rows = list(csv.DictReader((folder / "history.csv").read_text().splitlines()))
     assert {row["method"] for row in rows} == {"evolution", "flips"}
     simulations = [int(row["simulations"]) for row in rows]
     assert simulations == sorted(set(simulations))
+    for name in ("guidance.png", "curve.png"):
+        assert (folder / name).stat().st_size > 1000
     assert json.loads((folder / "config.json").read_text())["map"] == "empty-8-8"
     with pytest.raises(FileExistsError, match="choose another output, or --resume"):
         optimize(SHORT, folder)
     optimize(SHORT, folder, resume=True)
-    more = list(csv.DictReader((folder / "history.csv").open()))
+    more = list(csv.DictReader((folder / "history.csv").read_text().splitlines()))
     assert more[: len(rows)] == rows
     assert int(more[-1]["simulations"]) > simulations[-1]
     assert float(more[len(rows)]["seconds"]) > float(rows[-1]["seconds"])
