@@ -107,8 +107,9 @@ def _rows(body: str) -> tuple[str, list[tuple[str, str]]]:
     rule = next((number for number, line in enumerate(lines) if line.startswith("───")), None)
     intro = "" if rule is None else " ".join(lines[:rule])
     rows: list[tuple[str, str]] = []
+    of_subcommands = any(line.startswith("  • ") for line in lines)
     for line in lines if rule is None else lines[rule + 1 :]:
-        if line.startswith("  • ") or (line and not line.startswith((" ", "("))):
+        if line.startswith("  • ") or (line and not of_subcommands and not line.startswith((" ", "("))):
             option, _, text = re.sub(r"^  • ", "", line).partition("  ")
             if line.startswith("-") or not rows or not rows[-1][0].endswith(","):
                 rows.append((option.strip(), text.strip()))

@@ -183,7 +183,7 @@ def test_the_site_loads_nothing_from_elsewhere(site):
             assert not is_elsewhere(address), f"{style.relative_to(site)} loads {address}"
 
 
-PARTS = ("", "evaluation", "instances", "planners", "render", "rl", "wrappers")
+PARTS = ("", "evaluation", "guidance", "instances", "planners", "render", "rl", "wrappers")
 
 
 @pytest.mark.parametrize("module", [f"mapf_pz.{part}".rstrip(".") for part in PARTS])

@@ -102,7 +102,7 @@ class GenerateHighway(_Generated):
 
 @dataclass(frozen=True, kw_only=True)
 class GenerateTraffic(_Generated):
-    """Make moves against recorded traffic, and into busy cells, more expensive."""
+    """Make moves against recorded traffic, and optionally into busy cells, more expensive."""
 
     moves: Path
     """File of counted moves (`.npz`)."""

@@ -14,8 +14,8 @@ LOW, HIGH = 0.1, 1.0
 """Default range of random weights."""
 ALONG, AGAINST = 0.5, 1.0
 """Default weights of moves along a direction, and of other moves."""
-CONTRAFLOW, CONGESTION = 1.0, 1.0
-"""Default weights of the terms of `GuidanceGraph.traffic`."""
+CONTRAFLOW, CONGESTION = 1.0, 0.0
+"""Default weights of the terms of `GuidanceGraph.traffic`. With PIBT, the second one lowered the throughput."""
 ARROWS = {">": Heading.EAST, "v": Heading.SOUTH, "<": Heading.WEST, "^": Heading.NORTH}
 """Characters of directions in drawings of highways."""
 NO_ARROW = ".@T"
@@ -113,7 +113,7 @@ class GuidanceGraph(EqualByValue):
     def traffic(
         cls, free: Bools, moves: Ints | Floats, contraflow: float = CONTRAFLOW, congestion: float = CONGESTION
     ) -> GuidanceGraph:
-        """Return a graph in which moves against the traffic, and moves into busy cells, cost more.
+        """Return a graph in which moves against the traffic, and optionally moves into busy cells, cost more.
 
         The move `e` from a cell to the cell `v` costs
 

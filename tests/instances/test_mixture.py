@@ -141,7 +141,6 @@ def test_lists_are_equal_to_tuples():
             "maps: 'maze': 9 agents fit on none of 100 maps",
         ),
         ({"maps": ("mase",)}, 2, "no .map file is named 'mase'"),
-        ({"maps": ("problem.json",)}, 2, "map='problem.json': expected a .map file"),
     ],
 )
 def test_impossible_values_are_refused(fields, num_agents, message):
@@ -149,3 +148,9 @@ def test_impossible_values_are_refused(fields, num_agents, message):
         MapMixture(**fields).source(num_agents)
     assert str(caught.value).startswith(message)
     assert "\n" not in str(caught.value)
+
+
+def test_a_problem_file_is_not_a_map(tmp_path):
+    (tmp_path / "problem.json").write_text('{"mapFile": "a.map"}')
+    with pytest.raises(ValueError, match=r"problem\.json: expected a map with the member 'layout'; a problem's"):
+        MapMixture(maps=(str(tmp_path / "problem.json"),)).source(2)
