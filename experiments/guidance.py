@@ -7,6 +7,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -14,7 +16,8 @@ from pathlib import Path
 
 import tyro
 
-from mapf_pz.config import EnvConfig
+from mapf_pz.config import EnvConfig, Goals
+from mapf_pz.guidance import GuidanceGraph, save_guidance
 from mapf_pz.guidance.library import guidance_graph
 from mapf_pz.optimization.evaluate import compare as compare_graphs
 from mapf_pz.optimization.task import GuidanceTask
@@ -30,11 +33,11 @@ class Setup:
     """Name of the map, or of GGO's file of it."""
     num_agents: int
     """Number of agents."""
-    published: float
+    published: float = math.nan
     """The best published throughput."""
     released: str | None = None
     """GGO's file of optimized weights, if it was released."""
-    goals: str = "uniform"
+    goals: Goals = "uniform"
     """How goals are sampled."""
 
     @property
@@ -42,13 +45,25 @@ class Setup:
         """Name of the run."""
         return f"{Path(self.map).stem}-{self.num_agents}"
 
+    def map_in(self, folder: Path) -> str:
+        """Return the name of the map, or the path of GGO's file of it in `folder`."""
+        return str(folder / self.map) if self.map.endswith(".json") else self.map
+
+    def env(self, folder: Path) -> EnvConfig:
+        """Return the environment: 1000 steps, as in the paper."""
+        return EnvConfig(
+            map=self.map_in(folder),
+            num_agents=self.num_agents,
+            goals=self.goals,
+            action_model="cardinal",
+            on_target="restart",
+            max_steps=1000,
+        )
+
     def flags(self, folder: Path) -> list[str]:
         """Return the flags of `mapf-pz guidance` for this setup."""
-        map = str(folder / self.map) if self.map.endswith(".json") else self.map
-        return [
-            *("--map", map, "--num-agents", str(self.num_agents), "--goals", self.goals),
-            *("--action-model", "cardinal", "--planner", "pibt"),
-        ]
+        task = ["--map", self.map_in(folder), "--num-agents", str(self.num_agents), "--goals", self.goals]
+        return [*task, "--action-model", "cardinal", "--planner", "pibt"]
 
 
 SETUPS = (
@@ -63,6 +78,8 @@ SETUPS = (
     Setup("maze-32-32-4", 400, 1.47),
     Setup("den312d", 1200, 4.98),
 )
+BUNDLED = (Setup("warehouse-10-20-10-2-1", 400), Setup("random-24-24-20", 150))
+GRAPHS = Path("mapf_pz/guidance/graphs")
 
 
 def optimize(ggo: Path, minutes: float = 10.0, only: tuple[str, ...] = (), seed: int = 0) -> None:
@@ -95,16 +112,7 @@ def compare(ggo: Path, num_seeds: int = 50, only: tuple[str, ...] = (), jobs: in
     for setup in SETUPS:
         if only and setup.name not in only:
             continue
-        map = str(ggo / setup.map) if setup.map.endswith(".json") else setup.map
-        env = EnvConfig(
-            map=map,
-            num_agents=setup.num_agents,
-            goals="alternating" if setup.goals == "alternating" else "uniform",
-            action_model="cardinal",
-            on_target="restart",
-            max_steps=1000,
-        )
-        task = GuidanceTask(env=env)
+        task = GuidanceTask(env=setup.env(ggo))
         files = {
             "uniform": "uniform",
             "crisscross": "crisscross",
@@ -121,5 +129,40 @@ def compare(ggo: Path, num_seeds: int = 50, only: tuple[str, ...] = (), jobs: in
         print(f"| {task.grid.name}, {setup.num_agents} | {setup.published} | {' | '.join(cells)} |", flush=True)
 
 
+def bundle(num_seeds: int = 50, minutes: float = 4.0, jobs: int = 2) -> None:
+    """Optimize graphs of bundled maps, and write them to the package with their cards.
+
+    Args:
+        num_seeds: Number of episodes by which each is compared with uniform and crisscross weights.
+        minutes: Time budget of each map.
+        jobs: Number of processes.
+    """
+    for setup in BUNDLED:
+        output = RUNS / setup.name
+        words = ["guidance", "optimize", *setup.flags(Path()), "--minutes", str(minutes)]
+        if not (output / "guidance.json").exists():
+            subprocess.run([sys.executable, "-m", "mapf_pz", *words, "--output", str(output)], check=True)
+        task = GuidanceTask(env=setup.env(Path()))
+        graph = guidance_graph(output / "guidance.json", task.grid)
+        graphs = {
+            "uniform": GuidanceGraph.uniform(task.grid.free),
+            "crisscross": GuidanceGraph.crisscross(task.grid.free),
+        }
+        rows = compare_graphs(task, graphs | {"optimized": graph}, num_seeds, jobs=jobs)
+        card = {
+            "map": setup.map,
+            "num_agents": setup.num_agents,
+            "planner": task.planner,
+            "command": " ".join(["mapf-pz", *words]),
+            "seeds": f"0 to {num_seeds - 1}",
+            "goals_per_step": {
+                row.name: {"mean": round(row.mean, 4), "standard_error": round(row.standard_error, 4)} for row in rows
+            },
+        }
+        save_guidance(graph, GRAPHS / f"{setup.name}.npz", task.grid)
+        (GRAPHS / f"{setup.name}.json").write_text(json.dumps(card, indent=2) + "\n", "utf-8")
+        print(setup.name, card["goals_per_step"], flush=True)
+
+
 if __name__ == "__main__":
-    tyro.extras.subcommand_cli_from_dict({"optimize": optimize, "compare": compare})
+    tyro.extras.subcommand_cli_from_dict({"optimize": optimize, "compare": compare, "bundle": bundle})

@@ -5,11 +5,10 @@ from __future__ import annotations
 import csv
 import json
 import time
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, fields, replace
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import get_type_hints
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from mapf_pz.errors import FormatError
 from mapf_pz.guidance import GuidanceGraph, save_guidance
 from mapf_pz.instance import Grid
 from mapf_pz.io.atomic import replacing, write_whole
+from mapf_pz.io.npz import read_npz, write_npz
 from mapf_pz.io.text import read_text
 from mapf_pz.optimization.candidate import Candidate, Origin
 from mapf_pz.optimization.config import OptimizeConfig
@@ -53,6 +53,7 @@ class OptimizationFolder:
         self._seconds = self._rows[-1].seconds if self._rows else 0.0
         self._simulations = self._rows[-1].simulations if self._rows else 0
         write_whole(path / CONFIG_FILE, _description(config).encode())
+        self._save_history()
         self._saved = time.monotonic()
 
     @property
@@ -65,10 +66,10 @@ class OptimizationFolder:
         file = self.path / CANDIDATES_FILE
         if not file.exists():
             return []
+        arrays = read_npz(file, (_SCORES, *_COLUMNS))
         try:
-            with np.load(file, allow_pickle=False) as arrays:
-                return [_candidate(arrays, index, self._grid) for index in range(len(arrays[_SCORES]))]
-        except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            return [_candidate(arrays, index, self._grid) for index in range(len(arrays[_SCORES]))]
+        except (ValueError, LookupError, TypeError) as error:
             raise FormatError(file, f"expected candidates: {' '.join(str(error).split())}") from None
 
     def add(self, progress: Progress, candidates: Sequence[Candidate]) -> None:
@@ -80,12 +81,14 @@ class OptimizationFolder:
 
     def _save(self, candidates: Sequence[Candidate]) -> None:
         self._saved = time.monotonic()
+        self._save_history()
+        write_npz(self.path / CANDIDATES_FILE, _arrays(candidates))
+
+    def _save_history(self) -> None:
         with replacing(self.path / HISTORY_FILE) as temporary, temporary.open("w", newline="") as file:
             writer = csv.writer(file)
             writer.writerow([field.name for field in fields(Progress)])
             writer.writerows(astuple(row) for row in self._rows)
-        with replacing(self.path / CANDIDATES_FILE) as temporary:
-            np.savez_compressed(temporary, **_arrays(candidates))
 
     def save_model(self, model: UpdateModel) -> None:
         """Save the model that `piu` has trained."""
@@ -124,7 +127,7 @@ def _progress(row: Sequence[str], file: Path, line: int) -> Progress:
         raise FormatError(file, f"expected the values of {', '.join(kinds)}", line) from None
 
 
-def _arrays(candidates: Sequence[Candidate]) -> dict[str, Any]:
+def _arrays(candidates: Sequence[Candidate]) -> dict[str, Floats]:
     """Return the candidates' arrays, a row for each; rules are NaN where there is none."""
     most = max((len(candidate.scores) for candidate in candidates), default=0)
     scores = [[*candidate.scores, *[np.nan] * (most - len(candidate.scores))] for candidate in candidates]

@@ -18,7 +18,7 @@ from mapf_pz.arrays import Bools, Floats
 from mapf_pz.errors import FormatError
 from mapf_pz.guidance import GuidanceGraph, open_edges
 from mapf_pz.guidance.edges import opposite_edges
-from mapf_pz.io.atomic import replacing
+from mapf_pz.io.npz import read_npz, write_npz
 from mapf_pz.optimization.candidate import Candidate
 from mapf_pz.optimization.cma_es import strategy_for
 from mapf_pz.optimization.rule import LARGEST_LOG_WEIGHT, FeedbackRule
@@ -58,16 +58,15 @@ class UpdateModel:
     @classmethod
     def load(cls, path: str | Path) -> UpdateModel:
         """Read a model; raises `FormatError` unless the file is one that `save` has written."""
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                return cls(np.asarray(file["parameters"], np.float64))
-        except (ValueError, KeyError, EOFError) as error:
-            raise FormatError(path, f"expected an update model: {' '.join(str(error).split())}") from None
+        parameters = read_npz(path, ("parameters",))["parameters"]
+        if parameters.shape != (NUM_PARAMETERS,) or parameters.dtype.kind != "f" or not np.isfinite(parameters).all():
+            expected = f"expected {NUM_PARAMETERS} finite parameters of an update model"
+            raise FormatError(path, f"{expected}, got {parameters.dtype} {parameters.shape}")
+        return cls(parameters.astype(np.float64))
 
     def save(self, path: str | Path) -> None:
         """Write the model to an `.npz` file, atomically."""
-        with replacing(Path(path)) as temporary:
-            np.savez(temporary, parameters=self.parameters)
+        write_npz(path, {"parameters": self.parameters})
 
     def update(self, log_weight: Floats, usage: Usage, free: Bools) -> Floats:
         """Return the logarithms of weights (4, H, W) after an episode with this usage."""

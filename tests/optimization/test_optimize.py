@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mapf_pz.config import EnvConfig
+from mapf_pz.errors import FormatError
 from mapf_pz.guidance import GuidanceGraph, load_guidance
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.optimization.candidate import Candidate, ranked
@@ -95,6 +96,23 @@ def test_candidates_of_another_map_are_refused(tmp_path):
     other = replace(LIFELONG, env=replace(LIFELONG.env, map="empty-16-16"))
     with pytest.raises(ValueError, match=r"candidates\.npz: .*map"):
         optimize(replace(SHORT, task=other), tmp_path, resume=True)
+
+
+@pytest.mark.parametrize("change", ["rules", "scores", "usage"])
+def test_damaged_candidates_are_refused(change, tmp_path):
+    """Arrays that do not fit each other, or have other types."""
+    optimize(SHORT, tmp_path)
+    file = tmp_path / "candidates.npz"
+    arrays = dict(np.load(file))
+    if change == "rules":
+        arrays["rule"] = arrays["rule"][:, :3]
+    elif change == "scores":
+        arrays["scores"] = np.full((99, 1), 1.0)
+    else:
+        arrays["moves"] = np.zeros(2, np.bool_)
+    np.savez(file, **arrays)
+    with pytest.raises(FormatError, match=r"candidates\.npz: expected candidates"):
+        optimize(SHORT, tmp_path, resume=True)
 
 
 def test_an_interrupt_keeps_the_best(tmp_path):
