@@ -11,6 +11,7 @@ import numpy as np
 
 from mapf_pz.evaluation.parallel import job_runner
 from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.guidance.library import guidance_graph
 from mapf_pz.optimization.candidate import Candidate
 from mapf_pz.optimization.config import OptimizeConfig
 from mapf_pz.optimization.folder import OptimizationFolder
@@ -56,7 +57,7 @@ def optimize(
         on_progress: Is called after each round of simulations.
 
     Returns:
-        The best graph. Uniform and crisscross weights compete, too.
+        The best graph. Uniform and crisscross weights and those of the task compete, too.
 
     Raises:
         FileExistsError: The folder holds an optimization, and `resume` is False.
@@ -88,9 +89,9 @@ def optimize(
 
 
 def baselines(task: GuidanceTask) -> list[Candidate]:
-    """Return uniform and crisscross weights, which the result should not be worse than."""
-    free = task.grid.free
-    return [Candidate(GuidanceGraph.uniform(free)), Candidate(GuidanceGraph.crisscross(free))]
+    """Return uniform and crisscross weights and those of the task, which the result should not be worse than."""
+    names = dict.fromkeys(("uniform", "crisscross", task.env.edge_weights))
+    return [Candidate(guidance_graph(weights, task.grid)) for weights in names if weights != "random"]
 
 
 def _improve(search: Search, config: OptimizeConfig, folder: OptimizationFolder | None) -> None:

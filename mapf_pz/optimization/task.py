@@ -27,7 +27,7 @@ class GuidanceTask:
     """
 
     env: EnvConfig = field(default_factory=lambda: LIFELONG)
-    """The environment; `edge_weights` are those of the start."""
+    """The environment. Its `edge_weights` compete with the graphs that are found."""
     planner: str = "pibt"
     """A planner or policy by name, as in `mapf-pz evaluate`."""
 

@@ -15,7 +15,7 @@ from mapf_pz.optimization.candidate import Candidate, ranked
 from mapf_pz.optimization.config import OptimizeConfig
 from mapf_pz.optimization.evaluate import compare
 from mapf_pz.optimization.methods import METHODS
-from mapf_pz.optimization.optimize import optimize
+from mapf_pz.optimization.optimize import baselines, optimize
 from mapf_pz.optimization.search import FIRST_SEED, Search
 from mapf_pz.optimization.simulation import Simulation, simulate
 from mapf_pz.optimization.task import GuidanceTask
@@ -137,6 +137,14 @@ def test_selection_is_by_fresh_scores():
     good = Candidate(GuidanceGraph.crisscross(free), scores=[0.0])
     search = Search(LIFELONG, map, seconds=0, rng=np.random.default_rng(0), archive=[lucky, good])
     assert search.select().graph == good.graph
+
+
+def test_the_weights_of_the_task_compete():
+    graph = GuidanceGraph.random(LIFELONG.grid.free, np.random.default_rng(0))
+    task = replace(LIFELONG, env=replace(LIFELONG.env, edge_weights=graph))
+    assert [candidate.graph for candidate in baselines(task)][2:] == [graph]
+    for name in ("crisscross", "random"):
+        assert len(baselines(replace(LIFELONG, env=replace(LIFELONG.env, edge_weights=name)))) == 2
 
 
 def test_ranking_discounts_few_scores():
