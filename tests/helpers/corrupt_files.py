@@ -175,4 +175,5 @@ def changed(draw, content, others=()):
     return content
 
 
-fuzzed = settings(max_examples=100, suppress_health_check=list(HealthCheck))
+# The same examples in every run, as a test that fails once in twenty runs would stop changes that have no part in it.
+fuzzed = settings(max_examples=100, derandomize=True, suppress_health_check=list(HealthCheck))
