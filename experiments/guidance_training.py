@@ -11,7 +11,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +75,7 @@ SETTINGS = (
     Setting("random", "random", ("random", OPTIMIZED)),
     Setting("crisscross", "crisscross", ("crisscross",)),
     Setting("optimized", OPTIMIZED, (OPTIMIZED,)),
+    Setting("uniform, without the channels", "uniform", ("uniform", OPTIMIZED), observed=False),
     Setting("optimized, without the channels", OPTIMIZED, (OPTIMIZED,), observed=False),
 )
 
@@ -190,7 +191,7 @@ def policy_rows(mode: str, options: Options) -> Iterator[list[str]]:
 
 def print_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Print a table in Markdown."""
-    for row in (header, ["---"] * len(header), *rows):
+    for row in chain((header, ["---"] * len(header)), rows):
         print("|", " | ".join(row), "|", flush=True)
     print()
 
