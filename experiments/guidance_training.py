@@ -31,6 +31,8 @@ from mapf_pz.rl.run import PROGRESS
 from mapf_pz.rl.train import train
 
 MAP, NUM_AGENTS = "random-16-16-20", 32
+POLICIES = ("pibt", "epibt", "lacam:anytime=False", "mappo-cardinal", "mappo-cardinal+pibt")
+"""Planners and bundled policies that are evaluated with each graph."""
 OPTIMIZED = "optimized"
 
 
@@ -44,14 +46,11 @@ class Mode:
     """Number of steps of the evaluation's episodes."""
     metrics: dict[str, str]
     """Metrics in the tables, with their formats."""
-    planners: tuple[str, ...]
-    """Planners and bundled policies that are evaluated with each graph."""
 
 
-POLICIES = ("pibt", "epibt", "lacam:anytime=False", "mappo-cardinal", "mappo-cardinal+pibt")
 MODES = {
-    "lifelong": Mode("restart", 512, {"avg_throughput": ".2f"}, POLICIES),
-    "one-shot": Mode("nothing", 128, {"CSR": ".2f", "ISR": ".2f", "SoC": ".0f"}, (*POLICIES, "lacam")),
+    "lifelong": Mode("restart", 512, {"avg_throughput": ".2f"}),
+    "one-shot": Mode("nothing", 128, {"CSR": ".2f", "ISR": ".2f", "SoC": ".0f"}),
 }
 
 
@@ -166,7 +165,7 @@ def measure(mode: str, graph: str, policy: str, options: Options) -> dict[str, l
 
 def planner_rows(mode: str, options: Options) -> Iterator[list[str]]:
     """Yield a row for each planner or bundled policy and graph: means over the episodes and standard errors."""
-    for policy, graph in product(MODES[mode].planners, ("uniform", "crisscross", OPTIMIZED)):
+    for policy, graph in product(POLICIES, ("uniform", "crisscross", OPTIMIZED)):
         values = measure(mode, graph, policy, options)
         cells: list[str] = []
         for metric, digits in MODES[mode].metrics.items():
