@@ -117,9 +117,3 @@ def _flags(info: StructTypeInfo) -> tuple[StructFieldSpec, ...]:
 def _flag(field: StructFieldSpec) -> StructFieldSpec:
     default = REWARDS.get(field.default, field.default) if field.name == "reward" else field.default
     return replace(field, type=_TYPED.get(field.name, field.type), default=default)
-
-
-def changed_keywords(config: EnvConfig) -> dict[str, Any]:
-    """Return the fields that are not at their defaults, as keywords of `parallel_env`; a policy sets the others."""
-    defaults = replace(EnvConfig(), reward=RewardConfig())
-    return {name: value for name, value in config.keywords().items() if value != getattr(defaults, name)}

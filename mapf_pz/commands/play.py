@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 from mapf_pz.actions import Action, CardinalAction
-from mapf_pz.commands.env_flags import changed_keywords
 from mapf_pz.config import EnvConfig
 from mapf_pz.core.reward import REWARDS
 from mapf_pz.environment import MapfEnv
-from mapf_pz.evaluation.episodes import actions_of
+from mapf_pz.evaluation.episodes import actions_of, changed_keywords
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.render.rgb import Canvas
 from mapf_pz.render.window import Window

@@ -9,10 +9,9 @@ from rich.console import Console
 from rich.progress import Progress
 from tyro.conf import Positional
 
-from mapf_pz.commands.env_flags import changed_keywords
 from mapf_pz.commands.planfile import load_plan
 from mapf_pz.config import EnvConfig
-from mapf_pz.evaluation.episodes import AnyEnv, Policy, rollout
+from mapf_pz.evaluation.episodes import AnyEnv, Policy, changed_keywords, rollout
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.planners import record_plan, validate
 from mapf_pz.render import Recording, save_recording

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeAlias, cast
 
 from pettingzoo.utils import BaseParallelWrapper
 
+from mapf_pz.config import EnvConfig
+from mapf_pz.core.reward import RewardConfig
 from mapf_pz.environment import AgentObservation, MapfEnv, parallel_env
 from mapf_pz.evaluation.task import EvaluationTask
 from mapf_pz.instance import Instance
@@ -63,6 +65,12 @@ def actions_of(policy: Policy, observations: dict[str, Any], infos: dict[str, An
     """Return the policy's actions; a policy with `needs_infos` also gets the infos."""
     act: Callable[..., dict[str, int]] = policy.act
     return act(observations, infos) if getattr(policy, "needs_infos", False) else act(observations)
+
+
+def changed_keywords(config: EnvConfig) -> dict[str, Any]:
+    """Return the fields that are not at their defaults, as keywords of `parallel_env`; a policy sets the others."""
+    defaults = replace(EnvConfig(), reward=RewardConfig())
+    return {name: value for name, value in config.keywords().items() if value != getattr(defaults, name)}
 
 
 def simulator_of(env: AnyEnv) -> Simulator:

@@ -13,8 +13,8 @@ from typing import get_type_hints
 import numpy as np
 
 from mapf_pz.arrays import Floats
-from mapf_pz.config import EnvConfig
 from mapf_pz.errors import FormatError
+from mapf_pz.evaluation.episodes import changed_keywords
 from mapf_pz.guidance import GuidanceGraph, save_guidance
 from mapf_pz.instance import Grid
 from mapf_pz.io.atomic import replacing, write_whole
@@ -104,8 +104,7 @@ class OptimizationFolder:
 def _description(config: OptimizeConfig) -> str:
     """Return the configuration as JSON; objects that are not plain values by their type."""
     task = config.task
-    env = {name: value for name, value in task.env.keywords().items() if value != getattr(EnvConfig(), name)}
-    values = {"map": task.grid.name, **env, "planner": task.planner}
+    values = {"map": task.grid.name, **changed_keywords(task.env), "planner": task.planner}
     values |= {name: getattr(config, name) for name in ("method", "minutes", "seed", "jobs")}
     return json.dumps(values, indent=2, default=lambda value: str(value) if isinstance(value, Path) else repr(value))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from mapf_pz.config import EnvConfig
-from mapf_pz.evaluation.episodes import rollout, simulator_of
+from mapf_pz.evaluation.episodes import changed_keywords, rollout, simulator_of
 from mapf_pz.evaluation.policies import planner_of, policy_factory
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.optimization.task import GuidanceTask
@@ -62,9 +62,7 @@ def _typical_goals(config: EnvConfig, shape: tuple[int, int]) -> int:
 
 def _roll_out(name: str, config: EnvConfig, seed: int, usage: Usage) -> Simulator:
     """Let a policy act on observations, with the settings that it requires."""
-    defaults = EnvConfig()
-    changed = {key: value for key, value in config.keywords().items() if value != getattr(defaults, key)}
-    env, policy = policy_factory(name, seed)(changed)
+    env, policy = policy_factory(name, seed)(changed_keywords(config))
     simulator = simulator_of(env)
 
     def count() -> None:
