@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz.actions import Action, CardinalAction
+from mapf_pz.core.cost_lookup import cost_at, num_headings
 from mapf_pz.core.jit import jit
 from mapf_pz.core.state import WAIT_WEIGHT, Array, PlanningView
 from mapf_pz.planners.random import draw, seeded
@@ -72,7 +73,7 @@ def plan(planning_view: PlanningView, passing: bool, state: PibtState, actions: 
 
     With `passing`, an agent only has to pass its goal; otherwise it must stay there.
     """
-    agents, rotates = planning_view.agents, planning_view.to_go.shape[2] == 4
+    agents, rotates = planning_view.agents, num_headings(planning_view.to_go) == 4
     prioritize(planning_view, passing, state)
     state.taken[:] = NO_AGENT
     for i in range(agents.size):
@@ -175,7 +176,7 @@ def _next_rank(rank: Array, tried: int) -> int:
 @jit
 def _rank(planning_view: PlanningView, agent: Array, ties: int, rank: Array) -> None:
     """Rank an agent's choices by the cost to its goal, then by `ties`: 12 random bits per choice."""
-    cell, rotates = agent.cell, planning_view.to_go.shape[2] == 4
+    cell, rotates = agent.cell, num_headings(planning_view.to_go) == 4
     wait = planning_view.weight[WAIT_WEIGHT, cell]
     for direction in range(4):
         target = planning_view.leads_to[direction, cell]
@@ -194,9 +195,9 @@ def _pack(cost: np.float32, ties: int, choice: int) -> int:
 
 
 @jit
-def to_go(planning_view: PlanningView, agent: Array, cell: int, heading: int) -> float:
+def to_go(planning_view: PlanningView, agent: Array, cell: int, heading: int) -> np.float32:
     """Return the cost to go from a cell and heading to the agent's goal."""
-    return planning_view.to_go[planning_view.slot[agent.goal], cell, heading & (planning_view.to_go.shape[2] - 1)]
+    return cost_at(planning_view.to_go, planning_view.slot[agent.goal], cell, heading)
 
 
 @jit
