@@ -11,24 +11,26 @@ import numpy as np
 
 from mapf_pz.actions import Action
 from mapf_pz.core.conflict import NO_MOVE, direction
-from mapf_pz.core.jit import jit
+from mapf_pz.core.jit import inlined, jit
 from mapf_pz.core.state import WAIT_WEIGHT, Array, CostToGo
 
 LEAST_BIT = 8
 """The position of the least cost in a packed number; two bits for each heading come before it."""
+ALL_EXCESS = 2**LEAST_BIT - 1
+"""The bits of what all headings cost more."""
 UNREACHABLE = 2**32 - 1
 """The packed number of cells without a path to the goal."""
 _LEFT, _RIGHT = int(Action.ROTATE_LEFT), int(Action.ROTATE_RIGHT)
 _STRAIGHT_RIGHT_LEFT_BACK = ((0, 0), (1, 1), (3, 1), (2, 2))  # (turn to the right, number of turns it takes)
 
 
-@jit
+@inlined
 def num_headings(to_go: CostToGo) -> int:
     """Return the number of headings: 4, or 1 for cardinal agents."""
     return to_go.exact.shape[2]
 
 
-@jit
+@inlined
 def cost_at(to_go: CostToGo, table: int, cell: int, heading: int) -> np.float32:
     """Return the cost to go from a cell and heading by a table; inf: there is no path."""
     if to_go.packed.shape[0] == 0:
@@ -36,20 +38,20 @@ def cost_at(to_go: CostToGo, table: int, cell: int, heading: int) -> np.float32:
     return unpack(to_go.packed[table, cell], heading)
 
 
-@jit
+@inlined
 def unpack(number: int, heading: int) -> np.float32:
     """Return the cost from a heading by a packed number; inf: there is no path."""
     return np.float32(np.inf) if number == UNREACHABLE else np.float32(unpack_steps(number, heading))
 
 
-@jit
+@inlined
 def unpack_steps(number: int, heading: int) -> int:
     """Return the steps from a heading by a packed number; 2**24 or more: there is no path."""
     bits = np.int64(number)
     return (bits >> LEAST_BIT) + (bits >> 2 * heading & 3)
 
 
-@jit
+@inlined
 def least_cost_at(to_go: CostToGo, table: int, cell: int) -> np.float32:
     """Return the least cost to go over the headings of a cell; inf: there is no path."""
     if to_go.packed.shape[0] == 0:
@@ -87,18 +89,17 @@ def turned(heading: int, action: int) -> int:
     return heading
 
 
-@jit
+@inlined
 def advantage(
-    leads_to: Array, weight: Array, mean_weight: float, to_go: CostToGo, table: int, cardinal: bool, agent: Array,
-    action: int
+    leads_to: Array, weight: Array, mean_weight: float, to_go: CostToGo, table: int, own: float, cardinal: bool,
+    agent: Array, action: int
 ) -> float:  # fmt: skip
     """Return `clip((D - c(action) - D') / mean weight, -2, 0) / 2`: 0 for the best action, -1 for a blocked one.
 
-    `leads_to`, `weight` and `mean_weight` are those of one map, `table` is the agent's.
+    `leads_to`, `weight` and `mean_weight` are those of one map, `table` is the agent's, and `own` is D.
     """
     cell, heading = agent.cell, agent.heading
     towards = direction(cardinal, heading, action)
-    own = cost_at(to_go, table, cell, heading)
     if own == np.inf:
         return -1.0
     if towards != NO_MOVE:  # a blocked move costs infinitely much
@@ -110,7 +111,7 @@ def advantage(
     return min(max((own - after) / mean_weight, -2.0), 0.0) / 2
 
 
-@jit
+@inlined
 def next_cell(leads_to: Array, weight: Array, to_go: CostToGo, table: int, cell: int, heading: int) -> int:
     """Return the next other cell on the cheapest path to the goal, or -1 on the goal and where there is no path.
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from mapf_pz.core.cost_lookup import LEAST_BIT, UNREACHABLE, unpack, unpack_steps
+from mapf_pz.core.cost_lookup import ALL_EXCESS, LEAST_BIT, UNREACHABLE, unpack, unpack_steps
 from mapf_pz.core.jit import BatchKernel, jit
 from mapf_pz.core.state import WAIT_WEIGHT, Array, Distances, World
 
-_UNKNOWN, _ALL_UNKNOWN = 3, 0xFF
-"""The excess of a heading that was not reached yet (the others differ by at most two turns); and of all headings."""
+_UNKNOWN = 3
+"""The excess of a heading that was not reached yet; the others differ by at most two turns."""
 
 
 @BatchKernel
@@ -99,7 +99,7 @@ def _reach(cell: int, heading: int, count: int, steps: Array, queue: Array, tail
     if packed >> bit & 3 != _UNKNOWN:
         return tail
     if packed == UNREACHABLE:
-        packed = count << LEAST_BIT | _ALL_UNKNOWN
+        packed = count << LEAST_BIT | ALL_EXCESS
     steps[cell] = np.uint32(packed & ~(_UNKNOWN << bit) | (count - (packed >> LEAST_BIT)) << bit)
     queue[tail] = 4 * cell + heading
     return tail + 1

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import prange
 
-from mapf_pz.core.cost_lookup import LEAST_BIT, cost_at, next_cell
+from mapf_pz.core.cost_lookup import ALL_EXCESS, LEAST_BIT, cost_at, next_cell
 from mapf_pz.core.jit import BatchKernel, jit
 from mapf_pz.core.observation.inputs import NO_OTHERS, ObservationInputs
 from mapf_pz.core.observation.layers import clear, mark
@@ -77,11 +77,13 @@ def _draw_cost_to_go(
         own = cost_at(to_go, table, agents[i].cell, agents[i].heading)
         shown = image[i, plane]
         if to_go.packed.shape[0] > 0:
+            steps = to_go.packed[table]  # 32 bits are kept all along, for vector instructions
             for j in range(shown.size):
-                shown[j] = to_go.packed[table, cells[i, j]] >> LEAST_BIT  # very large where there is no path
+                shown[j] = np.int32(steps[cells[i, j]] >> LEAST_BIT)  # very large where there is no path
         else:
+            costs = to_go.least[table]
             for j in range(shown.size):
-                shown[j] = to_go.least[table, cells[i, j]]
+                shown[j] = costs[cells[i, j]]
         if own == np.inf:  # then all costs may be infinite, and their difference is not a number
             own = -np.inf
         for j in range(shown.size):
@@ -102,12 +104,13 @@ def _draw_heuristic(
                 steps = to_go.packed[table]
                 for j in range(shown.size):
                     here = cells[i, j]
-                    shown[j] = (steps[leads_to[towards, here]] >> LEAST_BIT) < (steps[here] >> LEAST_BIT)
+                    there = steps[leads_to[towards, here]] | ALL_EXCESS  # then packed numbers sort by the least cost
+                    shown[j] = 1.0 if there < steps[here] else 0.0
             else:
                 costs = to_go.least[table]
                 for j in range(shown.size):
                     here = cells[i, j]
-                    shown[j] = costs[leads_to[towards, here]] < costs[here]
+                    shown[j] = 1.0 if costs[leads_to[towards, here]] < costs[here] else 0.0
 
 
 @jit

@@ -13,7 +13,7 @@ import numpy as np
 from numba import prange
 
 from mapf_pz.actions import Heading
-from mapf_pz.core.cost_lookup import advantage
+from mapf_pz.core.cost_lookup import advantage, cost_at
 from mapf_pz.core.jit import BatchKernel
 from mapf_pz.core.observation.inputs import ObservationInputs
 from mapf_pz.core.state import Array, CostToGo
@@ -81,8 +81,9 @@ def _write_action_advantage(
         for i in range(agents.shape[1]):
             agent = agents[b, i]
             table = slot[maps[b], agent.goal]
+            own = cost_at(to_go, table, agent.cell, agent.heading)
             for action in range(5 if cardinal else 4):
-                values[b, i, at + action] = advantage(ways, costs, mean, to_go, table, cardinal, agent, action)
+                values[b, i, at + action] = advantage(ways, costs, mean, to_go, table, own, cardinal, agent, action)
 
 
 def write_action_advantage(inputs: ObservationInputs, values: Array, at: int) -> None:
