@@ -19,7 +19,8 @@ import numpy as np
 
 from mapf_pz.core.jit import jit
 from mapf_pz.core.state import WAIT_WEIGHT, Array, PlanningView
-from mapf_pz.planners.pibt.kernels import NO_AGENT, sort_by_priority, to_go
+from mapf_pz.planners.pibt.priority import priority_key, sort_by_key
+from mapf_pz.planners.pibt.state import NO_AGENT, to_go
 
 SEVERAL, NONE = -2, -1
 AHEAD = 4
@@ -54,7 +55,7 @@ class EpibtState(NamedTuple):
     to_go: Array  # (N,) float32: cost to go from the agent's state
     away: Array  # (N,) int32: steps since the agent was at its goal if agents must stay there; else 0
     order: Array  # (N,) int32: the agents, the highest priority first
-    key: Array  # (N,) float64: the sort key of that order
+    key: Array  # (N,) float64: each agent's sort key, lower first
     rank: Array  # (N,) int32: each agent's position in that order
     used: Array  # (D + 1, C + 1) int32: the agent on each cell, now and after each action; -1: none
     visits: Array  # (N,) int32: how often each agent was asked to replan
@@ -103,7 +104,9 @@ def plan(planning_view: PlanningView, passing: bool, tree: Operations, state: Ep
     agents = planning_view.agents
     _continue(agents, tree, state)
     _evaluate(planning_view, passing, tree, state)
-    sort_by_priority(state.away, state.to_go, state.order, state.key)
+    for i in range(agents.size):
+        state.key[i] = priority_key(state.away[i], state.to_go[i])
+    sort_by_key(state.key, state.order, state.chain)
     for position in range(agents.size):
         state.rank[state.order[position]] = position
     state.visits[:] = 0
