@@ -6,12 +6,14 @@ from mapf_pz.planners.lacam.planner import LaCAM
 from mapf_pz.planners.pibt.planner import PIBT
 from mapf_pz.planners.pibt.shield import Shield
 from mapf_pz.planners.sipp.prioritized import PrioritizedSIPP
+from mapf_pz.planners.windowed.planner import WindowedLNS
 from mapf_pz.plans.plan import Plan, Violation, validate
 from mapf_pz.plans.record import record_plan
 
 PLANNERS: dict[str, type[Planner]] = {
     "pibt": PIBT,
     "epibt": EPIBT,
+    "windowed": WindowedLNS,
     "prioritized": PrioritizedSIPP,
     "lacam": LaCAM,
 }
@@ -27,6 +29,7 @@ __all__ = [
     "PrioritizedSIPP",
     "Shield",
     "Violation",
+    "WindowedLNS",
     "record_plan",
     "validate",
 ]

@@ -1,0 +1,97 @@
+"""Paths from a simulation of PIBT, which makes progress even where all agents are in each other's way.
+
+An agent that passes its goal in the simulation then heads for the goal of a random agent, as its own next goal is not
+known yet.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mapf_pz.core.conflict import NO_MOVE, direction
+from mapf_pz.core.cost_to_go import turned
+from mapf_pz.core.jit import jit
+from mapf_pz.core.state import Array, PlanningView
+from mapf_pz.planners.pibt.kernels import NO_AGENT, UNDECIDED, PibtState, allocate_pibt, plan
+from mapf_pz.planners.random import draw_below
+from mapf_pz.planners.windowed.paths import Paths, allocate_paths, cost_of_path, facing, occupy
+
+
+class Rollout(NamedTuple):
+    """The simulated agents, and the paths that they take."""
+
+    agents: Array  # (N,) AGENT
+    occupant: Array  # (C + 1,) int32
+    actions: Array  # (N,) int64
+    pibt: PibtState
+    paths: Paths  # `used` and `least` are not kept up to date
+
+
+def allocate_rollout(planning_view: PlanningView, window: int, seed: int) -> Rollout:
+    """Allocate a rollout over `window` steps; `seed`, which must not be 0, breaks ties of PIBT."""
+    return Rollout(
+        agents=planning_view.agents.copy(),
+        occupant=planning_view.occupant.copy(),
+        actions=np.zeros(planning_view.agents.size, np.int64),
+        pibt=allocate_pibt(planning_view, seed),
+        paths=allocate_paths(planning_view, window),
+    )
+
+
+@jit
+def roll_out(planning_view: PlanningView, passing: bool, random: Array, rollout: Rollout) -> float:
+    """Write paths to `rollout.paths`, and return the sum of their costs."""
+    agents, paths = rollout.agents, rollout.paths
+    view = PlanningView(
+        planning_view.leads_to,
+        planning_view.weight,
+        planning_view.slot,
+        planning_view.to_go,
+        agents,
+        rollout.occupant,
+    )
+    rollout.pibt.want[:] = UNDECIDED
+    for i in range(agents.size):
+        agents[i] = planning_view.agents[i]
+    for t in range(paths.cell.shape[1]):
+        if t > 0:
+            plan(view, passing, rollout.pibt, rollout.actions)
+            _move(view, rollout.actions)
+        rollout.occupant[:] = NO_AGENT
+        for i in range(agents.size):
+            paths.cell[i, t], paths.heading[i, t] = agents[i].cell, facing(planning_view, agents[i])
+            if agents[i].active:
+                rollout.occupant[agents[i].cell] = i
+            if passing and agents[i].cell == agents[i].goal:
+                agents[i].goal = planning_view.agents[draw_below(random, agents.size)].goal
+    total = 0.0
+    for i in range(agents.size):
+        if agents[i].active:
+            paths.cost[i] = cost_of_path(planning_view, i, passing, paths)
+            total += paths.cost[i]
+    return total
+
+
+@jit
+def _move(view: PlanningView, actions: Array) -> None:
+    """Execute actions (N,) without collisions."""
+    cardinal = view.to_go.shape[2] == 1
+    for i in range(actions.size):
+        agent = view.agents[i]
+        towards = direction(cardinal, agent.heading, actions[i])
+        if towards != NO_MOVE:
+            agent.cell = view.leads_to[towards, agent.cell]
+        elif not cardinal:
+            agent.heading = turned(agent.heading, actions[i])
+
+
+@jit
+def take_rollout(rollout: Rollout, paths: Paths) -> None:
+    """Replace the paths of all agents by those of the rollout."""
+    paths.used[:] = NO_AGENT
+    paths.cell[:], paths.heading[:], paths.cost[:] = rollout.paths.cell, rollout.paths.heading, rollout.paths.cost
+    for i in range(paths.cost.size):
+        if rollout.agents[i].active:
+            occupy(paths, i)

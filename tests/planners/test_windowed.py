@@ -1,0 +1,219 @@
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import mapf_pz
+from mapf_pz.config import EnvConfig
+from mapf_pz.instances import RandomObstacles
+from mapf_pz.planners import PIBT, WindowedLNS
+from mapf_pz.planners.windowed.improve import allocate_neighborhood, improve
+from mapf_pz.planners.windowed.paths import allocate_paths, continue_paths, release
+from mapf_pz.planners.windowed.search import LATE, allocate_search, find_path
+from mapf_pz.simulator import Simulator
+
+WAIT = 4
+WEIGHTS = ["uniform", "random", "crisscross"]
+
+
+def simulator_of(model, weights, seed, num_agents=8):
+    config = EnvConfig(
+        source=RandomObstacles(6, 6, 0.2, num_agents), action_model=model, edge_weights=weights, on_target="restart"
+    )
+    simulator = Simulator(config)
+    simulator.reset(seeds={0: seed})
+    return simulator
+
+
+def moves(view, cell, heading):
+    """Yield the price, cell and heading after each action; agents without headings have the heading 0."""
+    for direction in range(4) if view.to_go.shape[2] == 1 else (heading,):
+        if view.leads_to[direction, cell] != cell:
+            yield view.weight[direction, cell], view.leads_to[direction, cell], heading
+    for turn in (0,) if view.to_go.shape[2] == 1 else (0, 1, 3):
+        yield view.weight[WAIT, cell], cell, (heading + turn) % 4
+
+
+def collisions(used, t, here, there):
+    """Return the agents that are on `there` after step t, or move from there to `here`."""
+    swaps = here != there and used[t - 1, there] >= 0 and used[t, here] == used[t - 1, there]
+    return [int(used[t, there])] * int(used[t, there] >= 0) + [int(used[t - 1, there])] * int(swaps)
+
+
+def cost_of(view, i, passing, path):
+    """Return the cost of a path of cells and headings, and the number of steps until it counts."""
+    goal, cost = view.agents[i]["goal"], 0.0
+    for (here, heading), (there, after) in itertools.pairwise(path):
+        if here == goal and passing:
+            return cost
+        if (here, heading) == (there, after) and here == goal:
+            continue
+        cost += next(price for price, *state in moves(view, here, heading) if state == [there, after])
+    here, heading = path[-1]
+    return cost + (0 if here == goal and passing else view.to_go[view.slot[goal], here, heading])
+
+
+def cheapest(view, i, passing, price, paths):
+    """Return the lowest cost of a path of agent i, by dynamic programming over steps."""
+    goal, headings = view.agents[i]["goal"], view.to_go.shape[2]
+    start = view.agents[i]["cell"], view.agents[i]["heading"] % headings
+    costs = {(*start, bool(passing and start[0] == goal)): 0.0}
+    for t in range(1, paths.cell.shape[1]):
+        following = {}
+        for (here, heading, passed), cost in costs.items():
+            for step_cost, there, after in moves(view, here, heading):
+                others = collisions(paths.used, t, here, there)
+                if any(paths.fixed[other] for other in others):
+                    continue
+                rests = here == goal and (here, heading) == (there, after)
+                total = cost + (0 if passed or rests else step_cost) + price * len(others)
+                state = there, after, bool(passed or (passing and there == goal))
+                following[state] = min(total, following.get(state, np.inf))
+        costs = following
+    return min(
+        (
+            cost + (0 if passed else view.to_go[view.slot[goal], cell, heading])
+            for (cell, heading, passed), cost in costs.items()
+        ),
+        default=np.inf,
+    )
+
+
+@pytest.mark.parametrize("model", ["cardinal", "rotate"])
+@settings(max_examples=25)
+@given(
+    seed=st.integers(0, 2**31),
+    weights=st.sampled_from(WEIGHTS),
+    passing=st.booleans(),
+    price=st.sampled_from([0.5, 2.0]),
+    window=st.integers(1, 7),
+)
+def test_paths_are_cheapest(model, seed, weights, passing, price, window):
+    view = simulator_of(model, weights, seed).planning_view()
+    paths, scratch = allocate_paths(view, window), allocate_search(window, view.to_go.shape[2])
+    neighborhood = allocate_neighborhood(window, 1 + seed)
+    continue_paths(view, passing, paths)
+    improve(view, passing, 1.0, 30, paths, scratch, neighborhood)
+    rng = np.random.default_rng(seed)
+    for i in range(len(view.agents)):
+        release(paths, i)
+        paths.fixed[:] = rng.random(len(view.agents)) < 0.5
+        expected = cheapest(view, i, passing, price, paths)
+        found = find_path(view, i, passing, np.inf, price, 0, paths, scratch)
+        assert found == (expected < np.inf)
+        if found:
+            path = list(zip(scratch.cell.tolist(), scratch.heading.tolist(), strict=True))
+            cost = cost_of(view, i, passing, path)
+            for t, ((here, _), (there, _)) in enumerate(itertools.pairwise(path), 1):
+                others = collisions(paths.used, t, here, there)
+                assert not any(paths.fixed[other] for other in others)
+                cost += price * len(others)
+            assert cost == pytest.approx(expected, abs=LATE * window)
+            assert not find_path(view, i, passing, expected - 0.05, price, 0, paths, scratch)
+        for t in range(window + 1):
+            paths.used[t, paths.cell[i, t]] = i
+
+
+@pytest.mark.parametrize("model", ["cardinal", "rotate"])
+@settings(max_examples=15)
+@given(seed=st.integers(0, 2**31), weights=st.sampled_from(WEIGHTS))
+def test_improvement_lowers_the_sum_of_costs_and_keeps_paths_apart(model, seed, weights):
+    view = simulator_of(model, weights, seed, num_agents=14).planning_view()
+    paths, scratch = allocate_paths(view, 8), allocate_search(8, view.to_go.shape[2])
+    neighborhood = allocate_neighborhood(8, 1 + seed)
+    continue_paths(view, True, paths)
+    for _ in range(10):
+        before = paths.cost.sum()
+        improve(view, True, 1.0, 20, paths, scratch, neighborhood)
+        assert paths.cost.sum() <= before + 1e-3
+        for i in range(14):
+            path = list(zip(paths.cell[i].tolist(), paths.heading[i].tolist(), strict=True))
+            assert paths.cost[i] == pytest.approx(cost_of(view, i, True, path), abs=1e-3)
+        used = np.full_like(paths.used, -1)
+        for t, cells in enumerate(paths.cell.T):
+            assert len(np.unique(cells)) == 14
+            used[t, cells] = np.arange(14)
+            for i in range(14 * (t > 0)):
+                assert collisions(used, t, paths.cell[i, t - 1], cells[i]) == [i]
+        assert np.array_equal(used, paths.used)
+    assert not paths.fixed.any()
+
+
+@pytest.mark.parametrize("model", ["cardinal", "rotate"])
+@settings(max_examples=10)
+@given(
+    seed=st.integers(0, 2**31),
+    weights=st.sampled_from(WEIGHTS),
+    on_target=st.sampled_from(["nothing", "restart", "finish"]),
+    num_agents=st.sampled_from([2, 14, 24]),
+    time_limit=st.sampled_from([0.0, 0.002]),
+)
+def test_no_move_is_blocked(model, seed, weights, on_target, num_agents, time_limit):
+    env = mapf_pz.parallel_env(
+        source=RandomObstacles(8, 8, 0.2, num_agents),
+        action_model=model,
+        edge_weights=weights,
+        on_target=on_target,
+        max_steps=40,
+    )
+    observations, _ = env.reset(seed=seed)
+    planner = WindowedLNS(env, seed, window=1 + seed % 15, rounds=2, time_limit=time_limit)
+    while env.agents:
+        observations, _, _, _, infos = env.step(planner.act(observations))
+        assert not any(info["blocked"] for info in infos.values())
+
+
+def arrivals(planner_in, model, num_agents, max_steps=256, **options):
+    env = mapf_pz.parallel_env(
+        source=RandomObstacles(18, 18, 0.2, num_agents),
+        action_model=model,
+        on_target="restart",
+        max_steps=max_steps,
+        view_size=(1, 1),
+        channels=("view",),
+    )
+    observations, _ = env.reset(seed=4)
+    planner = planner_in(env, **options)
+    while env.agents:
+        observations = env.step(planner.act(observations))[0]
+    return env.simulator.agents[0]["arrivals"]
+
+
+@pytest.mark.parametrize("model", ["cardinal", "rotate"])
+def test_more_goals_than_pibt_and_no_agent_starves(model):
+    ours, pibt = (arrivals(planner, model, 60) for planner in (WindowedLNS, PIBT))
+    assert ours.sum() > 1.3 * pibt.sum()
+    assert ours.min() >= 3
+
+
+def test_crowds_keep_moving():
+    assert arrivals(WindowedLNS, "cardinal", 130).min() >= 1
+
+
+def test_the_seed_determines_the_decisions():
+    first, second = (arrivals(WindowedLNS, "cardinal", 40, 60, seed=3) for _ in range(2))
+    assert np.array_equal(first, second)
+
+
+def test_a_new_episode_without_reset_states():
+    env = mapf_pz.parallel_env(source=RandomObstacles(8, 8, 0.2, 14), on_target="restart", max_steps=10)
+    planner = WindowedLNS(env)
+    for seed in (0, 1):
+        observations, _ = env.reset(seed=seed)
+        while env.agents:
+            observations, _, _, _, infos = env.step(planner.act(observations))
+            assert not any(info["blocked"] for info in infos.values())
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"window": 0}, "window=0: expected a number of steps from 1 to 100"),
+        ({"rounds": -1}, "rounds=-1: expected a number of attempts, 0 or more"),
+    ],
+)
+def test_invalid_options(options, message):
+    with pytest.raises(ValueError, match=message):
+        WindowedLNS(**options)
