@@ -91,7 +91,7 @@ def turned(heading: int, action: int) -> int:
 
 @inlined
 def advantage(
-    leads_to: Array, weight: Array, mean_weight: float, to_go: CostToGo, table: int, own: float, cardinal: bool,
+    leads_to: Array, weight: Array, mean_weight: float, to_go: CostToGo, table: int, own: np.float32, cardinal: bool,
     agent: Array, action: int
 ) -> float:  # fmt: skip
     """Return `clip((D - c(action) - D') / mean weight, -2, 0) / 2`: 0 for the best action, -1 for a blocked one.

@@ -8,6 +8,8 @@ go at its beginning, then the others, both the nearest first.
 
 from __future__ import annotations
 
+import numpy as np
+
 from mapf_pz.core.jit import jit
 from mapf_pz.core.state import Array, PlanningView
 from mapf_pz.planners.pibt.state import ELAPSED, LATE, PibtState, to_go
@@ -41,7 +43,7 @@ def prioritize(planning_view: PlanningView, passing: bool, priority: int, state:
 
 
 @jit
-def priority_key(away: int, cost: float) -> float:
+def priority_key(away: int, cost: np.float32) -> float:
     """Return the sort key of an agent: by `away`, descending, then by `cost`, ascending."""
     return cost - away * COST_BOUND
 
