@@ -1,6 +1,6 @@
 """PIBT and EPIBT in plain Python, by recursion and dictionaries: what the kernels must do, and how slow that is."""
 
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -47,12 +47,23 @@ def trace(letters):
     return (*(state[:2] for state in states), states[-1][2])
 
 
+def lateness(letters):
+    """Return the sort key of an operation: actions that do not move, cells that it visits again, bends."""
+    depth = len(letters)
+    still = sum(
+        10 + {"R": 12, "L": 12, "W": 13}[letter] * (depth - t) for t, letter in enumerate(letters) if letter != "F"
+    )
+    cells = trace(letters)[:-1]
+    again = sum(depth - t for t in range(depth) if cells[t + 1] in cells[: t + 1])
+    return still, again, sum((one == "F") != (other == "F") for one, other in pairwise(letters))
+
+
 def operations(depth):
-    """Return the operations: no turn after the last move if there is one, no needless turns, no two alike."""
+    """Return the operations, the earliest first: no turns after the last move, no needless turns, no two alike."""
     chosen = {}
-    for letters in map("".join, product(LETTERS, repeat=depth)):
+    for letters in sorted(map("".join, product(LETTERS, repeat=depth)), key=lateness):
         runs = letters.split("F")
-        if len(runs) > 1 and runs[-1].strip("W"):
+        if (len(runs) > 1 or depth > 2) and runs[-1].strip("W"):
             continue
         if any(("R" in run and "L" in run) or len(run.replace("W", "")) > 2 for run in runs):
             continue
@@ -96,7 +107,8 @@ class SlowEPIBT:
                 reached = next((t for t, at in enumerate(path[1:], 1) if at[:2] == goal), None)
                 costs[place] = len(path) - 1 + table[path[-1]] if reached is None else reached
             self.costs.append(costs)
-            self.sorted.append(sorted(costs, key=lambda place: (costs[place], place)))
+            movers = [place for place in costs if place != self.waits]
+            self.sorted.append(sorted(movers, key=lambda place: (costs[place], place)))
             away.append(table[state])
         self.used = {}
         for agent in agents:
@@ -106,7 +118,7 @@ class SlowEPIBT:
         for agent in self.rank:
             had = self.chosen[agent]
             self.take(agent)
-            if not self.search(agent, agent, set(), self.costs[agent][had]):
+            if not self.search(agent, agent, set(), had):
                 self.chosen[agent] = had
                 self.put(agent)
         self.expected = [self.options[agent][self.chosen[agent]][1] for agent in agents]
@@ -133,10 +145,10 @@ class SlowEPIBT:
                 found.add(leaving)
         return found - {None}
 
-    def search(self, agent, first, asking, limit):
-        """Find an operation that costs less than `limit` for an agent that has none; tell whether there is one."""
+    def search(self, agent, first, asking, end):
+        """Find an operation that comes before `end` for an agent that has none; tell whether there is one."""
         for place in self.sorted[agent]:
-            if self.costs[agent][place] >= limit:
+            if place == end:
                 return False
             others = self.conflicts(self.options[agent][place])
             if len(others) > 1:
@@ -152,7 +164,7 @@ class SlowEPIBT:
             had = self.chosen[other]
             self.take(other)
             self.put(agent)
-            if self.search(other, first, asking | {agent}, float("inf")):
+            if self.search(other, first, asking | {agent}, None):
                 return True
             self.take(agent)
             self.chosen[other] = had
