@@ -79,7 +79,7 @@ def test_options(monkeypatch, name, expected):
         ("epibt:depth='5'", "option \"depth='5'\": expected a number, True or False"),
         ("epibt:depth=[5]", "option 'depth=[5]': expected a number, True or False"),
         ("epibt:depth=None", "option 'depth=None': expected a number, True or False"),
-        ("epibt:depth=9", "depth=9: expected a number of actions from 1 to 6"),
+        ("epibt:depth=9", "depth=9: expected a number of actions from 1 to 8"),
     ],
 )
 def test_wrong_options(name, message):

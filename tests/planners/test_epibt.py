@@ -89,7 +89,7 @@ def test_the_same_episode_again_without_reset_states():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"depth": 0}, "depth=0: expected a number of actions from 1 to 6"),
+        ({"depth": 0}, "depth=0: expected a number of actions from 1 to 8"),
         ({"rounds": -1}, "rounds=-1: expected a number of rounds, 0 or more"),
         ({"num_threads": 0}, "num_threads=0: expected a number of threads, 1 or more"),
     ],

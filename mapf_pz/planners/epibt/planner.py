@@ -16,7 +16,7 @@ from mapf_pz.planners.epibt.operations import operations
 from mapf_pz.planners.epibt.state import EpibtState, allocate_epibt
 from mapf_pz.simulator import Simulator
 
-BATCH_SIZE = 32
+BATCH_SIZE = 64
 """Number of agents per region that try to improve the plan in a round."""
 
 
@@ -42,7 +42,8 @@ class EPIBT(StepPlanner):
         Args:
             env: the environment to act in, or a wrapper of it. With None, only `solve` can be used.
             seed: random seed.
-            depth: number of actions of an operation, 1 to 6. Agents that turn need at least 3.
+            depth: number of actions of an operation, 1 to 8. Agents that turn need at least 3. One more action triples
+                the number of operations of agents that turn, and time and memory with it.
             time_limit: time limit of a step in seconds. Time that is left after planning is used to improve the plan,
                 unless agents must stay at their goals (`on_target="nothing"`).
             rounds: number of rounds of this improvement in each step that are made in any case.
@@ -50,8 +51,8 @@ class EPIBT(StepPlanner):
 
         Raises `ValueError` for any other depth, negative rounds, and a number of threads below 1.
         """
-        if not 1 <= depth <= 6:
-            raise ValueError(f"depth={depth}: expected a number of actions from 1 to 6")
+        if not 1 <= depth <= 8:
+            raise ValueError(f"depth={depth}: expected a number of actions from 1 to 8")
         if rounds < 0:
             raise ValueError(f"rounds={rounds}: expected a number of rounds, 0 or more")
         if num_threads < 1:
@@ -86,8 +87,9 @@ class EPIBT(StepPlanner):
         return actions
 
     def _num_regions(self, simulator: Simulator) -> int:
-        """Return the number of regions, such that most agents are inside one."""
-        return max(1, min(simulator.shape) // (4 * self._depth))
+        """Return the number of regions, such that in all directions about half of the agents are inside one."""
+        side = min(simulator.shape)
+        return max(side // (3 * self._depth), 2 if side >= 4 * self._depth else 1)
 
     def _improve(self, simulator: Simulator, state: EpibtState) -> None:
         """Let some agents of each region try to improve the plan."""
@@ -96,7 +98,9 @@ class EPIBT(StepPlanner):
         strip = -(-simulator.shape[not by_row] // num_regions)
         offset = int(self._rng.integers(1, strip + 1))
         cut_regions(agents, simulator.shape[1], by_row, offset, strip, state)
-        improve(self._num_threads, self._rng.integers(len(agents), size=BATCH_SIZE * num_regions), state)
+        improve(
+            min(self._num_threads, num_regions), self._rng.integers(len(agents), size=BATCH_SIZE * num_regions), state
+        )
 
     def _call_kernels(self, simulator: Simulator) -> None:
         super()._call_kernels(simulator)
