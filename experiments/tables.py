@@ -40,9 +40,9 @@ TABLES = (
     ResultTable("pogema-mazes", (*ONE_SHOT, *LEARNED), "02-mazes"),
     ResultTable("pogema-mazes-lifelong", (*LIFELONG, "lacam:anytime=False", *LEARNED), "02-mazes"),
     ResultTable("pogema-warehouse", (*ONE_SHOT, *LEARNED), "03-warehouse"),
-    ResultTable("pogema-warehouse-lifelong", (*LIFELONG, *LEARNED), "03-warehouse"),
+    ResultTable("pogema-warehouse-lifelong", ("pibt", "epibt", *LEARNED), "03-warehouse"),
     ResultTable("pogema-cities", (*ONE_SHOT, *LEARNED), "04-movingai"),
-    ResultTable("pogema-cities-lifelong", (*LIFELONG, *LEARNED), "04-movingai"),
+    ResultTable("pogema-cities-lifelong", ("pibt", "epibt", *LEARNED), "04-movingai"),
     # The maps of the puzzles are smaller than the views of the trained policies.
     ResultTable("pogema-puzzles", ONE_SHOT[:3], "05-puzzles"),
     ResultTable("pogema-puzzles-lifelong", (*LIFELONG, "lacam:anytime=False"), "05-puzzles"),
