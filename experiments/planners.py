@@ -1,7 +1,7 @@
 """Measure the numbers of docs/benchmark.md that `mapf-pz evaluate` does not provide.
 
-`PYTHONPATH=. python experiments/planners.py COMMAND`. The commands `tracker` and `ablation` read benchmark files from
-the folders in `MAPF_PZ_BENCHMARK`.
+`PYTHONPATH=. python experiments/planners.py COMMAND`. All commands but `speed` read files from the
+benchmark folders in `MAPF_PZ_BENCHMARK`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ import tyro
 from mapf_pz.config import ActionModel, EnvConfig
 from mapf_pz.evaluation.parallel import run_jobs
 from mapf_pz.evaluation.policies import planner_of
-from mapf_pz.instances import FixedMap, load_instance, load_map
+from mapf_pz.instance import Instance, Scenario
+from mapf_pz.instances import FixedMap, InstanceList, load_instance, load_map
 from mapf_pz.instances.library import benchmark_file
 from mapf_pz.planners import EPIBT, PIBT, LaCAM, Planner, validate
 from mapf_pz.planners.pibt.planner import PREFERENCES, PRIORITIES
@@ -237,5 +238,51 @@ def _play(
     return map, option, tuple(metrics[name] for name in names)
 
 
+def epibt(
+    num_agents: tuple[int, ...] = (100, 400),
+    policies: tuple[str, ...] = ("pibt", "epibt:depth=3", "epibt:depth=4", "epibt:depth=3,rounds=10"),
+    steps: int = 1000,
+) -> None:
+    """Print the tasks finished on the instances of the EPIBT paper, `epibt-instances/random` of the benchmark folders.
+
+    Args:
+        num_agents: numbers of agents, multiples of 100 up to 800; all face east and turn.
+        policies: planners with options.
+        steps: length of the episode.
+    """
+    rows = []
+    for n in num_agents:
+        for policy in policies:
+            instance = _epibt_instance(n, num_goals=steps // 4)
+            config = EnvConfig(
+                source=InstanceList([instance]), on_target="restart", max_steps=steps, **Planner.env_kwargs
+            )
+            simulator, planner = Simulator(config), planner_of(policy)
+            simulator.reset(seeds={0: 0})
+            planner.compile("rotate")
+            seconds = 0.0
+            while not simulator.over[0]:
+                simulator.require_cost_to_go()
+                start = time.process_time()
+                actions = planner.decide(simulator)
+                seconds += time.process_time() - start
+                simulator.step(actions[None])
+            rows.append([policy, n, simulator.agents[0]["arrivals"].sum(), f"{1000 * seconds / steps:.3f}"])
+    print_table(["policy", "agents", "tasks", "ms per step (CPU)"], rows)
+
+
+def _epibt_instance(num_agents: int, num_goals: int) -> Instance:
+    """Return the instance of the EPIBT paper in which agent k gets the tasks k, k + N, ..."""
+    folder = "epibt-instances/random"
+    grid = load_map(benchmark_file(f"{folder}/map.txt"))
+    starts = np.loadtxt(
+        benchmark_file(f"{folder}/agents_{num_agents // 100 - 1}.csv"), int, delimiter=",", skiprows=1, usecols=(1, 2)
+    )
+    tasks = np.loadtxt(benchmark_file(f"{folder}/tasks_one.csv"), int, skiprows=1)
+    goals = tasks[: num_agents * num_goals].reshape(num_goals, num_agents).T
+    scenario = Scenario(starts, np.stack(np.divmod(goals, grid.shape[1]), axis=-1))
+    return Instance(grid, scenario, np.zeros(num_agents, np.int64))
+
+
 if __name__ == "__main__":
-    tyro.extras.subcommand_cli_from_dict({"tracker": tracker, "speed": speed, "ablation": ablation})
+    tyro.extras.subcommand_cli_from_dict({"tracker": tracker, "speed": speed, "ablation": ablation, "epibt": epibt})
