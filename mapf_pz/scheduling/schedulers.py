@@ -32,7 +32,7 @@ def keep(pool: TaskPool, costs: Floats, lengths: Floats) -> Ints:
 
 
 def nearest(pool: TaskPool, costs: Floats, lengths: Floats) -> Ints:
-    """Assign all tasks that were not started anew in each step, the nearest ones first."""
+    """Assign all tasks that were not started, again in each step, the nearest ones first."""
     return _assign(pool, costs, pool.started)
 
 
