@@ -23,7 +23,7 @@ from mapf_pz.simulator import Simulator
 MAX_BYTES = 1 << 30
 """Maximum memory of a search, which fails if it needs more."""
 
-WALK_SHARE = 0.75
+WALK_SHARE = 0.9
 """Share of the time after the first solution in which to find a shorter one that starts with a walk."""
 
 _AGENT_STEPS = 50_000  # per call of the kernel: about 50 ms
