@@ -82,7 +82,19 @@ SETUPS = (
     Setup("maze-32-32-4", 400, 1.47),
     Setup("den312d", 1200, 4.98),
 )
-BUNDLED = (Setup("warehouse-10-20-10-2-1", 400), Setup("random-24-24-20", 150))
+BUNDLED = (
+    Setup("warehouse-10-20-10-2-1", 400),
+    Setup("warehouse-10-20-10-2-2", 1000),
+    Setup("warehouse-20-40-10-2-2", 2000),
+    Setup("random-24-24-20", 150),
+)
+TURNING = (
+    ("random-32-32-20", 100),
+    ("random-32-32-20", 200),
+    ("room-64-64-16", 400),
+    ("warehouse-10-20-10-2-1", 300),
+    ("empty-16-16", 80),
+)
 GRAPHS = Path("mapf_pz/guidance/graphs")
 
 
@@ -188,7 +200,27 @@ def methods(minutes: float = 1.0, seeds: tuple[int, ...] = (0, 1, 2), num_seeds:
         print(f"| `{method}` | {np.mean(means):.2f} ({min(means):.2f} to {max(means):.2f}) |", flush=True)
 
 
+def turns(planner: str = "epibt:depth=3", num_seeds: int = 16, jobs: int = 2) -> None:
+    """Print the throughput of agents that turn, for several costs of turning and waiting; moves cost 1.
+
+    Args:
+        planner: Planner.
+        num_seeds: Number of episodes of each cost.
+        jobs: Number of processes.
+    """
+    costs = (0.5, 1, 2, 4, 8)
+    print(f"| map, agents | {' | '.join(f'{cost:g}' for cost in costs)} |\n| --- |" + " --- |" * len(costs))
+    for map, num_agents in TURNING:
+        env = EnvConfig(map=map, num_agents=num_agents, on_target="restart", max_steps=500)
+        task = GuidanceTask(env=env, planner=planner)
+        uniform = GuidanceGraph.uniform(task.grid.free)
+        graphs = {str(cost): GuidanceGraph(uniform.move, np.full(task.grid.shape, cost)) for cost in costs}
+        rows = compare_graphs(task, graphs, num_seeds, jobs=jobs)
+        found = {row.name: f"{row.mean:.2f} ± {row.standard_error:.2f}" for row in rows}
+        print(f"| {map}, {num_agents} | {' | '.join(found[name] for name in graphs)} |", flush=True)
+
+
 if __name__ == "__main__":
     tyro.extras.subcommand_cli_from_dict(
-        {"optimize": optimize, "compare": compare, "bundle": bundle, "methods": methods}
+        {"optimize": optimize, "compare": compare, "bundle": bundle, "methods": methods, "turns": turns}
     )

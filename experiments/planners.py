@@ -1,7 +1,7 @@
 """Measure the numbers of docs/benchmark.md that `mapf-pz evaluate` does not provide.
 
-`PYTHONPATH=. python experiments/planners.py COMMAND`. The command `tracker` reads benchmark files from the folders in
-`MAPF_PZ_BENCHMARK`.
+`PYTHONPATH=. python experiments/planners.py COMMAND`. The commands `tracker` and `ablation` read benchmark files from
+the folders in `MAPF_PZ_BENCHMARK`.
 """
 
 from __future__ import annotations
@@ -12,16 +12,19 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
 import tyro
 
-from mapf_pz.config import EnvConfig
+from mapf_pz.config import ActionModel, EnvConfig
 from mapf_pz.evaluation.parallel import run_jobs
+from mapf_pz.evaluation.policies import planner_of
 from mapf_pz.instances import FixedMap, load_instance, load_map
 from mapf_pz.instances.library import benchmark_file
 from mapf_pz.planners import EPIBT, PIBT, LaCAM, Planner, validate
+from mapf_pz.planners.pibt.planner import PREFERENCES, PRIORITIES
 from mapf_pz.simulator import Simulator
 from tests.helpers.reference_planners import ACTION, SlowEPIBT, SlowPIBT, World
 
@@ -152,5 +155,87 @@ def _race(source: FixedMap, world: World, planner: Planner, slow: Any, steps: in
     return float(np.median(ours)) / 1e6, float(np.median(theirs)) / 1e6
 
 
+CROWDS = {
+    "random-32-32-20": 400,
+    "random-64-64-10": 1000,
+    "empty-48-48": 1000,
+    "room-32-32-4": 200,
+    "room-64-64-16": 1000,
+    "maze-32-32-4": 390,
+    "den312d": 1200,
+    "warehouse-10-20-10-2-1": 500,
+    "warehouse-10-20-10-2-2": 1000,
+}
+"""Maps with many agents, for lifelong episodes."""
+FEWER = {
+    "random-32-32-10": 200,
+    "random-32-32-20": 100,
+    "empty-32-32": 300,
+    "room-32-32-4": 100,
+    "room-64-64-16": 200,
+    "maze-32-32-4": 50,
+    "den312d": 200,
+    "warehouse-10-20-10-2-1": 100,
+    "warehouse-10-20-10-2-2": 300,
+}
+"""Maps with fewer agents, for episodes in which each agent stays at its one goal."""
+
+
+def ablation(
+    model: ActionModel = "cardinal", lifelong: bool = True, episodes: int = 5, steps: int = 1000, jobs: int = 1
+) -> None:
+    """Print PIBT's results with all combinations of its options, as means with standard errors.
+
+    Args:
+        model: action model.
+        lifelong: goals reached per step in lifelong episodes; otherwise the share of episodes in which all agents are
+            at their goals at the same time (CSR), and the sum of costs over its lower bound.
+        episodes: number of episodes on each map; the same for all combinations.
+        steps: length of an episode.
+        jobs: number of processes.
+    """
+    priorities = PRIORITIES if lifelong else ("late",)
+    options = [
+        f"priority={priority},swap={swap},preference={preference}"
+        for priority, swap, preference in product(priorities, (False, True), PREFERENCES)
+    ]
+    crowds = CROWDS if lifelong else FEWER
+    tasks = [(map, seed, option) for map in crowds for seed in range(episodes) for option in options]
+    found: dict[tuple[str, str], list[Sequence[float]]] = defaultdict(list)
+    for map, option, figures in run_jobs(partial(_play, model, lifelong, steps), tasks, jobs):
+        found[map, option].append(figures)
+    rows = [[option, *(_mean_and_error(found[map, option]) for map in crowds)] for option in options]
+    print_table([f"{model}, `pibt:`", *(f"{map}, {n} agents" for map, n in crowds.items())], rows)
+
+
+def _mean_and_error(figures: Sequence[Sequence[float]]) -> str:
+    """Return the means of each of the figures with standard errors."""
+    means, errors = np.mean(figures, axis=0), np.std(figures, axis=0, ddof=1) / math.sqrt(len(figures))
+    return ", ".join(f"{mean:.3g} ± {error:.2g}" for mean, error in zip(means, errors, strict=True))
+
+
+def _play(
+    model: ActionModel, lifelong: bool, steps: int, task: tuple[str, int, str]
+) -> tuple[str, str, tuple[float, ...]]:
+    """Return the map, the options, and the figures of an episode."""
+    map, seed, option = task
+    num_agents = (CROWDS if lifelong else FEWER)[map]
+    config = EnvConfig(
+        source=FixedMap(load_map(map), num_agents),
+        on_target="restart" if lifelong else "nothing",
+        max_steps=steps,
+        action_model=model,
+        **Planner.env_kwargs,
+    )
+    simulator, planner = Simulator(config), planner_of(f"pibt:{option}", seed)
+    simulator.reset(seeds={0: seed})
+    planner.compile(model)
+    while not simulator.over[0]:
+        simulator.step(planner.decide(simulator)[None])
+    metrics = simulator.metrics(0)
+    names = ("avg_throughput",) if lifelong else ("CSR", "SoC_ratio")
+    return map, option, tuple(metrics[name] for name in names)
+
+
 if __name__ == "__main__":
-    tyro.extras.subcommand_cli_from_dict({"tracker": tracker, "speed": speed})
+    tyro.extras.subcommand_cli_from_dict({"tracker": tracker, "speed": speed, "ablation": ablation})

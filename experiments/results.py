@@ -29,7 +29,7 @@ from mapf_pz.evaluation import Episode, EvaluationTask, evaluate, load_suite
 from mapf_pz.evaluation.figures import draw_figures
 from mapf_pz.evaluation.published import METRICS, PublishedEpisode, check_possible, load_published
 from mapf_pz.evaluation.report import grouped, interval
-from mapf_pz.evaluation.results import discard
+from mapf_pz.evaluation.results import discard_policies
 from mapf_pz.instances.library import benchmark_file
 from mapf_pz.instances.pogema import load_pogema, pogema_keys
 from mapf_pz.io.atomic import write_whole
@@ -62,7 +62,9 @@ def code_digest() -> str:
 def measure(suites: tuple[str, ...] = (), jobs: int = 2) -> None:
     """Run the episodes of result tables, and write the tables. All tables take hours.
 
-    Existing episodes of another version of the code are kept if a sample of them has the same results when repeated.
+    Existing episodes of another version of the code are kept if samples of their policies have the same results when
+    repeated. Those of policies whose results depend on the speed of the machine are kept if no sample of the same
+    planner has other results.
 
     Args:
         suites: suites of the tables. Default: all.
@@ -107,13 +109,13 @@ def check() -> None:
     if stale:
         raise SystemExit(f"{', '.join(stale)}: run python -m experiments.results write")
     for table in TABLES:
-        for difference in differences(table):
+        for _, difference in differences(table):
             raise SystemExit(difference)
         print(f"{table.suite}: as before", flush=True)
 
 
-def differences(table: ResultTable) -> Iterator[str]:
-    """Repeat the fast samples of a table; yield a line for each difference."""
+def differences(table: ResultTable) -> Iterator[tuple[str, str]]:
+    """Repeat the fast samples of a table; yield the policy and a line for each difference."""
     results = load_results(table.suite)
     tasks = {(task.name, task.num_agents): task for task in load_suite(table.suite)}
     for sample in results["samples"]:
@@ -123,7 +125,7 @@ def differences(table: ResultTable) -> Iterator[str]:
         task = tasks[sample["task"], sample["num_agents"]]
         metrics = _comparable(_run(policy, task, number).metrics)
         if metrics != sample["metrics"]:
-            yield f"{policy}, {task.label}, episode {number}: {metrics} instead of {sample['metrics']}"
+            yield policy, f"{policy}, {task.label}, episode {number}: {metrics} instead of {sample['metrics']}"
 
 
 def load_results(suite: str) -> Results:
@@ -139,21 +141,34 @@ def _run(policy: str, task: EvaluationTask, number: int) -> Episode:
 
 
 def _source(table: ResultTable, folder: Path) -> dict[str, Any]:
-    """Return the origin of the results in `folder`; delete them if they are of code with different decisions."""
+    """Return the origin of the results in `folder`; delete those of policies that decide otherwise now."""
     file = folder / MEASURED
     code = code_digest()
     if file.exists():
         measured = json.loads(file.read_text("utf-8"))
         if measured["code"] == code:
             return measured
-        if (FILES / f"{table.suite}.json").exists() and not any(differences(table)):
+        changed = changed_policies(table)
+        if not changed and measured["command"] == table.command:
             return measured
-        discard(folder)
+        discard_policies(folder, changed)
     commit = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True)
     measured = {"command": table.command, "commit": commit.stdout.strip(), "code": code}
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(file, json.dumps(measured).encode())
     return measured
+
+
+def changed_policies(table: ResultTable) -> list[str]:
+    """Return the policies with samples that have other results when repeated, and others of the same planners."""
+    if not (FILES / f"{table.suite}.json").exists():
+        return list(table.policies)
+    changed = {_planner(policy) for policy, _ in differences(table)}
+    return [policy for policy in table.policies if _planner(policy) in changed]
+
+
+def _planner(policy: str) -> str:
+    return policy.partition(":")[0]
 
 
 def _summary(table: ResultTable, episodes: Sequence[Episode]) -> dict[str, Any]:

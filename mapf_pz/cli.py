@@ -37,6 +37,9 @@ COMMANDS: dict[str, Command] = {
     "maps": Command("mapf_pz.commands.maps:maps", "list the bundled maps, write them, or download the benchmark"),
     "play": Command("mapf_pz.commands.play:play", "control an agent with the keyboard"),
     "render": Command("mapf_pz.commands.render:render", "save an episode or a plan as a web page, video or image"),
+    "schedule": Command(
+        "mapf_pz.commands.schedule:schedule", "run a League of Robot Runners problem, tasks assigned by a scheduler"
+    ),
     "solve": Command("mapf_pz.commands.solve:solve", "solve an instance with a planner, and write the plan"),
     "train": Command("mapf_pz.commands.train:train", "train a policy, and evaluate it"),
     "validate": Command("mapf_pz.commands.validate:validate_plan", "validate a plan file, and compute its costs"),

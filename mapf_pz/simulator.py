@@ -11,14 +11,14 @@ from mapf_pz.arrays import Bools, Floats, Ints, coordinates
 from mapf_pz.config import EnvConfig
 from mapf_pz.core import world
 from mapf_pz.core.conflict import COLLISION_SYSTEMS, write_masks
+from mapf_pz.core.cost_lookup import costs_at
 from mapf_pz.core.cost_tables import CostTables
 from mapf_pz.core.cost_to_go import shortest_lengths
 from mapf_pz.core.jit import numba_config
 from mapf_pz.core.observation.inputs import ObservationInputs
 from mapf_pz.core.observation.layers import allocate_layers, allocate_origins
-from mapf_pz.core.reset import reset
 from mapf_pz.core.reward import reward_terms
-from mapf_pz.core.state import PlanningView, Rules, allocate_state
+from mapf_pz.core.state import CostToGo, PlanningView, Rules, allocate_state, reset
 from mapf_pz.core.step import ON_TARGET, step
 from mapf_pz.episode import EpisodeLoader, shares_map
 from mapf_pz.instance import Grid, Instance
@@ -83,7 +83,12 @@ class Simulator:
         num_maps = 1 if shares_map(config, self.source) else self.num_envs
         self.world = world.allocate(num_maps, shape)
         self.tables = CostTables(
-            self.world, self._num_headings, self.num_envs * self.num_agents, config.distance_bytes, self._num_threads
+            self.world,
+            self._num_headings,
+            self.num_envs * self.num_agents,
+            config.edge_weights == "uniform",
+            config.distance_bytes,
+            self._num_threads,
         )
         self.state = allocate_state(
             self.num_envs, self.num_agents, shape[0] * shape[1], goals_per_agent(config), config.num_last_actions
@@ -199,7 +204,12 @@ class Simulator:
         m = self.state.map[b]
         world, tables, state = self.world, self.tables.arrays, self.state
         return PlanningView(
-            world.leads_to[m], world.weight[m], tables.slot[m], tables.to_go, state.agents[b], state.occupant[b]
+            world.leads_to[m],
+            world.weight[m],
+            tables.slot[m],
+            CostToGo(*tables[1:]),
+            state.agents[b],
+            state.occupant[b],
         )
 
     def cost_to_go(self, b: int) -> Floats:
@@ -207,11 +217,28 @@ class Simulator:
         agents = self.state.agents
         return self._cost_to_go(agents["goal"], agents["cell"], agents["heading"])[b]
 
+    def costs_to(self, goals: Ints, b: int = 0) -> Floats:
+        """Return the cost to go (N, K) float32 of each agent in environment `b` to `goals` (K, 2), [row, col]."""
+        agents, cells = self.state.agents[b], np.asarray(goals) @ (self.shape[1], 1)
+        self.tables.require(self.state.map[b : b + 1], np.concatenate([agents["goal"], cells])[None].astype(np.int32))
+        slot, *to_go = self.tables.arrays
+        tables = np.tile(slot[self.state.map[b], cells], len(agents))
+        starts = (np.repeat(agents[name], len(cells)) for name in ("cell", "heading"))
+        return costs_at(CostToGo(*to_go), tables, *starts).reshape(len(agents), len(cells))
+
+    def set_goals(self, goals: Ints, b: int = 0) -> None:
+        """Set the goals (N, 2), [row, col], of the agents in environment `b`; they keep them after arrivals."""
+        cells = np.asarray(goals) @ (self.shape[1], 1)
+        self.state.agents[b]["goal"] = cells
+        self.state.goals[b] = cells[:, None]
+
     def _cost_to_go(self, goals: Ints, cells: Ints, headings: Ints) -> Floats:
         """Return the cost to go (B, N) float32 from `cells` and `headings` (B, N) to `goals` (B, N)."""
         self.tables.require(self.state.map, goals)
-        slot, to_go, _ = self.tables.arrays
-        return to_go[slot[self.state.map[:, None], goals], cells, headings % self._num_headings]
+        slot, *to_go = self.tables.arrays
+        slots = slot[self.state.map[:, None], goals]
+        flat = (array.reshape(-1) for array in (slots, cells, headings))
+        return costs_at(CostToGo(*to_go), *flat).reshape(goals.shape)
 
     def grid(self, b: int) -> Grid:
         """Return the map of environment `b`; raises `RuntimeError` before the first reset."""

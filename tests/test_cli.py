@@ -156,9 +156,9 @@ def test_interrupt(capsys, monkeypatch):
 )
 def test_too_little_memory_for_the_cost_to_go(capsys, tmp_path, monkeypatch, words):
     monkeypatch.chdir(tmp_path)
-    status, out, err = run(capsys, *words, "--map", "empty-8-8", "--num-agents", 2, "--distance-bytes", 1300)
+    status, out, err = run(capsys, *words, "--map", "empty-8-8", "--num-agents", 2, "--distance-bytes", 260)
     assert (status, out, len(err)) == (1, [], 1)
-    assert err[0].endswith("(on the command line --distance-bytes 2600)")
+    assert err[0].endswith("(on the command line --distance-bytes 520)")
     assert not list(tmp_path.iterdir())
 
 

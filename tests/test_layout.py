@@ -45,6 +45,7 @@ ORDER = [
     "environment",
     "plans",
     "planners",
+    "scheduling",
     "wrappers",
     "rl",
     "evaluation",

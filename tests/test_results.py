@@ -106,9 +106,12 @@ def test_another_result_is_reported(monkeypatch):
     monkeypatch.setattr(results, "load_results", lambda suite: {"samples": [sample]})
     assert list(differences(table)) == []
     sample["metrics"]["SoC"] += 1
-    (line,) = differences(table)
+    ((policy, line),) = differences(table)
     assert line.startswith("pibt, 8 agents on random 12 x 12, 15 % obstacles, episode 0: {'CSR': ")
     assert " instead of " in line
+    assert policy == "pibt"
+    others = ("pibt:swap=False", "epibt", "mappo+pibt")
+    assert results.changed_policies(ResultTable("standard", ("pibt", *others))) == ["pibt", "pibt:swap=False"]
 
 
 @pytest.mark.slow

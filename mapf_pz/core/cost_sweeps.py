@@ -30,7 +30,7 @@ def fill_by_sweeps(num_threads: int, world: World, m: int, goals: Array, slots: 
     order, number = np.empty(cells, np.int32), np.full(cells, -1, np.int32)
     count = _breadth_first_order(world.leads_to[m], goals, order, number)
     leads_to, weight = _renumbered(world.leads_to[m], world.weight[m], order[:count], number)
-    num_headings = distances.to_go.shape[2]
+    num_headings = distances.exact.shape[2]
     num_blocks = -(-goals.size // LANES)
     chunks = min(num_threads, num_blocks)
     costs = np.empty((chunks, count * num_headings, LANES), np.float32)
@@ -183,16 +183,16 @@ def _update(costs: Array, lowered: Array) -> bool:
 
 @jit
 def _copy(costs: Array, order: Array, slots: Array, distances: Distances) -> None:
-    """Copy the costs to the goals' tables."""
-    headings = distances.to_go.shape[2]
+    """Copy the costs to the goals' tables, which are not packed."""
+    headings = distances.exact.shape[2]
     for slot in slots:
-        distances.to_go[slot] = np.inf
-        distances.nearest[slot] = np.inf
+        distances.exact[slot] = np.inf
+        distances.least[slot] = np.inf
     for first in range(0, order.size, _TILE):  # in tiles of cells, since both arrays are larger than the cache
         for lane in range(slots.size):
-            to_go, nearest = distances.to_go[slots[lane]], distances.nearest[slots[lane]]
+            to_go, least = distances.exact[slots[lane]], distances.least[slots[lane]]
             for k in range(first, min(first + _TILE, order.size)):
                 for heading in range(headings):
                     cost = costs[k * headings + heading, lane]
                     to_go[order[k], heading] = cost
-                    nearest[order[k]] = min(nearest[order[k]], cost)
+                    least[order[k]] = min(least[order[k]], cost)

@@ -26,6 +26,7 @@ class CostTables:
         world: World,
         num_headings: int,
         num_goals: int,
+        unit_weights: bool,
         max_bytes: int | None = None,
         num_threads: int = 1,
     ) -> None:
@@ -35,18 +36,20 @@ class CostTables:
             world: the maps.
             num_headings: 4, or 1 for cardinal agents.
             num_goals: the largest number of goals in use at the same time.
+            unit_weights: whether all weights of all maps are 1, so that tables can be packed.
             max_bytes: the bound; None: `default_bytes` of what `num_goals` tables take.
             num_threads: threads that compute tables.
         """
         self._world = world
         num_maps, cells = world.obstacle.shape
-        self._table_bytes = 4 * cells * (num_headings + 1)
+        self._table_bytes = 4 * cells * (1 if unit_weights else num_headings + 1)
         self._max_bytes = default_bytes(num_goals * self._table_bytes) if max_bytes is None else max_bytes
         room = max(1, min(self._max_bytes // self._table_bytes, num_maps * (cells - 1)))
         self.arrays = Distances(
             slot=np.full((num_maps, cells), -1, np.int32),
-            to_go=np.empty((room, cells, num_headings), np.float32),
-            nearest=np.empty((room, cells), np.float32),
+            packed=np.empty((room if unit_weights else 0, cells), np.uint32),
+            exact=np.empty((0 if unit_weights else room, cells, num_headings), np.float32),
+            least=np.empty((0 if unit_weights else room, cells), np.float32),
         )
         self._unused = np.arange(room)[::-1].tolist()
         self._num_threads = num_threads

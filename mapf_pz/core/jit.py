@@ -28,6 +28,11 @@ def jit(kernel: Kernel) -> Kernel:
     return _compile(kernel, parallel=False)
 
 
+def inlined(kernel: Kernel) -> Kernel:
+    """Compile a short `kernel` into the kernels that call it, where passing its arguments would take longer than it."""
+    return _compile(kernel, parallel=False, forceinline=True)
+
+
 class BatchKernel:
     """A kernel with a `prange` over the environments of a batch, compiled apart for one thread and for several.
 
@@ -50,12 +55,14 @@ class BatchKernel:
             self._parallel(*arguments)
 
 
-def _compile(kernel: Kernel, parallel: bool) -> Kernel:
+def _compile(kernel: Kernel, parallel: bool, forceinline: bool = False) -> Kernel:
     # Numba reads the folder when it decorates; the user's own setting is put back at once.
     previous = numba_config.CACHE_DIR
     numba_config.CACHE_DIR = _cache_folder(previous, parallel)
     try:
-        compiled: Any = numba.njit(kernel, cache=True, nogil=True, error_model="numpy", parallel=parallel)
+        compiled: Any = numba.njit(
+            kernel, cache=True, nogil=True, error_model="numpy", parallel=parallel, forceinline=forceinline
+        )
     finally:
         numba_config.CACHE_DIR = previous
     return compiled

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from mapf_pz.core.conflict import NO_MOVE, direction
-from mapf_pz.core.cost_to_go import turned
+from mapf_pz.core.cost_lookup import cost_at, turned
 from mapf_pz.core.jit import jit
-from mapf_pz.core.state import Array
+from mapf_pz.core.state import Array, CostToGo
 
 
 @dataclass(frozen=True)
@@ -108,16 +108,17 @@ def _action_reward(terms: Any, cardinal: bool, agent: Array, action: int) -> flo
 
 
 @jit
-def measure_progress(coefficient: float, mean_weight: float, slot: Array, to_go: Array, m: int, agents: Array) -> None:
+def measure_progress(
+    coefficient: float, mean_weight: float, slot: Array, to_go: CostToGo, m: int, agents: Array
+) -> None:
     """Set the decrease of the cost to go in units of the mean weight; 0 where there is no path."""
     if coefficient == 0:
         return  # it is 0 since the reset
-    last = to_go.shape[2] - 1  # of D headings, 1 or 4
     for i in range(agents.size):
         agent = agents[i]
         table = slot[m, agent.was_goal]
-        before = to_go[table, agent.was_cell, agent.was_heading & last]
-        after = to_go[table, agent.cell, agent.heading & last]
+        before = cost_at(to_go, table, agent.was_cell, agent.was_heading)
+        after = cost_at(to_go, table, agent.cell, agent.heading)
         # Agents can move along a blocked edge of the guidance graph.
         agent.progress = (before - after) / mean_weight if before < np.inf and after < np.inf else 0.0
 

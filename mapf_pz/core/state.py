@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mapf_pz.core.jit import numba_config
+from mapf_pz.core.jit import jit, numba_config
 
 Array = Any  # numpy arrays; the comments give shape and dtype, which Numba's compiled signatures hold to
 Fields = tuple[Any, ...]
@@ -63,12 +63,24 @@ class World(NamedTuple):
 WAIT_WEIGHT = 4  # the plane of `World.weight` after the four headings
 
 
+class CostToGo(NamedTuple):
+    """S cost-to-go tables in one of two forms, the other of which is empty; `D` headings (4, or 1 for cardinal agents).
+
+    Kernels read them by the functions of `mapf_pz.core.cost_lookup`.
+    """
+
+    packed: Array  # (S, C + 1) uint32: where all weights are 1: the steps to the goal from all headings of a cell
+    exact: Array  # (S, C + 1, D) float32: otherwise: the cheapest cost from a cell and heading; inf: unreachable
+    least: Array  # (S, C + 1) float32: the least of `exact` over headings
+
+
 class Distances(NamedTuple):
-    """Cost-to-go tables, one per map and goal in use; `D` headings (4, or 1 for cardinal agents)."""
+    """The fields of `CostToGo`, with one table per map and goal in use, and where each is."""
 
     slot: Array  # (M, C + 1) int32: which table belongs to the goal; -1: none yet
-    to_go: Array  # (S, C + 1, D) float32: cheapest cost to the goal from a cell and heading; inf: unreachable
-    nearest: Array  # (S, C + 1) float32: the least of `to_go` over headings
+    packed: Array  # (S, C + 1) uint32
+    exact: Array  # (S, C + 1, D) float32
+    least: Array  # (S, C + 1) float32
 
 
 class PlanningView(NamedTuple):
@@ -77,7 +89,7 @@ class PlanningView(NamedTuple):
     leads_to: Array  # (4, C + 1) int32
     weight: Array  # (5, C + 1) float32
     slot: Array  # (C + 1,) int32
-    to_go: Array  # (S, C + 1, D) float32
+    to_go: CostToGo
     agents: Array  # (N,) AGENT
     occupant: Array  # (C + 1,) int32
 
@@ -111,6 +123,43 @@ def allocate_state(num_envs: int, num_agents: int, num_cells: int, num_goals: in
         occupant=np.full((num_envs, num_cells + 1), -1, np.int32),
         claim=np.full((num_envs, num_cells + 1), -1, np.int32),
     )
+
+
+_NEW = np.zeros(1, AGENT)
+
+
+def reset(chosen: Array, starts: Array, headings: Array, state: State) -> None:
+    """Start an episode in the environments `chosen` (K,) int64.
+
+    Agents stand on `starts` (B, N) with `headings` (B, N), and head for the first of their goals in `state`.
+    """
+    _reset(chosen, starts, headings, _NEW, state)
+
+
+@jit
+def _reset(chosen: Array, starts: Array, headings: Array, new: Array, state: State) -> None:
+    for b in chosen:
+        state.time[b] = 0
+        state.terminated[b] = state.truncated[b] = False
+        state.occupant[b, :] = -1
+        state.history[b, :, :, 0] = -1
+        state.history[b, :, :, 1] = 0
+        agents, goals = state.agents[b], state.goals[b]
+        for i in range(agents.size):
+            agents[i] = new[0]
+            _place(agents[i], starts[b, i], headings[b, i], goals[i, 0])
+            state.occupant[b, starts[b, i]] = i
+
+
+@jit
+def _place(agent: Array, start: int, heading: int, goal: int) -> None:
+    """Put a new agent on its start."""
+    agent.cell = agent.was_cell = start
+    agent.heading = agent.was_heading = heading
+    agent.goal = agent.was_goal = goal
+    agent.at_goal = start == goal
+    agent.active = agent.was_active = True
+    agent.resting_since = -1
 
 
 class Rules(NamedTuple):

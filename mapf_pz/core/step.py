@@ -5,10 +5,10 @@ from __future__ import annotations
 from numba import prange
 
 from mapf_pz.core.conflict import NO_MOVE, direction, propose, resolve
-from mapf_pz.core.cost_to_go import turned
+from mapf_pz.core.cost_lookup import turned
 from mapf_pz.core.jit import BatchKernel, jit
 from mapf_pz.core.reward import RewardTerms, compute_rewards, measure_progress
-from mapf_pz.core.state import Array, Distances, Fields, Rules, State, World
+from mapf_pz.core.state import Array, CostToGo, Distances, Fields, Rules, State, World
 
 NOTHING, FINISH, RESTART = 0, 1, 2
 ON_TARGET = {"nothing": NOTHING, "finish": FINISH, "restart": RESTART}
@@ -25,6 +25,7 @@ def step(
     """
     rules, terms, world = Rules(*rule_fields), RewardTerms(*term_fields), World(*world_fields)
     distances, state = Distances(*distance_fields), State(*state_fields)
+    to_go = CostToGo(distances.packed, distances.exact, distances.least)
     for b in prange(all_actions.shape[0]):
         m, agents, occupant, claim = state.map[b], state.agents[b], state.occupant[b], state.claim[b]
         time, actions = tick(state.time, b), all_actions[b]
@@ -33,7 +34,7 @@ def step(
         resolve(rules.collision, agents, occupant, claim)
         advance(rules.cardinal, agents, actions, occupant, state.history[b])
         solved = update_goals(rules.on_target, agents, state.goals[b], time)
-        measure_progress(terms.progress, world.mean_weight[m], distances.slot, distances.to_go, m, agents)
+        measure_progress(terms.progress, world.mean_weight[m], distances.slot, to_go, m, agents)
         compute_rewards(terms, rules.cardinal, world.height, world.width, agents, actions, occupant, solved)
         finish(rules.on_target, agents, occupant, solved, time >= rules.max_steps)
         end_episode(agents, state.terminated, state.truncated, b)

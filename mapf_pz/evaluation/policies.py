@@ -105,14 +105,18 @@ def _trained_factory(
 
 
 def _options(planner: type[Planner], text: str) -> dict[str, Any]:
-    """Parse `depth=5,time_limit=0.1`; raises `ValueError` for options that the planner does not have."""
-    allowed = [name for name in inspect.signature(planner).parameters if name not in ("env", "seed")]
+    """Parse `depth=5,time_limit=0.1` or `priority=elapsed`; raises `ValueError` for options the planner lacks."""
+    parameters = inspect.signature(planner).parameters
+    allowed = [name for name in parameters if name not in ("env", "seed")]
     options: dict[str, Any] = {}
     for option in filter(None, text.split(",")):
         name, _, value = map(str.strip, option.partition("="))
         if name not in allowed:
             expected = f"the options {', '.join(allowed)}" if allowed else "no options"
             raise ValueError(f"option {option!r}: {planner.__name__} has {expected}")
+        if isinstance(parameters[name].default, str):
+            options[name] = value
+            continue
         try:
             options[name] = ast.literal_eval(value)
         except (SyntaxError, ValueError, RecursionError, MemoryError):

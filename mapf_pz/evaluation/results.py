@@ -93,8 +93,7 @@ class Results:
         """Add an episode, and append it to the file."""
         self.episodes.append(episode)
         if self._file is not None:
-            values = [episode.metrics.get(name, "") for name in METRICS]
-            _write_rows(self._file, "a", [[*episode.key, *values]])
+            _write_rows(self._file, "a", [_row(episode)])
 
     def done(self) -> set[tuple[str, str, int, int]]:
         """Return the keys of all episodes."""
@@ -105,6 +104,19 @@ def discard(folder: Path) -> None:
     """Delete the files of an evaluation from a folder."""
     for name in (EPISODES_FILE, TASKS_FILE):
         (folder / name).unlink(missing_ok=True)
+
+
+def discard_policies(folder: Path, policies: Iterable[str]) -> None:
+    """Delete the episodes of some policies from the file of an evaluation."""
+    file, dropped = folder / EPISODES_FILE, set(policies)
+    rows = [_row(episode) for episode in _read(file) if episode.policy not in dropped]
+    text = io.StringIO(newline="")
+    csv.writer(text, lineterminator="\n").writerows([COLUMNS, *rows])
+    write_whole(file, text.getvalue().encode())
+
+
+def _row(episode: Episode) -> list[object]:
+    return [*episode.key, *(episode.metrics.get(name, "") for name in METRICS)]
 
 
 def _description(task: EvaluationTask) -> dict[str, Any]:

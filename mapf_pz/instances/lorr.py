@@ -38,6 +38,8 @@ MAX_PROBLEM_CHARACTERS = 100_000
 """Maximum length of a problem's JSON file; longer ones are rejected."""
 MAX_ERRANDS_PER_TASK = 100
 """Maximum number of errands per task; files with longer tasks are rejected."""
+MAX_REVEAL = 1000
+"""Maximum number of revealed tasks per robot; problems with more are rejected."""
 MAX_GOALS = 16_000_000
 """Maximum total number of goals of an instance; larger ones are rejected."""
 
@@ -60,6 +62,8 @@ class LorrProblem:
     """One of `STRATEGIES`."""
     version: str | None
     """The version in the file, such as `2024 LoRR`; None in 2023."""
+    reveal: float = 1.0
+    """Number of revealed tasks per robot at any time, `numTasksReveal`."""
     name: str = "problem"
     """The file name without its extension."""
     not_modeled: tuple[str, ...] = ()
@@ -70,6 +74,11 @@ class LorrProblem:
     def team_size(self) -> int:
         """M, the number of robots."""
         return len(self.starts)
+
+    @property
+    def num_revealed(self) -> int:
+        """Number of tasks that are revealed at any time, one or more for each robot."""
+        return max(self.team_size, int(self.reveal * self.team_size))
 
     @property
     def num_tasks(self) -> int:
@@ -85,9 +94,9 @@ class LorrProblem:
         """Return the lifelong instance: all robots face east, and each has a fixed sequence of goals.
 
         Robot `i` gets the tasks `i`, `i + M`, `i + 2M` and so on, modulo the number of tasks. This is the competition's
-        `roundrobin` of 2023. Since 2024 an entrant's scheduler assigns tasks, so for these problems it is only a
-        substitute, in which a robot visits all errands of a task in order. Warns about `not_modeled` members, since
-        results are then not comparable with the competition's.
+        `roundrobin` of 2023. Since 2024 an entrant's scheduler assigns tasks (see `mapf_pz.scheduling`), so for these
+        problems it is only a substitute, in which a robot visits all errands of a task in order. Warns about
+        `not_modeled` members, since results are then not comparable with the competition's.
 
         Args:
             goals_per_agent: L, the number of goals; None: the smallest number of goals that any robot has before its
@@ -161,9 +170,18 @@ def load_problem(path: str | Path) -> LorrProblem:
         offsets=frozen(np.concatenate([[0], np.cumsum(counts)]), np.int64),
         strategy=strategy,
         version=None if data.get("version") is None else text_member(data, "version", path),
+        reveal=_reveal(data, path),
         name=Path(path).stem,
         not_modeled=tuple(key for key in data if key not in MODELED and NEUTRAL.get(key) != data[key]),
     )
+
+
+def _reveal(data: JsonObject, origin: str | Path) -> float:
+    """Return the number of revealed tasks per robot."""
+    reveal = data.get("numTasksReveal", 1)
+    if isinstance(reveal, bool) or not isinstance(reveal, int | float) or not 0 < reveal <= MAX_REVEAL:
+        raise FormatError(origin, f"expected 'numTasksReveal' above 0, up to {MAX_REVEAL}, got {shortened(reveal)}")
+    return float(reveal)
 
 
 def _named_file(data: JsonObject, name: str, origin: str | Path) -> Path:

@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz.actions import Action, CardinalAction
-from mapf_pz.arrays import Ints
-from mapf_pz.core.state import Array
+from mapf_pz.arrays import Floats, Ints
+from mapf_pz.core.cost_lookup import costs_at
+from mapf_pz.core.state import Array, CostToGo
 from mapf_pz.simulator import Simulator
 
 
@@ -17,11 +18,16 @@ class Problem(NamedTuple):
 
     leads_to: Array  # (4, C + 1) int32: the cell that a move in each direction leads to; the same cell if blocked
     weight: Array  # (5, C + 1) float32: cost of moving in each direction (inf: blocked), and of waiting or turning
-    to_go: Array  # (S, C + 1, D) float32: cost to go, one table for each distinct goal
+    to_go: CostToGo  # one table for each distinct goal
     table: Array  # (N,) int32: index of the table for each agent's goal
     starts: Array  # (N,) int32: cells
     headings: Array  # (N,) int32: at the start; 0 for cardinal agents
     goals: Array  # (N,) int32: cells
+
+
+def starting_costs(problem: Problem) -> Floats:
+    """Return the cost to go (N,) float32 of each agent at its start; inf: it cannot reach its goal."""
+    return costs_at(problem.to_go, problem.table, problem.starts, problem.headings)
 
 
 class Path(NamedTuple):

@@ -9,8 +9,11 @@ from mapf_pz.actions import HEADING_STEPS
 from mapf_pz.config import EnvConfig
 from mapf_pz.core import cost_tables as tables
 from mapf_pz.core import world
+from mapf_pz.core.cost_lookup import costs_at, least_costs
 from mapf_pz.core.cost_sweeps import FEWEST_GOALS, LANES
+from mapf_pz.core.state import CostToGo
 from mapf_pz.guidance import GuidanceGraph, open_edges
+from mapf_pz.guidance.library import guidance_graph
 from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.memory import usable_memory
@@ -26,6 +29,7 @@ def one_way_graph(free, rng):
 
 
 GRAPHS = {
+    "by name": lambda free, rng: "uniform",
     "uniform": lambda free, rng: GuidanceGraph.uniform(free),
     "equal": lambda free, rng: GuidanceGraph(GuidanceGraph.uniform(free).move * 0.7, np.full(free.shape, 0.7)),
     "random": GuidanceGraph.random,
@@ -43,6 +47,7 @@ GRAPHS = {
 
 def explicit_graph(free, weights, action_model):
     """The graph of (cell, heading) and actions; cardinal agents have no heading."""
+    weights = guidance_graph(weights, Grid(free))
     graph = nx.DiGraph()
     headings = range(4) if action_model == "rotate" else [0]
     for row, col in np.argwhere(free).tolist():
@@ -76,11 +81,18 @@ def cost_to_go(free, weights, goals, action_model):
     simulator.reset(seeds={0: 0})
     tables = simulator.tables.arrays
     slots = tables.slot[0, goals @ np.array([free.shape[1], 1])]
-    headings = tables.to_go.shape[2]
-    to_go = tables.to_go[slots, :-1].reshape(len(goals), *free.shape, headings)
-    assert np.array_equal(tables.nearest[slots, :-1].reshape(to_go.shape[:3]), to_go.min(axis=3))
-    assert np.isinf(tables.to_go[slots, -1]).all()  # outside the map
-    return to_go
+    tables = CostToGo(*tables[1:])
+    headings, cells = tables.exact.shape[2], np.arange(free.size + 1)
+    to_go = np.stack(
+        [
+            [costs_at(tables, np.full_like(cells, slot), cells, np.full_like(cells, h)) for slot in slots]
+            for h in range(headings)
+        ],
+        axis=-1,
+    )
+    assert np.array_equal(least_costs(tables, slots), to_go.min(axis=2))
+    assert np.isinf(to_go[:, -1]).all()  # outside the map
+    return to_go[:, :-1].reshape(len(goals), *free.shape, headings)
 
 
 @pytest.mark.parametrize("num_goals", [3, FEWEST_GOALS, LANES + FEWEST_GOALS])
@@ -131,7 +143,7 @@ def test_bellman_equation(name, action_model):
 @pytest.mark.parametrize("on_target", ["nothing", "restart"])
 def test_a_small_memory_changes_nothing(on_target, source):
     """Tables are dropped and computed again, and the episodes stay the same."""
-    table_bytes = 4 * (36 + 1) * 5
+    table_bytes = 4 * (36 + 1)
     episodes, in_use = [], []
     for distance_bytes in (2**30, 8 * table_bytes):
         config = EnvConfig(
@@ -171,10 +183,10 @@ def play(simulator, num_steps):
 
 
 def test_too_little_memory_is_one_line():
-    config = EnvConfig(num_agents=6, channels=("cost_to_go",), distance_bytes=5 * 4 * 65 * 5)
+    config = EnvConfig(num_agents=6, channels=("cost_to_go",), distance_bytes=5 * 4 * 65)
     simulator = Simulator(config)
     with pytest.raises(
-        MemoryError, match=r"^distance_bytes=6500: .* takes 7800 bytes; pass distance_bytes=7800 or more "
+        MemoryError, match=r"^distance_bytes=1300: .* takes 1560 bytes; pass distance_bytes=1560 or more "
     ):
         simulator.reset(seeds={0: 0})
 
@@ -182,11 +194,11 @@ def test_too_little_memory_is_one_line():
 def test_by_default_the_bound_grows_with_the_agents(monkeypatch):
     """All agents' goals fit, unless they take more than half of the memory; without a need nothing is reserved."""
     monkeypatch.setattr(tables, "CACHE_BYTES", 1)
-    one_table = 4 * 65 * 5
+    one_table = 4 * 65
     for num_agents in (2, 6):
         simulator = Simulator(EnvConfig(num_agents=num_agents, channels=("cost_to_go",)))
         simulator.reset(seeds={0: 0})
-        assert len(simulator.tables.arrays.to_go) == num_agents
+        assert len(simulator.tables.arrays.packed) == num_agents
     monkeypatch.setattr(tables, "usable_memory", lambda: 2 * 5 * one_table)
     simulator = Simulator(EnvConfig(num_agents=6, channels=("cost_to_go",)))
     with pytest.raises(MemoryError, match=rf"^distance_bytes={5 * one_table}: .* pass distance_bytes={6 * one_table} "):
@@ -211,10 +223,10 @@ def test_the_memory_of_a_container(monkeypatch, tmp_path):
 def test_tables_that_are_in_use_count_where_memory_is_too_little():
     grid, starts = Grid(np.ones((8, 8), np.bool_)), [(0, 0), (0, 1)]
     one_goal, two_goals = (Instance(grid, Scenario(starts, goals)) for goals in ([(0, 2)] * 2, [(5, 5), (6, 6)]))
-    config = EnvConfig(map=grid, num_agents=2, channels=("cost_to_go",), distance_bytes=2 * 4 * 65 * 5)
+    config = EnvConfig(map=grid, num_agents=2, channels=("cost_to_go",), distance_bytes=2 * 4 * 65)
     simulator = Simulator(config, num_envs=2)
     simulator.reset(instances={0: one_goal, 1: one_goal})
-    with pytest.raises(MemoryError, match=r" takes 3900 bytes; pass distance_bytes=3900 or more "):
+    with pytest.raises(MemoryError, match=r" takes 780 bytes; pass distance_bytes=780 or more "):
         simulator.reset([1], instances={1: two_goals})
 
 
@@ -222,7 +234,7 @@ def test_there_is_room_for_all_goals_of_all_maps():
     source = RandomObstacles(2, 2, density=0, num_agents=4)
     simulator = Simulator(EnvConfig(source=source, channels=("cost_to_go",), view_size=(1, 1)), num_envs=3)
     simulator.reset(seeds={b: b for b in range(3)})
-    assert len(simulator.tables.arrays.to_go) == (simulator.tables.arrays.slot >= 0).sum() == 3 * 4
+    assert len(simulator.tables.arrays.packed) == (simulator.tables.arrays.slot >= 0).sum() == 3 * 4
 
 
 def test_memory_for_no_table_still_holds_one():
@@ -231,7 +243,7 @@ def test_memory_for_no_table_still_holds_one():
         simulator.reset(seeds={0: seed})
     goal = simulator.goals(0)[0]
     assert simulator.tables.arrays.slot[0, goal @ (8, 1)] == 0
-    assert len(simulator.tables.arrays.to_go) == 1
+    assert len(simulator.tables.arrays.packed) == 1
 
 
 @pytest.mark.parametrize("num_agents", [1, 2])
@@ -271,13 +283,14 @@ def test_many_goals_at_once_equal_one_after_another(action_model, num_threads):
     for k in range(cells.size):
         one_by_one.require(maps[:1], cells[None, k : k + 1])
     together.require(maps[:1], cells[None])
-    for name in ("to_go", "nearest"):
-        expected = getattr(one_by_one.arrays, name)[one_by_one.arrays.slot[0, cells]]
-        assert np.array_equal(getattr(together.arrays, name)[together.arrays.slot[0, cells]], expected)
+    expected = one_by_one.arrays.exact[one_by_one.arrays.slot[0, cells]]
+    assert np.array_equal(together.arrays.exact[together.arrays.slot[0, cells]], expected)
     assert sorted(together.arrays.slot[0, cells]) == slots.tolist()
 
 
 def new_tables(free, graph, action_model, num_threads):
     arrays = world.allocate(1, free.shape)
     world.set_map(arrays, 0, free, graph)
-    return tables.CostTables(arrays, 4 if action_model == "rotate" else 1, int(free.sum()), None, num_threads)
+    return tables.CostTables(
+        arrays, 4 if action_model == "rotate" else 1, int(free.sum()), False, num_threads=num_threads
+    )

@@ -67,16 +67,19 @@ def test_options(monkeypatch, name, expected):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("epibt:deep=5", "option 'deep=5': EPIBT has the options depth, time_limit"),
-        ("pibt:depth=5", "option 'depth=5': PIBT has no options"),
-        ("epibt:seed=5", "option 'seed=5': EPIBT has the options depth, time_limit"),
+        ("epibt:deep=5", "option 'deep=5': EPIBT has the options depth, time_limit, rounds, num_threads"),
+        ("pibt:depth=5", "option 'depth=5': PIBT has the options priority, swap, preference"),
+        ("pibt:priority=5", "priority='5': expected one of nearest, elapsed, late"),
+        ("pibt:preference=", "preference='': expected one of random, hindrance"),
+        ("pibt:swap=maybe", "option 'swap=maybe': expected a number, True or False"),
+        ("epibt:seed=5", "option 'seed=5': EPIBT has the options depth, time_limit, rounds, num_threads"),
         ("epibt:depth", "option 'depth': expected a number, True or False"),
         ("epibt:depth=", "option 'depth=': expected a number, True or False"),
         ("epibt:depth=five", "option 'depth=five': expected a number, True or False"),
         ("epibt:depth='5'", "option \"depth='5'\": expected a number, True or False"),
         ("epibt:depth=[5]", "option 'depth=[5]': expected a number, True or False"),
         ("epibt:depth=None", "option 'depth=None': expected a number, True or False"),
-        ("epibt:depth=9", "depth=9: expected a number of actions from 1 to 6"),
+        ("epibt:depth=9", "depth=9: expected a number of actions from 1 to 8"),
     ],
 )
 def test_wrong_options(name, message):

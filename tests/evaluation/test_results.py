@@ -5,7 +5,7 @@ import pytest
 
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation import Episode, EvaluationTask, evaluate
-from mapf_pz.evaluation.results import COLUMNS, METRICS, Results, discard
+from mapf_pz.evaluation.results import COLUMNS, METRICS, Results, discard, discard_policies
 from mapf_pz.instances import RandomObstacles
 from tests.evaluation.test_episodes import TIMES, Right
 from tests.helpers.text_instances import drawn
@@ -142,6 +142,18 @@ def test_other_tasks_are_rejected(tmp_path, other):
     discard(tmp_path)
     discard(tmp_path)  # nothing is left to remove
     assert evaluated(Right(), other, tmp_path)[1] == sum(task.episodes for task in other)
+
+
+def test_the_episodes_of_some_policies_are_discarded(tmp_path):
+    results = Results(TASKS[:1], tmp_path)
+    for policy in ("a", "b", "c"):
+        for number in range(2):
+            results.add(Episode(policy, TASKS[0].name, 2, number, {"CSR": 0.5, "runtime": 1e-9}))
+    discard_policies(tmp_path, ["a", "c", "none"])
+    kept = Results(TASKS[:1], tmp_path)
+    assert kept.episodes == [one for one in results.episodes if one.policy == "b"]
+    kept.add(results.episodes[0])
+    assert len(Results(TASKS[:1], tmp_path).episodes) == 3
 
 
 def test_more_and_fewer_episodes(tmp_path):

@@ -4,10 +4,8 @@ Published results of a planner are valid for these decisions. After a change of 
 """
 
 from functools import partial
-from itertools import count, product
+from itertools import product
 from pathlib import Path
-from types import SimpleNamespace
-from unittest.mock import patch
 
 import numpy as np
 
@@ -36,17 +34,6 @@ class RandomPreferences:
 
     def reset_states(self):
         pass
-
-
-class TimedEPIBT(EPIBT):
-    """Improves its plan for two ticks of a clock that does not depend on the machine."""
-
-    def __init__(self, env):
-        super().__init__(env, depth=2, time_limit=2.5)
-
-    def decide(self, simulator):
-        with patch("mapf_pz.planners.epibt.planner.time", SimpleNamespace(perf_counter=count().__next__)):
-            return super().decide(simulator)
 
 
 STEP_PLANNERS = {
@@ -136,7 +123,7 @@ def cases():
         found[f"pibt {model} stays"] = partial(
             episode, PIBT, model, "uniform", "nothing", seed=0, num_agents=20, max_steps=40
         )
-        found[f"epibt {model} improves"] = partial(lifelong, TimedEPIBT, num_agents=16)
+        found[f"epibt {model} improves"] = partial(lifelong, partial(EPIBT, depth=2, rounds=2), num_agents=16)
     return found
 
 

@@ -1,6 +1,6 @@
 """PIBT and EPIBT in plain Python, by recursion and dictionaries: what the kernels must do, and how slow that is."""
 
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -47,12 +47,23 @@ def trace(letters):
     return (*(state[:2] for state in states), states[-1][2])
 
 
+def lateness(letters):
+    """Return the sort key of an operation: actions that do not move, cells that it visits again, bends."""
+    depth = len(letters)
+    still = sum(
+        10 + {"R": 12, "L": 12, "W": 13}[letter] * (depth - t) for t, letter in enumerate(letters) if letter != "F"
+    )
+    cells = trace(letters)[:-1]
+    again = sum(depth - t for t in range(depth) if cells[t + 1] in cells[: t + 1])
+    return still, again, sum((one == "F") != (other == "F") for one, other in pairwise(letters))
+
+
 def operations(depth):
-    """Return the operations: no turn after the last move if there is one, no needless turns, no two alike."""
+    """Return the operations, the earliest first: no turns after the last move, no needless turns, no two alike."""
     chosen = {}
-    for letters in map("".join, product(LETTERS, repeat=depth)):
+    for letters in sorted(map("".join, product(LETTERS, repeat=depth)), key=lateness):
         runs = letters.split("F")
-        if len(runs) > 1 and runs[-1].strip("W"):
+        if (len(runs) > 1 or depth > 2) and runs[-1].strip("W"):
             continue
         if any(("R" in run and "L" in run) or len(run.replace("W", "")) > 2 for run in runs):
             continue
@@ -96,7 +107,8 @@ class SlowEPIBT:
                 reached = next((t for t, at in enumerate(path[1:], 1) if at[:2] == goal), None)
                 costs[place] = len(path) - 1 + table[path[-1]] if reached is None else reached
             self.costs.append(costs)
-            self.sorted.append(sorted(costs, key=lambda place: (costs[place], place)))
+            movers = [place for place in costs if place != self.waits]
+            self.sorted.append(sorted(movers, key=lambda place: (costs[place], place)))
             away.append(table[state])
         self.used = {}
         for agent in agents:
@@ -106,7 +118,7 @@ class SlowEPIBT:
         for agent in self.rank:
             had = self.chosen[agent]
             self.take(agent)
-            if not self.search(agent, agent, set(), self.costs[agent][had]):
+            if not self.search(agent, agent, set(), had):
                 self.chosen[agent] = had
                 self.put(agent)
         self.expected = [self.options[agent][self.chosen[agent]][1] for agent in agents]
@@ -133,10 +145,10 @@ class SlowEPIBT:
                 found.add(leaving)
         return found - {None}
 
-    def search(self, agent, first, asking, limit):
-        """Find an operation that costs less than `limit` for an agent that has none; tell whether there is one."""
+    def search(self, agent, first, asking, end):
+        """Find an operation that comes before `end` for an agent that has none; tell whether there is one."""
         for place in self.sorted[agent]:
-            if self.costs[agent][place] >= limit:
+            if place == end:
                 return False
             others = self.conflicts(self.options[agent][place])
             if len(others) > 1:
@@ -152,7 +164,7 @@ class SlowEPIBT:
             had = self.chosen[other]
             self.take(other)
             self.put(agent)
-            if self.search(other, first, asking | {agent}, float("inf")):
+            if self.search(other, first, asking | {agent}, None):
                 return True
             self.take(agent)
             self.chosen[other] = had
@@ -169,21 +181,31 @@ class SlowPIBT:
     def __init__(self, world, seed=0):
         self.world = world
         self.random = int(np.random.default_rng(seed).integers(1, 2**63))
-        self.want = None
+        self.want = self.goals = None
 
     def decide(self, states, goals):
         """Return a letter for each agent at `states` [(row, col, heading)] with `goals` [(row, col)]."""
         agents = range(len(states))
-        self.states, self.goals = states, goals
         self.tables = [self.world.to_go(goal) for goal in goals]
         if self.want is None:
-            self.want = [None] * len(states)
-        cells = [state[:2] for state in states]
+            self.want, self.goals = [None] * len(states), [None] * len(states)
+            self.away, self.first = [0] * len(states), [0] * len(states)
+        for agent in agents:
+            begins = self.goals[agent] != goals[agent]
+            self.away[agent] = 0 if begins else self.away[agent] + 1
+            self.first[agent] = self.tables[agent][states[agent]] if begins else self.first[agent]
+        self.states, self.goals = states, goals
+        self.cells = cells = [state[:2] for state in states]
         self.occupant = {cell: agent for agent, cell in enumerate(cells)}
         self.want = [None if want == cell else want for want, cell in zip(self.want, cells, strict=True)]
         self.taken = {want: agent for agent, want in enumerate(self.want) if want is not None}
         self.ties = [self.draw() if want is None else None for want in self.want]
-        for agent in sorted(agents, key=lambda agent: self.tables[agent][states[agent]]):
+        self.closer = [self.cells_nearer(agent) if self.want[agent] is None else {self.want[agent]} for agent in agents]
+        self.demand = {}
+        for agent in agents:
+            for cell in self.closer[agent] if self.want[agent] is None else ():
+                self.demand[cell] = self.demand.get(cell, 0) + 1
+        for agent in sorted(agents, key=self.priority):
             if self.want[agent] is None:
                 self.search(agent)
         letters = [self.letter(agent) for agent in agents]
@@ -197,6 +219,33 @@ class SlowPIBT:
                     letters[held] = "W"
         return letters
 
+    def priority(self, agent):
+        """Return the sort key of an agent: late ones first, then the nearest."""
+        return self.away[agent] <= 4 * self.first[agent], self.tables[agent][self.states[agent]]
+
+    def beside(self, cell):
+        """Return the free cells beside a cell, by direction."""
+        beside = {choice: (cell[0] + step[0], cell[1] + step[1]) for choice, step in enumerate(STEPS)}
+        return {choice: cell for choice, cell in beside.items() if cell in self.world.free}
+
+    def cells_nearer(self, agent):
+        """Return the cells beside an agent that are nearer to its goal."""
+        table = self.tables[agent]
+        near = self.beside(self.cells[agent]).items()
+        return {cell for choice, cell in near if table[(*cell, choice)] < table[self.states[agent]]}
+
+    def hindered(self, agent, choice):
+        """Return how many agents another one hinders if it takes a choice."""
+        here = self.cells[agent]
+        cell = here if choice == STAY else self.beside(here)[choice]
+        count = self.demand.get(cell, 0) - (cell in self.closer[agent])
+        for direction, beside in self.beside(here).items():
+            other = self.occupant.get(beside)
+            if choice != STAY and other is not None and here in self.closer[other]:
+                table = self.tables[other]
+                count += table[(*cell, choice)] < table[(*here, (direction + 2) % 4)]
+        return count
+
     def draw(self):
         """Return five numbers of 12 random bits (Marsaglia's xorshift)."""
         x = self.random
@@ -208,21 +257,56 @@ class SlowPIBT:
 
     def search(self, agent):
         """Find a cell for an agent; tell whether there is one but its own."""
-        row, col, _ = self.states[agent]
-        for choice in sorted(range(5), key=lambda choice: (self.cost(agent, choice), self.ties[agent][choice])):
-            cell = (row, col) if choice == STAY else (row + STEPS[choice][0], col + STEPS[choice][1])
-            if cell not in self.world.free or cell in self.taken:
+        here = self.cells[agent]
+        choices = sorted(
+            [*self.beside(here), STAY],
+            key=lambda choice: (self.cost(agent, choice), self.hindered(agent, choice), self.ties[agent][choice]),
+        )
+        leaves = self.leaves(agent, choices[0])
+        for choice in reversed(choices) if leaves is not None else choices:
+            cell = here if choice == STAY else self.beside(here)[choice]
+            if cell in self.taken:
                 continue
             other = self.occupant.get(cell)
-            if other is not None and other != agent and self.want[other] == (row, col):
+            if other is not None and other != agent and self.want[other] == here:
                 continue
             self.want[agent] = cell
             self.taken[cell] = agent
             if other is None or self.want[other] is not None or self.search(other):
+                if leaves is not None and self.follows(leaves, agent):
+                    self.want[leaves] = here
+                    self.taken[here] = leaves
                 return True
-        self.want[agent] = (row, col)
-        self.taken[row, col] = agent
+        self.want[agent] = here
+        self.taken[here] = agent
         return False
+
+    def follows(self, leaves, agent):
+        """Tell whether an agent that must leave a dead end can follow the one that makes room for it."""
+        free = self.want[leaves] is None and self.cells[agent] not in self.taken
+        return free and self.want[agent] != self.cells[leaves]
+
+    def leaves(self, agent, first):
+        """Return the agent that must leave the dead end where this one's goal is, or None."""
+        here, goal = self.cells[agent], self.goals[agent]
+        best = self.beside(here).get(first)
+        other = self.occupant.get(best)
+        if other is None or self.want[other] is not None or self.goals[other] == goal:
+            return None
+        inside, outside = self.corridor(here, best), self.corridor(best, here)
+        ends = inside[-1] == goal and goal not in inside[:-1] and len(self.beside(goal)) == 1
+        return other if ends and len(self.beside(outside[-1])) > 2 else None
+
+    def corridor(self, before, cell):
+        """Return the cells of a corridor from `cell` on, up to and with a branch, a dead end, or where it began."""
+        start, cells = before, [cell]
+        while len(self.beside(cell)) == 2:
+            (onward,) = set(self.beside(cell).values()) - {before}
+            if onward == start:
+                break
+            before, cell = cell, onward
+            cells.append(cell)
+        return cells
 
     def cost(self, agent, choice):
         """Return the cost of moving to a neighbour and on to the goal, or of staying."""

@@ -54,7 +54,7 @@ def test_two_pass_each_other(headings):
 
 def test_more_time_gives_a_higher_throughput():
     arrivals = []
-    for time_limit in (0.0, 0.1):
+    for time_limit in (0.0, 0.02):
         env = mapf_pz.parallel_env(map="random-16-16-20", num_agents=60, on_target="restart", max_steps=60)
         observations, _ = env.reset(seed=0)
         planner = EPIBT(env, depth=5, time_limit=time_limit)
@@ -86,9 +86,34 @@ def test_the_same_episode_again_without_reset_states():
     assert actions[0] == actions[1]
 
 
-def test_an_invalid_depth():
-    with pytest.raises(ValueError, match="depth=0: expected a number of actions from 1 to 6"):
-        EPIBT(depth=0)
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"depth": 0}, "depth=0: expected a number of actions from 1 to 8"),
+        ({"rounds": -1}, "rounds=-1: expected a number of rounds, 0 or more"),
+        ({"num_threads": 0}, "num_threads=0: expected a number of threads, 1 or more"),
+    ],
+)
+def test_an_invalid_option(options, message):
+    with pytest.raises(ValueError, match=message):
+        EPIBT(**options)
+
+
+@pytest.mark.parametrize("model", ["cardinal", "rotate"])
+def test_rounds_do_not_depend_on_the_number_of_threads(model):
+    actions = []
+    for rounds, num_threads in ((0, 1), (5, 1), (5, 2)):
+        source = RandomObstacles(40, 48, 0.2, 500)
+        keywords = {"action_model": model, "on_target": "restart", "max_steps": 25}
+        env = mapf_pz.parallel_env(source=source, **keywords)
+        observations, _ = env.reset(seed=0)
+        planner, taken = EPIBT(env, depth=3, rounds=rounds, num_threads=num_threads), []
+        while env.agents:
+            taken.append(planner.act(observations))
+            observations, _, _, _, infos = env.step(taken[-1])
+            assert not any(info["blocked"] for info in infos.values())
+        actions.append(taken)
+    assert actions[1] == actions[2] != actions[0]
 
 
 def test_same_seed_same_actions():

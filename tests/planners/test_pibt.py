@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 import mapf_pz
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import PIBT, validate
-from mapf_pz.planners.pibt.kernels import sort_by_priority
+from mapf_pz.planners.pibt.priority import priority_key, sort_by_key
 from tests.helpers.reference_planners import SlowPIBT, World, assert_same_decisions
 from tests.helpers.text_instances import drawn
 
@@ -19,10 +19,19 @@ def test_one_agent_takes_the_shortest_path():
 
 def test_time_away_precedes_distance():
     away, to_go = np.array([0, 1, 2, 1, 0, 1]), np.array([0, 9999, 500, 7, 3, 9999], np.float32)
+    key = np.array([priority_key(*agent) for agent in zip(away, to_go, strict=True)])
     for order in ([0, 1, 2, 3, 4, 5], [5, 4, 3, 2, 1, 0], [2, 5, 0, 1, 4, 3]):
         sorted_now = np.array(order, np.int32)
-        sort_by_priority(away, to_go, sorted_now, np.zeros(6))
+        sort_by_key(key, sorted_now, np.zeros(6, np.int32))
         assert sorted_now.tolist() == [2, 3, 1, 5, 0, 4]
+
+
+@given(seed=st.integers(0, 2**31), num_agents=st.integers(1, 200), num_keys=st.integers(1, 200))
+def test_equal_keys_are_sorted_by_index(seed, num_agents, num_keys):
+    rng = np.random.default_rng(seed)
+    key, order = rng.integers(num_keys, size=num_agents).astype(float), rng.permutation(num_agents).astype(np.int32)
+    sort_by_key(key, order, np.zeros(num_agents, np.int32))
+    assert order.tolist() == np.argsort(key, kind="stable").tolist()
 
 
 @pytest.mark.parametrize("headings", [None, [0, 2]])
@@ -40,8 +49,14 @@ def test_a_corridor_that_is_too_narrow_has_no_plan():
 @pytest.mark.parametrize("model", ["cardinal", "rotate"])
 @pytest.mark.parametrize("weights", ["uniform", "random", "crisscross"])
 @settings(max_examples=15)
-@given(seed=st.integers(0, 2**31), on_target=st.sampled_from(["nothing", "restart", "finish"]))
-def test_no_move_is_blocked(model, weights, seed, on_target):
+@given(
+    seed=st.integers(0, 2**31),
+    on_target=st.sampled_from(["nothing", "restart", "finish"]),
+    priority=st.sampled_from(["nearest", "elapsed", "late"]),
+    swap=st.booleans(),
+    preference=st.sampled_from(["random", "hindrance"]),
+)
+def test_no_move_is_blocked(model, weights, seed, on_target, priority, swap, preference):
     env = mapf_pz.parallel_env(
         source=RandomObstacles(8, 8, 0.2, 14),
         action_model=model,
@@ -50,10 +65,36 @@ def test_no_move_is_blocked(model, weights, seed, on_target):
         max_steps=40,
     )
     observations, _ = env.reset(seed=seed)
-    planner = PIBT(env, seed)
+    planner = PIBT(env, seed, priority, swap, preference)
     while env.agents:
         observations, _, _, _, infos = env.step(planner.act(observations))
         assert not any(info["blocked"] for info in infos.values())
+
+
+@pytest.mark.parametrize("headings", [None, [2, 0]])
+def test_an_agent_makes_room_for_one_that_leaves_its_dead_end(headings):
+    instance = drawn("Aba.B ##...", headings)
+    assert PIBT(swap=False).solve(instance, max_steps=50) is None
+    plan = PIBT().solve(instance, max_steps=50)
+    assert plan is not None
+    assert validate(instance, plan) is None
+
+
+def test_an_agent_gives_way_to_the_one_behind_it():
+    instance = drawn("B. .A a. b.")  # up or right, a comes equally near to its goal; b needs the cell above
+    firsts = {"random": set(), "hindrance": set()}
+    for preference, seen in firsts.items():
+        plans = [PIBT(seed=seed, preference=preference).solve(instance) for seed in range(20)]
+        seen.update(tuple(plan.positions[1, 0].tolist()) for plan in plans)
+    assert firsts == {"random": {(1, 0), (2, 1)}, "hindrance": {(2, 1)}}
+
+
+@pytest.mark.parametrize(
+    ("option", "expected"), [("priority", "nearest, elapsed, late"), ("preference", "random, hin")]
+)
+def test_an_unknown_option(option, expected):
+    with pytest.raises(ValueError, match=f"{option}='first': expected one of {expected}"):
+        PIBT(**{option: "first"})
 
 
 @settings(max_examples=15)

@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 import mapf_pz
 from mapf_pz.actions import Heading
+from mapf_pz.core.cost_lookup import num_headings
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instance import Instance, Scenario
 from mapf_pz.instances import RandomObstacles, read_map, read_scenario
@@ -44,7 +45,7 @@ def wander(instance, steps, rng):
 
 
 def moves(problem, cell, heading):
-    if problem.to_go.shape[2] == 1:
+    if num_headings(problem.to_go) == 1:
         return [(cell, 0), *((int(problem.leads_to[d, cell]), 0) for d in range(4))]
     ahead = int(problem.leads_to[heading, cell])
     return [(cell, heading), (cell, (heading + 1) % 4), (cell, (heading + 3) % 4), (ahead, heading)]
@@ -90,9 +91,9 @@ def test_the_earliest_arrival_among_others(model, weights, seed, size, steps, cr
     expected = earliest_arrival(problem, 5, others)
 
     sipp = sipp_problem(problem)
-    num_headings = problem.to_go.shape[2]
+    headings_count = num_headings(problem.to_go)
     reservations = allocate_reservations(6, size * size, 300)
-    scratch = allocate_scratch(len(reservations.visits), num_headings, 300)
+    scratch = allocate_scratch(len(reservations.visits), headings_count, 300)
     read_path(reservations, others)
     for rotation in range(4):
         first = find_path(sipp, 5, NEVER, rotation, reservations, scratch)
@@ -115,7 +116,10 @@ def test_no_path_beyond_the_limit_or_the_horizon(headings, steps):
     given = problem(drawn("a...A", headings))
 
     def found(limit, horizon):
-        reservations, scratch = allocate_reservations(1, 5, 10), allocate_scratch(16, given.to_go.shape[2], horizon)
+        reservations, scratch = (
+            allocate_reservations(1, 5, 10),
+            allocate_scratch(16, num_headings(given.to_go), horizon),
+        )
         return find_path(sipp_problem(given), 0, limit, 0, reservations, scratch) != NONE
 
     assert [found(limit, 20) for limit in (steps - 1, steps)] == [False, True]

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 import mapf_pz
 from mapf_pz.config import EnvConfig
+from mapf_pz.core.cost_lookup import cost_at, num_headings
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import PIBT, WindowedLNS
 from mapf_pz.planners.problem import problem_of
@@ -31,10 +32,10 @@ def simulator_of(model, weights, seed, num_agents=8):
 
 def moves(view, cell, heading):
     """Yield the price, cell and heading after each action; agents without headings have the heading 0."""
-    for direction in range(4) if view.to_go.shape[2] == 1 else (heading,):
+    for direction in range(4) if num_headings(view.to_go) == 1 else (heading,):
         if view.leads_to[direction, cell] != cell:
             yield view.weight[direction, cell], view.leads_to[direction, cell], heading
-    for turn in (0,) if view.to_go.shape[2] == 1 else (0, 1, 3):
+    for turn in (0,) if num_headings(view.to_go) == 1 else (0, 1, 3):
         yield view.weight[WAIT, cell], cell, (heading + turn) % 4
 
 
@@ -54,12 +55,12 @@ def cost_of(view, i, passing, path):
             continue
         cost += next(price for price, *state in moves(view, here, heading) if state == [there, after])
     here, heading = path[-1]
-    return cost + (0 if here == goal and passing else view.to_go[view.slot[goal], here, heading])
+    return cost + (0 if here == goal and passing else cost_at(view.to_go, view.slot[goal], here, heading))
 
 
 def cheapest(view, i, passing, price, paths):
     """Return the lowest cost of a path of agent i, by dynamic programming over steps."""
-    goal, headings = view.agents[i]["goal"], view.to_go.shape[2]
+    goal, headings = view.agents[i]["goal"], num_headings(view.to_go)
     start = view.agents[i]["cell"], view.agents[i]["heading"] % headings
     costs = {(*start, bool(passing and start[0] == goal)): 0.0}
     for t in range(1, paths.cell.shape[1]):
@@ -76,7 +77,7 @@ def cheapest(view, i, passing, price, paths):
         costs = following
     return min(
         (
-            cost + (0 if passed else view.to_go[view.slot[goal], cell, heading])
+            cost + (0 if passed else cost_at(view.to_go, view.slot[goal], cell, heading))
             for (cell, heading, passed), cost in costs.items()
         ),
         default=np.inf,
@@ -94,7 +95,7 @@ def cheapest(view, i, passing, price, paths):
 )
 def test_paths_are_cheapest(model, seed, weights, passing, price, window):
     view = simulator_of(model, weights, seed).planning_view()
-    paths, scratch = allocate_paths(view, window), allocate_search(window, view.to_go.shape[2])
+    paths, scratch = allocate_paths(view, window), allocate_search(window, num_headings(view.to_go))
     neighborhood = allocate_neighborhood(window, 1 + seed)
     continue_paths(view, passing, paths)
     improve(view, passing, 1.0, 30, paths, scratch, neighborhood)
@@ -123,7 +124,7 @@ def test_paths_are_cheapest(model, seed, weights, passing, price, window):
 @given(seed=st.integers(0, 2**31), weights=st.sampled_from(WEIGHTS))
 def test_improvement_lowers_the_sum_of_costs_and_keeps_paths_apart(model, seed, weights):
     view = simulator_of(model, weights, seed, num_agents=14).planning_view()
-    paths, scratch = allocate_paths(view, 8), allocate_search(8, view.to_go.shape[2])
+    paths, scratch = allocate_paths(view, 8), allocate_search(8, num_headings(view.to_go))
     neighborhood = allocate_neighborhood(8, 1 + seed)
     continue_paths(view, True, paths)
     for _ in range(10):

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import prange
 
-from mapf_pz.core.cost_to_go import next_cell
+from mapf_pz.core.cost_lookup import ALL_EXCESS, LEAST_BIT, cost_at, next_cell
 from mapf_pz.core.jit import BatchKernel, jit
 from mapf_pz.core.observation.inputs import NO_OTHERS, ObservationInputs
 from mapf_pz.core.observation.layers import clear, mark
-from mapf_pz.core.state import Array
+from mapf_pz.core.state import Array, CostToGo
 
 
 class LookupPlanes(NamedTuple):
@@ -43,17 +43,18 @@ def draw_lookups(inputs: ObservationInputs, planes: LookupPlanes, image: Array) 
 def _draw_lookups(
     height: int, width: int, corners: Array, own: Array, stride: Array, turn: Array, corner: Array, cells: Array,
     count: Array, spots: Array, others: Array, leads_to: Array, weight: Array, mean_weight: Array, slot: Array,
-    to_go: Array, nearest: Array, maps: Array, all_agents: Array, cost_to_go: int, heuristic: int,
+    packed: Array, exact: Array, least: Array, maps: Array, all_agents: Array, cost_to_go: int, heuristic: int,
     other_goals: int, others_next: int, others_at_goal: int, all_images: Array
 ) -> None:  # fmt: skip
+    to_go = CostToGo(packed, exact, least)
     for b in prange(maps.size):
         m, agents, image = maps[b], all_agents[b], all_images[b]
         geometry = (height, width, corners, own, stride, turn[b], corner[b])
         if cost_to_go >= 0:
             scale = (height + width) * mean_weight[m]
-            _draw_cost_to_go(slot[m], to_go, nearest, scale, agents, cells[b], image, cost_to_go)
+            _draw_cost_to_go(slot[m], to_go, scale, agents, cells[b], image, cost_to_go)
         if heuristic >= 0:
-            _draw_heuristic(slot[m], nearest, leads_to[m], turn[b], agents, cells[b], image, heuristic)
+            _draw_heuristic(slot[m], to_go, leads_to[m], turn[b], agents, cells[b], image, heuristic)
         if other_goals >= 0:
             _mark_cells(geometry, count[b], others[b], agents.goal, image, other_goals)
         if others_next >= 0:
@@ -65,7 +66,7 @@ def _draw_lookups(
 
 @jit
 def _draw_cost_to_go(
-    slot: Array, to_go: Array, nearest: Array, scale: float, agents: Array, cells: Array, image: Array, plane: int
+    slot: Array, to_go: CostToGo, scale: float, agents: Array, cells: Array, image: Array, plane: int
 ) -> None:
     """How much closer to the goal each cell is: `clip((D_own - D) / scale, -1, 1)`, `scale = (h + w) * mean weight`.
 
@@ -73,10 +74,16 @@ def _draw_cost_to_go(
     """
     for i in range(image.shape[0]):
         table = slot[agents[i].goal]
-        own = to_go[table, agents[i].cell, agents[i].heading & (to_go.shape[2] - 1)]
-        costs, shown = nearest[table], image[i, plane]
-        for j in range(shown.size):
-            shown[j] = costs[cells[i, j]]
+        own = cost_at(to_go, table, agents[i].cell, agents[i].heading)
+        shown = image[i, plane]
+        if to_go.packed.shape[0] > 0:
+            steps = to_go.packed[table]  # 32 bits are kept all along, for vector instructions
+            for j in range(shown.size):
+                shown[j] = np.int32(steps[cells[i, j]] >> LEAST_BIT)  # very large where there is no path
+        else:
+            costs = to_go.least[table]
+            for j in range(shown.size):
+                shown[j] = costs[cells[i, j]]
         if own == np.inf:  # then all costs may be infinite, and their difference is not a number
             own = -np.inf
         for j in range(shown.size):
@@ -85,16 +92,25 @@ def _draw_cost_to_go(
 
 @jit
 def _draw_heuristic(
-    slot: Array, nearest: Array, leads_to: Array, turn: Array, agents: Array, cells: Array, image: Array, plane: int
+    slot: Array, to_go: CostToGo, leads_to: Array, turn: Array, agents: Array, cells: Array, image: Array, plane: int
 ) -> None:
     """1 where leaving the cell in that direction leads closer to the goal (the channels of DHC, Ma et al., 2021)."""
     for i in range(image.shape[0]):
         table = slot[agents[i].goal]
         for k in range(4):
             towards = (turn[i] + k) % 4
-            for j in range(cells.shape[1]):
-                here = cells[i, j]
-                image[i, plane + k, j] = 1.0 if nearest[table, leads_to[towards, here]] < nearest[table, here] else 0.0
+            shown = image[i, plane + k]
+            if to_go.packed.shape[0] > 0:
+                steps = to_go.packed[table]
+                for j in range(shown.size):
+                    here = cells[i, j]
+                    there = steps[leads_to[towards, here]] | ALL_EXCESS  # then packed numbers sort by the least cost
+                    shown[j] = 1.0 if there < steps[here] else 0.0
+            else:
+                costs = to_go.least[table]
+                for j in range(shown.size):
+                    here = cells[i, j]
+                    shown[j] = 1.0 if costs[leads_to[towards, here]] < costs[here] else 0.0
 
 
 @jit
@@ -110,11 +126,11 @@ def _mark_cells(geometry: tuple[Any, ...], count: Array, others: Array, cells: A
 
 
 @jit
-def _find_next_cells(leads_to: Array, weight: Array, slot: Array, to_go: Array, agents: Array) -> None:
+def _find_next_cells(leads_to: Array, weight: Array, slot: Array, to_go: CostToGo, agents: Array) -> None:
     """Set each agent's next cell on its own cheapest path."""
     for i in range(agents.size):
         agents[i].next_cell = next_cell(
-            leads_to, weight, to_go[slot[agents[i].goal]], agents[i].cell, agents[i].heading
+            leads_to, weight, to_go, slot[agents[i].goal], agents[i].cell, agents[i].heading
         )
 
 

@@ -13,10 +13,10 @@ import numpy as np
 from numba import prange
 
 from mapf_pz.actions import Heading
-from mapf_pz.core.cost_to_go import advantage
+from mapf_pz.core.cost_lookup import advantage, cost_at
 from mapf_pz.core.jit import BatchKernel
 from mapf_pz.core.observation.inputs import ObservationInputs
-from mapf_pz.core.state import Array
+from mapf_pz.core.state import Array, CostToGo
 from mapf_pz.core.world import STEPS
 from mapf_pz.plugins import resolve
 
@@ -67,27 +67,30 @@ def _write_action_advantage(
     weight: Array,
     mean_weight: Array,
     slot: Array,
-    to_go: Array,
+    packed: Array,
+    exact: Array,
+    least: Array,
     maps: Array,
     agents: Array,
     values: Array,
     at: int,
 ) -> None:
+    to_go = CostToGo(packed, exact, least)
     for b in prange(agents.shape[0]):
         ways, costs, mean = leads_to[maps[b]], weight[maps[b]], mean_weight[maps[b]]
         for i in range(agents.shape[1]):
             agent = agents[b, i]
-            table = to_go[slot[maps[b], agent.goal]]
+            table = slot[maps[b], agent.goal]
+            own = cost_at(to_go, table, agent.cell, agent.heading)
             for action in range(5 if cardinal else 4):
-                values[b, i, at + action] = advantage(ways, costs, mean, table, cardinal, agent, action)
+                values[b, i, at + action] = advantage(ways, costs, mean, to_go, table, own, cardinal, agent, action)
 
 
 def write_action_advantage(inputs: ObservationInputs, values: Array, at: int) -> None:
-    """For each action how much it costs more than the best one, from 0 (nothing) to -1: see `path.advantage`."""
-    slot, to_go, _ = inputs.distances
+    """For each action how much it costs more than the best one, from 0 (nothing) to -1: see `cost_lookup.advantage`."""
     world, maps, agents = inputs.world, inputs.state.map, inputs.state.agents
     graph = (world.leads_to, world.weight, world.mean_weight)
-    _write_action_advantage(inputs.num_threads, inputs.cardinal, *graph, slot, to_go, maps, agents, values, at)
+    _write_action_advantage(inputs.num_threads, inputs.cardinal, *graph, *inputs.distances, maps, agents, values, at)
 
 
 @BatchKernel

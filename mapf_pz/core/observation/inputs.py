@@ -9,9 +9,10 @@ import numpy as np
 from numba import prange
 
 from mapf_pz.arrays import coordinates
+from mapf_pz.core.cost_lookup import least_costs
 from mapf_pz.core.jit import BatchKernel, jit
 from mapf_pz.core.observation.layers import MapLayers, Span, ViewOrigins, ViewShape
-from mapf_pz.core.state import Array, Distances, Fields, State, World
+from mapf_pz.core.state import Array, CostToGo, Distances, Fields, State, World
 
 
 class OthersInView(NamedTuple):
@@ -120,8 +121,9 @@ class ObservationInputs:
 
         Only for channels and features that declare `needs_cost_to_go`.
         """
-        table = self.distances.slot[self.state.map[:, None], self.state.agents["goal"]]
-        return self.distances.nearest[table]
+        slot, *to_go = self.distances
+        tables = slot[self.state.map[:, None], self.state.agents["goal"]]
+        return least_costs(CostToGo(*to_go), tables.reshape(-1)).reshape(*tables.shape, -1)
 
     @cached_property
     def cells(self) -> Array:

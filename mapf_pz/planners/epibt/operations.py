@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz.actions import HEADING_STEPS, Action, CardinalAction, Heading
-from mapf_pz.planners.epibt.kernels import AHEAD, NONE, Operations
+from mapf_pz.planners.epibt.state import AHEAD, NONE, Operations
 
 
 class Act(NamedTuple):
@@ -41,13 +41,14 @@ def operations(depth: int, cardinal: bool) -> Operations:
     """Return all operations of `depth` actions, those that move earliest first.
 
     Sequences with the same cells and the same final heading count as one. Rotating agents turn only before a move,
-    never in both directions and never three times; an operation without a move may turn once or twice.
+    never in both directions and never three times; with `depth` below 3, too short to turn around and move, an
+    operation without a move may turn.
     """
     acts = CARDINAL if cardinal else ROTATING
+    useful = filter(_is_useful, product(acts, repeat=depth))
     sequences: dict[object, Sequence] = {}
-    for sequence in product(acts, repeat=depth):
-        if _is_useful(sequence):
-            sequences.setdefault(_trace(sequence), sequence)
+    for sequence in sorted(useful, key=_lateness):
+        sequences.setdefault(_trace(sequence), sequence)
     number = {trace: p for p, trace in enumerate(sequences)}
     nodes: dict[Sequence, int] = {(): 0}
     for sequence in sequences.values():
@@ -66,12 +67,25 @@ def operations(depth: int, cardinal: bool) -> Operations:
     )
 
 
+def _lateness(sequence: Sequence) -> tuple[int, int, int]:
+    """Return the sort key of a sequence: actions that do not move count more at the start, and waits more than turns.
+
+    Then come sequences that visit few cells twice, and those with few bends.
+    """
+    depth = len(sequence)
+    still = sum(10 + (12 if act.turn else 13) * (depth - t) for t, act in enumerate(sequence) if act.direction == NONE)
+    cells = [(0, 0), *_trace(sequence)[:-1]]
+    again = sum(depth - t for t in range(depth) if cells[t + 1] in cells[: t + 1])
+    bends = sum(one.direction != other.direction for one, other in pairwise(sequence))
+    return still, again, bends
+
+
 def _is_useful(sequence: Sequence) -> bool:
-    """Return whether the sequence has no redundant turns, and no turn after its last move."""
+    """Return whether the sequence has no redundant turns, and none after its last move unless it is very short."""
     moves = [t for t, act in enumerate(sequence) if act.direction != NONE]
     ends = [-1, *moves, len(sequence)]
     runs = [sequence[before + 1 : after] for before, after in pairwise(ends)]
-    if moves and any(act.turn for act in runs[-1]):
+    if (moves or len(sequence) > 2) and any(act.turn for act in runs[-1]):
         return False
     return all(
         (run.count(RIGHT) == 0 or run.count(LEFT) == 0) and sum(act.turn != 0 for act in run) < 3 for run in runs

@@ -8,14 +8,16 @@ from typing import TypeVar
 
 import numpy as np
 
-from mapf_pz.arrays import Floats, Ints
+from mapf_pz.arrays import Ints
+from mapf_pz.core.cost_lookup import num_headings
 from mapf_pz.core.cost_tables import CostTables
+from mapf_pz.core.state import CostToGo
 from mapf_pz.core.world import allocate
 from mapf_pz.planners.base import PlanFollower
 from mapf_pz.planners.lacam import schedule
 from mapf_pz.planners.lacam import search as lacam
 from mapf_pz.planners.lacam.step import allocate_scratch
-from mapf_pz.planners.problem import Path, Problem, problem_of
+from mapf_pz.planners.problem import Path, Problem, problem_of, starting_costs
 from mapf_pz.planners.sipp.refine import NeighborhoodSearch, refine
 from mapf_pz.planners.windowed.walk import walk
 from mapf_pz.simulator import Simulator
@@ -45,7 +47,7 @@ class LaCAM(PlanFollower):
         If agents share a goal, only the nearest of them has to reach it. None means that the search ran out of time or
         memory, or that it has visited all configurations.
         """
-        if not np.isfinite(_cost_to_go(problem)).all():
+        if not np.isfinite(starting_costs(problem)).all():
             return None
         claimed = _claimed_goals(problem)
         search = ConfigurationSearch(_without_turns(problem)._replace(goals=claimed), self._rng)
@@ -110,13 +112,9 @@ class LaCAM(PlanFollower):
             walk(problem, self._rng, math.inf)
 
 
-def _cost_to_go(problem: Problem) -> Floats:
-    return problem.to_go[problem.table, problem.starts, problem.headings]
-
-
 def _claimed_goals(problem: Problem) -> Ints:
     """Return each agent's goal (N,) int32; -1 if another agent is nearer to the same goal."""
-    nearest_first = np.argsort(_cost_to_go(problem), kind="stable")
+    nearest_first = np.argsort(starting_costs(problem), kind="stable")
     _, first = np.unique(problem.goals[nearest_first], return_index=True)
     claiming = nearest_first[first]
     goals = np.full_like(problem.goals, lacam.NONE)
@@ -130,7 +128,7 @@ class ConfigurationSearch:
     def __init__(self, problem: Problem, rng: np.random.Generator) -> None:
         """Start the search at the first configuration."""
         num_agents, num_cells = len(problem.goals), problem.leads_to.shape[1] - 1
-        cost = np.where(problem.goals == lacam.NONE, -1, _cost_to_go(problem))
+        cost = np.where(problem.goals == lacam.NONE, -1, starting_costs(problem))
         farthest_first = np.argsort(-cost, kind="stable").astype(np.int32)
         self._problem = problem
         self._scratch = allocate_scratch(num_agents, num_cells, int(rng.integers(1, 2**63)))
@@ -174,17 +172,20 @@ class ConfigurationSearch:
 
 def _without_turns(problem: Problem) -> Problem:
     """Return the relaxed problem in which turns are free."""
-    if problem.to_go.shape[2] == 1:
+    if num_headings(problem.to_go) == 1:
         return problem
     num_cells = problem.leads_to.shape[1]
     world = allocate(1, (1, num_cells - 1))
     world.leads_to[0], world.weight[0] = problem.leads_to, problem.weight
     costs = problem.weight[:4][problem.leads_to != np.arange(num_cells)]
     world.equal_weight[0] = costs[0] if len(np.unique(costs)) == 1 else 0
-    tables = CostTables(world, 1, len(problem.goals), max_bytes=8 * num_cells * len(problem.goals))
+    unit_weights = bool(world.equal_weight[0] == 1)
+    max_bytes = 8 * num_cells * len(problem.goals)
+    tables = CostTables(world, 1, len(problem.goals), unit_weights, max_bytes)
     tables.require(np.zeros(1, np.int32), problem.goals[None])
-    table = tables.arrays.slot[0][problem.goals]
-    return problem._replace(to_go=tables.arrays.to_go, table=table, headings=np.zeros_like(problem.headings))
+    slot, *to_go = tables.arrays
+    table = slot[0][problem.goals]
+    return problem._replace(to_go=CostToGo(*to_go), table=table, headings=np.zeros_like(problem.headings))
 
 
 def _doubled(buffers: Buffers) -> Buffers:
@@ -194,7 +195,7 @@ def _doubled(buffers: Buffers) -> Buffers:
 def _to_path(problem: Problem, cells: Ints) -> Path:
     """Return paths through the configurations `cells` (T + 1, N), which are modified."""
     steps, num_agents = len(cells) - 1, cells.shape[1]
-    rotates = problem.to_go.shape[2] == 4
+    rotates = num_headings(problem.to_go) == 4
     scratch = np.zeros((2, problem.leads_to.shape[1]), np.int32)
     at, intent = np.zeros(num_agents, np.int32), np.zeros(num_agents, np.int8)
     while schedule.cut_loops(cells, scratch[0], scratch[1]):

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mapf_pz.core.cost_lookup import cost_at
 from mapf_pz.core.jit import jit
 from mapf_pz.core.state import WAIT_WEIGHT, Array
 from mapf_pz.planners.random import draw, seeded
@@ -214,7 +215,7 @@ def _must_swap(problem: Array, occupant: Array, pusher: int, puller: int, back: 
         back, front = front, onward
     yields = _to_go(problem, puller, back) < _to_go(problem, puller, front)
     wants = _to_go(problem, pusher, back) == 0 or _to_go(problem, pusher, front) < _to_go(problem, pusher, back)
-    return yields and wants
+    return bool(yields and wants)
 
 
 @jit
@@ -254,5 +255,5 @@ def _degree(leads_to: Array, cell: int) -> int:
 
 
 @jit
-def _to_go(problem: Array, agent: int, cell: int) -> float:
-    return problem.to_go[problem.table[agent], cell, 0]
+def _to_go(problem: Array, agent: int, cell: int) -> np.float32:
+    return cost_at(problem.to_go, problem.table[agent], cell, 0)

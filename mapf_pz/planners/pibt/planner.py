@@ -5,9 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from mapf_pz.arrays import Ints
+from mapf_pz.environment import MapfEnv
 from mapf_pz.planners.base import StepPlanner
-from mapf_pz.planners.pibt.kernels import PibtState, allocate_pibt, plan
+from mapf_pz.planners.pibt.kernels import plan
+from mapf_pz.planners.pibt.state import ELAPSED, LATE, NEAREST, Options, PibtState, allocate_pibt
 from mapf_pz.simulator import Simulator
+
+PRIORITIES = {"nearest": NEAREST, "elapsed": ELAPSED, "late": LATE}
+"""The names of the priorities."""
+PREFERENCES = ("random", "hindrance")
+"""The names of the preferences."""
 
 
 class PIBT(StepPlanner):
@@ -15,9 +22,38 @@ class PIBT(StepPlanner):
 
     If agents must stay at their goals, an agent's priority grows while it is away from its goal. Each agent then
     reaches its goal eventually if every two adjacent cells of the map lie on a cycle; there is no guarantee that all
-    agents are at their goals at the same time. In other episodes, agents nearer to their goals have priority, which
-    increases the number of goals reached.
+    agents are at their goals at the same time. In other episodes, the option `priority` decides.
     """
+
+    def __init__(
+        self,
+        env: MapfEnv | None = None,
+        seed: int = 0,
+        priority: str = "late",
+        swap: bool = True,
+        preference: str = "hindrance",
+    ) -> None:
+        """Create the planner.
+
+        Args:
+            env: the environment to act in, or a wrapper of it. With None, only `solve` can be used.
+            seed: random seed, used to break ties.
+            priority: which agents choose first, unless agents must stay at their goals (`on_target="nothing"`).
+                `nearest`: those with the lowest cost to go; `elapsed`: those whose last goal is the longest ago;
+                `late`: those that have needed more than four steps per unit of the cost to go since their last goal,
+                then the nearest.
+            swap: whether an agent makes room if its goal is the end of a dead end and another agent must get out.
+            preference: how ties between cells with the same cost are broken. `random`: at random; `hindrance`: in favor
+                of the cell that fewer other agents need, then at random.
+
+        Raises `ValueError` for an unknown priority or preference.
+        """
+        if priority not in PRIORITIES:
+            raise ValueError(f"priority={priority!r}: expected one of {', '.join(PRIORITIES)}")
+        if preference not in PREFERENCES:
+            raise ValueError(f"preference={preference!r}: expected one of {', '.join(PREFERENCES)}")
+        self._options = Options(PRIORITIES[priority], bool(swap), preference == "hindrance")
+        super().__init__(env, seed)
 
     def reset_states(self) -> None:
         """Reset all per-episode state. Call it before each episode."""
@@ -30,5 +66,5 @@ class PIBT(StepPlanner):
         if self._state is None:
             self._state = allocate_pibt(planning_view, int(self._rng.integers(1, 2**63)))
         actions = np.empty(planning_view.agents.size, np.int64)
-        plan(planning_view, simulator.config.on_target != "nothing", self._state, actions)
+        plan(planning_view, simulator.config.on_target != "nothing", self._options, self._state, actions)
         return actions

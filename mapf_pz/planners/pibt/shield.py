@@ -8,8 +8,8 @@ import numpy as np
 
 from mapf_pz.arrays import Floats
 from mapf_pz.environment import MapfEnv
-from mapf_pz.planners.pibt.kernels import PibtState, allocate_pibt
 from mapf_pz.planners.pibt.shield_kernels import choose_actions
+from mapf_pz.planners.pibt.state import PibtState, allocate_pibt
 
 
 class Preferring(Protocol):

@@ -9,17 +9,10 @@ from __future__ import annotations
 from mapf_pz.actions import Action
 from mapf_pz.core.jit import jit
 from mapf_pz.core.state import Array, PlanningView
-from mapf_pz.planners.pibt.kernels import (
-    CARDINAL_ACTIONS,
-    NO_AGENT,
-    NO_RANK,
-    STAY,
-    UNDECIDED,
-    PibtState,
-    decide,
-    prioritize,
-    write_cardinal,
-)
+from mapf_pz.planners.pibt.kernels import CARDINAL_ACTIONS, decide, write_cardinal
+from mapf_pz.planners.pibt.preference import sort_ranks
+from mapf_pz.planners.pibt.priority import prioritize
+from mapf_pz.planners.pibt.state import NEAREST, NO_AGENT, NO_RANK, STAY, UNDECIDED, PibtState
 
 _FORWARD = int(Action.FORWARD)
 
@@ -34,7 +27,7 @@ def choose_actions(
     `mapf_pz.planners.pibt.kernels.plan`.
     """
     agents = planning_view.agents
-    prioritize(planning_view, passing, state)
+    prioritize(planning_view, passing, NEAREST, state)
     state.taken[:] = NO_AGENT
     for i in range(agents.size):
         state.want[i], state.choice[i] = UNDECIDED if agents[i].active else agents[i].cell, STAY
@@ -45,7 +38,8 @@ def choose_actions(
             state.rank[i] = NO_RANK
             state.rank[i, STAY] = 8 + STAY
             state.rank[i, agents[i].heading] = agents[i].heading + (0 if preferences[i].argmax() == _FORWARD else 16)
-    decide(planning_view, state)
+        sort_ranks(state.rank[i])
+    decide(planning_view, False, state)
     if preferences.shape[1] == len(CARDINAL_ACTIONS):
         write_cardinal(state, actions)
         return

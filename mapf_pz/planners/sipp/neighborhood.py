@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mapf_pz.core.cost_lookup import num_headings, unpack_steps
 from mapf_pz.core.jit import jit
 from mapf_pz.core.state import Array
 from mapf_pz.planners.random import draw_below, seeded
@@ -113,8 +114,16 @@ def delay(problem: SippProblem, reservations: Reservations, agent: int) -> int:
 @jit
 def shortest(problem: SippProblem, agent: int) -> int:
     """Return the number of steps that an agent needs on an empty map."""
-    heading = problem.headings[agent] % problem.steps.shape[2]
-    return int(problem.steps[problem.table[agent], problem.starts[agent], heading])
+    return unpack_steps(problem.steps[problem.table[agent], problem.starts[agent]], problem.headings[agent])
+
+
+@jit
+def sum_of_shortest(problem: SippProblem) -> int:
+    """Return the sum of the steps that all agents need on an empty map."""
+    total = 0
+    for agent in range(problem.goals.size):
+        total += shortest(problem, agent)
+    return total
 
 
 @jit
@@ -157,11 +166,11 @@ def _add_along_walk(
 
     If `arrival` is `FOREVER`, the walk follows a shortest path, and agents that cross the goal later are added, too.
     """
-    visits, headings = reservations.visits, problem.steps.shape[2]
+    visits, headings = reservations.visits, num_headings(problem.to_go)
     steps = problem.steps[problem.table[agent]]
     heading %= headings
-    while neighborhood.size[0] < wanted and steps[cell, heading] > 0:
-        left = steps[cell, heading] if arrival == FOREVER else arrival - step - 1
+    while neighborhood.size[0] < wanted and unpack_steps(steps[cell], heading) > 0:
+        left = unpack_steps(steps[cell], heading) if arrival == FOREVER else arrival - step - 1
         target, facing, found = cell, heading, 0
         for choice in range(5):
             following, turned = cell, heading
@@ -171,7 +180,7 @@ def _add_along_walk(
                 following = problem.leads_to[heading, cell]
             elif choice == 1 or choice == 3:
                 turned = (heading + choice) % 4
-            if steps[following, turned] < left:
+            if unpack_steps(steps[following], turned) < left:
                 found += 1
                 if draw_below(neighborhood.random, found) == 0:
                     target, facing = following, turned

@@ -7,7 +7,7 @@ import time
 import numpy as np
 
 from mapf_pz.planners.base import PlanFollower
-from mapf_pz.planners.problem import Path, Problem
+from mapf_pz.planners.problem import Path, Problem, starting_costs
 from mapf_pz.planners.sipp.refine import NeighborhoodSearch
 
 PATIENCE = 100
@@ -24,7 +24,7 @@ class PrioritizedSIPP(PlanFollower):
 
     def plan(self, problem: Problem, time_limit: float) -> Path | None:
         """Return paths that bring all agents to their goals, or None if none were found in time."""
-        shortest = problem.to_go[problem.table, problem.starts, problem.headings % problem.to_go.shape[2]]
+        shortest = starting_costs(problem)
         if np.isinf(shortest).any() or len(np.unique(problem.goals)) < len(problem.goals):
             return None
         search = NeighborhoodSearch(problem, self._rng)

@@ -6,13 +6,12 @@ import time
 
 import numpy as np
 
-from mapf_pz.arrays import Floats, Ints
-from mapf_pz.core.cost_to_go import cost_to_go
-from mapf_pz.core.state import WAIT_WEIGHT
-from mapf_pz.core.world import allocate
+from mapf_pz.arrays import Ints
+from mapf_pz.core.cost_lookup import UNREACHABLE, num_headings
+from mapf_pz.core.cost_to_go import count_steps
 from mapf_pz.planners.problem import Path, Problem
 from mapf_pz.planners.sipp.improve import allocate_lns, plan_and_improve
-from mapf_pz.planners.sipp.neighborhood import allocate_neighborhood
+from mapf_pz.planners.sipp.neighborhood import allocate_neighborhood, sum_of_shortest
 from mapf_pz.planners.sipp.reservations import NONE, allocate_reservations, discard, read_path, withdraw, write_path
 from mapf_pz.planners.sipp.search import SippProblem, allocate_scratch
 
@@ -47,17 +46,16 @@ class NeighborhoodSearch:
 
     def __init__(self, problem: Problem, rng: np.random.Generator) -> None:
         """Start without paths."""
-        agents, cells = len(problem.goals), problem.to_go.shape[1] - 1
+        agents, cells = len(problem.goals), problem.leads_to.shape[1] - 1
         self._problem = sipp_problem(problem)
-        shortest = self._problem.steps[problem.table, problem.starts, problem.headings % problem.to_go.shape[2]]
-        self._shortest = int(shortest.sum())
+        self._shortest = sum_of_shortest(self._problem)
         self._neighborhood = allocate_neighborhood(agents, cells, int(rng.integers(1, 2**63)))
         self._allocate(self._shortest)
 
     def _allocate(self, num_visits: int) -> None:
         """Discard all paths, and allocate arrays for paths of about `num_visits` cells in total."""
-        agents, cells = len(self._problem.goals), self._problem.steps.shape[1] - 1
-        headings = self._problem.steps.shape[2]
+        agents, cells = len(self._problem.goals), self._problem.leads_to.shape[1] - 1
+        headings = num_headings(self._problem.to_go)
         capacity = 2 * num_visits + 64 * agents
         self._reservations = allocate_reservations(agents, cells, capacity)
         self._scratch = allocate_scratch(cells + 1 + capacity, headings, 64 + 4 * headings * cells)
@@ -115,23 +113,20 @@ class NeighborhoodSearch:
         """Return the paths of all agents. None may be missing."""
         shape = (int(self._reservations.arrival.max(initial=0)) + 1, len(self._problem.goals))
         cells = np.empty(shape, np.int32)
-        headings = np.empty(shape if self._problem.steps.shape[2] == 4 else (0, 0), np.int8)
+        headings = np.empty(shape if num_headings(self._problem.to_go) == 4 else (0, 0), np.int8)
         write_path(self._reservations, self._problem.leads_to, self._problem.headings, cells, headings)
         return Path(cells, headings if headings.size else None)
 
 
 def sipp_problem(problem: Problem) -> SippProblem:
     """Return the problem with the number of steps to go, which the search needs in addition to the weighted costs."""
-    leads_to, weight = problem.leads_to, problem.weight
-    cells = np.arange(leads_to.shape[1])
-    open_moves = leads_to != cells
-    free = open_moves.any(axis=0)
-    weighted = bool((weight[:4][open_moves] != 1).any() or (weight[WAIT_WEIGHT][free] != 1).any())
+    cells = np.arange(problem.leads_to.shape[1])
+    weighted = problem.to_go.packed.shape[0] == 0
     return SippProblem(
-        leads_to=np.where(np.isinf(weight[:4]), cells, leads_to).astype(np.int32),
-        weight=weight,
+        leads_to=np.where(np.isinf(problem.weight[:4]), cells, problem.leads_to).astype(np.int32),
+        weight=problem.weight,
         to_go=problem.to_go,
-        steps=_steps(problem) if weighted else problem.to_go,
+        steps=_steps(problem) if weighted else problem.to_go.packed,
         table=problem.table,
         starts=problem.starts,
         headings=problem.headings,
@@ -140,12 +135,13 @@ def sipp_problem(problem: Problem) -> SippProblem:
     )
 
 
-def _steps(problem: Problem) -> Floats:
-    """Return the number of steps to go, in tables like `problem.to_go`; unused tables hold infinity."""
-    steps = np.full_like(problem.to_go, np.inf)
-    unweighted = allocate(1, (1, 1))._replace(leads_to=problem.leads_to[None])
-    scratch = np.empty((2, steps[0].size), np.int32)
+def _steps(problem: Problem) -> Ints:
+    """Return the number of steps to go, packed, in tables like those of `problem.to_go`; others are unreachable."""
+    headings = num_headings(problem.to_go)
+    num_tables, num_cells, _ = problem.to_go.exact.shape
+    steps = np.full((num_tables, num_cells), UNREACHABLE, np.uint32)
+    queue = np.empty(num_cells * headings, np.int32)
     for table in np.unique(problem.table):
         goal = problem.goals[problem.table == table][0]
-        cost_to_go(unweighted, 0, goal, 1.0, steps[table], scratch)
+        count_steps(problem.leads_to, goal, headings, steps[table], queue)
     return steps

@@ -17,8 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mapf_pz.core.cost_lookup import cost_at, num_headings, unpack_steps
 from mapf_pz.core.jit import jit, numba_config
-from mapf_pz.core.state import WAIT_WEIGHT, Array
+from mapf_pz.core.state import WAIT_WEIGHT, Array, CostToGo
 from mapf_pz.planners.sipp.reservations import FOREVER, NONE, Reservations, discard, last_visit, new_visit, safe_until
 
 
@@ -27,8 +28,8 @@ class SippProblem(NamedTuple):
 
     leads_to: Array  # (4, C + 1) int32: the cell that a move in each direction leads to; the same cell if blocked
     weight: Array  # (5, C + 1) float32: cost of moving in each direction, and of waiting or turning
-    to_go: Array  # (S, C + 1, D) float32: weighted cost to go
-    steps: Array  # (S, C + 1, D) float32: number of steps to go; inf: unreachable
+    to_go: CostToGo
+    steps: Array  # (S, C + 1) uint32: number of steps to go, packed as in `CostToGo`
     table: Array  # (N,) int32: index of the table for each agent's goal
     starts: Array  # (N,) int32: cells
     headings: Array  # (N,) int32: at the start; 0 for cardinal agents
@@ -82,17 +83,17 @@ def find_path(
     """
     visits, near, states, top = reservations.visits, reservations.near, scratch.states, scratch.top
     leads_to, weight, choices, cost = problem.leads_to, problem.weight, scratch.choices, scratch.cost
-    steps, to_go = problem.steps[problem.table[agent]], problem.to_go[problem.table[agent]]
-    headings = steps.shape[1]
+    table, steps, headings = problem.table[agent], problem.steps[problem.table[agent]], num_headings(problem.to_go)
     goal, start, heading = problem.goals[agent], problem.starts[agent], problem.headings[agent] % headings
     opens = visits[last_visit(visits, near, goal, FOREVER)].end + 1  # no other agent enters the goal from then on
     limit = min(limit, top.size - 1)
-    if opens > limit or to_go[start, heading] == np.inf or steps[start, heading] > limit:
+    shortest = unpack_steps(steps[start], heading)
+    if opens > limit or shortest > limit or cost_at(problem.to_go, table, start, heading) == np.inf:
         return NONE
     scratch.count[0] += 1
     number, expanded = scratch.count[0], 0
     choices[:4] = (np.arange(4) + rotation) % 4
-    lowest = highest = arrival = max(opens, int(steps[start, heading]))
+    lowest = highest = arrival = max(opens, shortest)
     # Visit `start` is the sentinel of the start cell: no other agent is there at first.
     _stack(states, top, number, start * headings + heading, NONE, 0, 0, arrival)
     found = NONE
@@ -109,10 +110,10 @@ def find_path(
             break
         expanded += 1
         if problem.weighted:
-            _rank(leads_to, weight, to_go, cell, heading, choices, cost)
+            _rank(leads_to, weight, problem.to_go, table, cell, heading, choices, cost)
         for choice in choices:
             target, facing = _led_to(leads_to, headings, cell, heading, choice)
-            left = int(steps[target, facing])
+            left = unpack_steps(steps[target], facing)
             if target == cell:
                 if facing != heading and step <= until and max(opens, step + left) <= limit:
                     highest = max(highest, max(opens, step + left))
@@ -146,12 +147,15 @@ def _led_to(leads_to: Array, headings: int, cell: int, heading: int, choice: int
 
 
 @jit
-def _rank(leads_to: Array, weight: Array, to_go: Array, cell: int, heading: int, choices: Array, cost: Array) -> None:
+def _rank(
+    leads_to: Array, weight: Array, to_go: CostToGo, table: int, cell: int, heading: int, choices: Array, cost: Array
+) -> None:
     """Sort the moves by descending cost, so that the cheapest is stacked last and expanded first."""
     for choice in range(4):
-        target, facing = _led_to(leads_to, to_go.shape[1], cell, heading, choice)
-        leaving = choice if to_go.shape[1] == 1 else heading
-        cost[choice] = weight[WAIT_WEIGHT if target == cell else leaving, cell] + to_go[target, facing]
+        target, facing = _led_to(leads_to, num_headings(to_go), cell, heading, choice)
+        leaving = choice if num_headings(to_go) == 1 else heading
+        step_cost = weight[WAIT_WEIGHT if target == cell else leaving, cell]
+        cost[choice] = step_cost + cost_at(to_go, table, target, facing)
         position = choice
         while position > 0 and cost[choices[position - 1]] < cost[choice]:
             choices[position] = choices[position - 1]

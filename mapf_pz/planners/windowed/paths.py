@@ -10,9 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mapf_pz.core.cost_lookup import num_headings
 from mapf_pz.core.jit import jit
 from mapf_pz.core.state import WAIT_WEIGHT, Array, PlanningView
-from mapf_pz.planners.pibt.kernels import NO_AGENT, to_go
+from mapf_pz.planners.pibt.state import NO_AGENT, to_go
 
 
 class Paths(NamedTuple):
@@ -68,7 +69,7 @@ def continue_paths(planning_view: PlanningView, passing: bool, paths: Paths) -> 
 @jit
 def facing(planning_view: PlanningView, agent: Array) -> int:
     """Return the heading of an agent, or 0 if it is a cardinal agent."""
-    return agent.heading & (planning_view.to_go.shape[2] - 1)
+    return agent.heading & (num_headings(planning_view.to_go) - 1)
 
 
 @jit

@@ -6,6 +6,7 @@ import time
 from typing import NamedTuple
 
 from mapf_pz.arrays import Ints
+from mapf_pz.core.cost_lookup import num_headings
 from mapf_pz.core.state import PlanningView
 from mapf_pz.environment import MapfEnv
 from mapf_pz.planners.base import StepPlanner
@@ -94,7 +95,7 @@ class WindowedLNS(StepPlanner):
         seeds = self._rng.integers(1, 2**63, size=2).tolist()
         return WindowedState(
             paths=allocate_paths(planning_view, self._window),
-            scratch=allocate_search(self._window, planning_view.to_go.shape[2]),
+            scratch=allocate_search(self._window, num_headings(planning_view.to_go)),
             neighborhood=allocate_neighborhood(self._window, seeds[0]),
             rollout=allocate_rollout(planning_view, self._window, seeds[1]),
         )

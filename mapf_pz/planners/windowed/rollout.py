@@ -11,12 +11,16 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz.core.conflict import NO_MOVE, direction
-from mapf_pz.core.cost_to_go import turned
+from mapf_pz.core.cost_lookup import num_headings, turned
 from mapf_pz.core.jit import jit
 from mapf_pz.core.state import Array, PlanningView
-from mapf_pz.planners.pibt.kernels import NO_AGENT, UNDECIDED, PibtState, allocate_pibt, plan
+from mapf_pz.planners.pibt.kernels import plan
+from mapf_pz.planners.pibt.state import NEAREST, NO_AGENT, UNDECIDED, Options, PibtState, allocate_pibt
 from mapf_pz.planners.random import draw_below
 from mapf_pz.planners.windowed.paths import Paths, allocate_paths, cost_of_path, facing, occupy
+
+OPTIONS = Options(priority=NEAREST, swap=True, hindrance=True)
+"""The options of PIBT."""
 
 
 class Rollout(NamedTuple):
@@ -57,7 +61,7 @@ def roll_out(planning_view: PlanningView, passing: bool, random: Array, rollout:
         agents[i] = planning_view.agents[i]
     for t in range(paths.cell.shape[1]):
         if t > 0:
-            plan(view, passing, rollout.pibt, rollout.actions)
+            plan(view, passing, OPTIONS, rollout.pibt, rollout.actions)
             _move(view, rollout.actions)
         rollout.occupant[:] = NO_AGENT
         for i in range(agents.size):
@@ -77,7 +81,7 @@ def roll_out(planning_view: PlanningView, passing: bool, random: Array, rollout:
 @jit
 def _move(view: PlanningView, actions: Array) -> None:
     """Execute actions (N,) without collisions."""
-    cardinal = view.to_go.shape[2] == 1
+    cardinal = num_headings(view.to_go) == 1
     for i in range(actions.size):
         agent = view.agents[i]
         towards = direction(cardinal, agent.heading, actions[i])

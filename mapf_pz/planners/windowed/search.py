@@ -10,9 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mapf_pz.core.cost_lookup import cost_at, num_headings
 from mapf_pz.core.jit import jit, numba_config
 from mapf_pz.core.state import WAIT_WEIGHT, Array, PlanningView
-from mapf_pz.planners.pibt.kernels import NO_AGENT
+from mapf_pz.planners.pibt.state import NO_AGENT
 from mapf_pz.planners.windowed.paths import Paths, facing
 
 NONE = -1
@@ -80,7 +81,8 @@ def find_path(
     agent, leads_to, weight = planning_view.agents[i], planning_view.leads_to, planning_view.weight
     states, key, open = scratch.states, scratch.key, scratch.open
     used, fixed, goal, last = paths.used, paths.fixed, agent.goal, paths.cell.shape[1] - 1
-    table, headings = planning_view.to_go[planning_view.slot[goal]], planning_view.to_go.shape[2]
+    to_go, table = planning_view.to_go, planning_view.slot[goal]
+    headings = num_headings(to_go)
     side = 2 * last + 1
     layer, shift = side * side * 2 * headings, (1, side, -1, -side, 0)
     scratch.count[0] += 1
@@ -95,7 +97,7 @@ def find_path(
         step, within = divmod(state, layer)
         heading, passed, place = (within >> 1) & (headings - 1), within & 1, within // (2 * headings)
         here = states[state].cell
-        left = np.float32(0.0) if passed else table[here, heading]
+        left = np.float32(0.0) if passed else cost_at(to_go, table, here, heading)
         if step > 0 and lowest > states[state].cost + left - LATE * step + ROUNDING:
             continue  # it has been expanded at a lower cost
         if step == last:
@@ -111,7 +113,7 @@ def find_path(
                 cost + states[state].cost + _price_of_collisions(used, fixed, price, step + 1, here, there)
             )
             passes = passed or (passing and there == goal)
-            left = np.float32(0.0) if passes else table[there, turned]
+            left = np.float32(0.0) if passes else cost_at(to_go, table, there, turned)
             if not cost + left < limit or size == open.size:
                 continue
             following = (step + 1) * layer + 2 * (headings * (place + shift[direction]) + turned) + passes

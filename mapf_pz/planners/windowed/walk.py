@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 
+from mapf_pz.core.cost_lookup import num_headings
 from mapf_pz.core.state import AGENT, PlanningView
 from mapf_pz.planners.problem import Path, Problem
 from mapf_pz.planners.windowed.improve import allocate_neighborhood, improve
@@ -33,7 +34,7 @@ def walk(problem: Problem, rng: np.random.Generator, deadline: float) -> Path:
     slot[problem.goals] = problem.table
     occupant = np.full(num_cells, -1, np.int32)
     view = PlanningView(problem.leads_to, problem.weight, slot, problem.to_go, agents, occupant)
-    paths, scratch = allocate_paths(view, WINDOW), allocate_search(WINDOW, problem.to_go.shape[2])
+    paths, scratch = allocate_paths(view, WINDOW), allocate_search(WINDOW, num_headings(problem.to_go))
     neighborhood = allocate_neighborhood(WINDOW, int(rng.integers(1, 2**63)))
     mean_weight = float(problem.weight[np.isfinite(problem.weight)].mean())
     cells, headings = [agents["cell"].copy()], [agents["heading"].astype(np.int8)]
@@ -47,4 +48,4 @@ def walk(problem: Problem, rng: np.random.Generator, deadline: float) -> Path:
         arrived = int((agents["cell"] == problem.goals).sum())
         since = 0 if arrived > most else since + 1
         most = max(most, arrived)
-    return Path(np.stack(cells), np.stack(headings) if problem.to_go.shape[2] == 4 else None)
+    return Path(np.stack(cells), np.stack(headings) if num_headings(problem.to_go) == 4 else None)
