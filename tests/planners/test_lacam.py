@@ -11,7 +11,7 @@ import mapf_pz
 from mapf_pz.actions import HEADING_STEPS
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instance import Grid, Instance, Scenario
-from mapf_pz.instances import RandomObstacles, load_map, load_scenario
+from mapf_pz.instances import RandomObstacles, generate, load_map, load_scenario
 from mapf_pz.instances.place import largest_component, place
 from mapf_pz.planners import validate
 from mapf_pz.planners.lacam import planner as lacam
@@ -211,6 +211,18 @@ def test_agents_that_share_goals_keep_arriving(model):
         observations = env.step(planner.act(observations))[0]
     assert steps_with_shared_goals > 0
     assert env.simulator.agents[0]["arrivals"].sum() > 40
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_more_time_gives_shorter_paths_in_a_warehouse(model):
+    grid = generate.warehouse(columns=4, rows=6, length=6, depth=2, aisle=1)
+    rng = np.random.default_rng(0)
+    instance = facing_east(Instance(grid, place(grid, 120, rng)), model)
+    first, improved = (LaCAM(anytime=anytime).solve(instance, time_limit=4.0) for anytime in (False, True))
+    assert first is not None
+    assert improved is not None
+    assert validate(instance, improved) is None
+    assert improved.sum_of_costs < 0.7 * first.sum_of_costs
 
 
 @pytest.mark.parametrize("model", MODELS)

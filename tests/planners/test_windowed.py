@@ -10,9 +10,11 @@ from mapf_pz.config import EnvConfig
 from mapf_pz.core.cost_lookup import cost_at, num_headings
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import PIBT, WindowedLNS
+from mapf_pz.planners.problem import problem_of
 from mapf_pz.planners.windowed.improve import allocate_neighborhood, improve
 from mapf_pz.planners.windowed.paths import allocate_paths, continue_paths, release
 from mapf_pz.planners.windowed.search import LATE, allocate_search, find_path
+from mapf_pz.planners.windowed.walk import walk
 from mapf_pz.simulator import Simulator
 
 WAIT = 4
@@ -164,6 +166,27 @@ def test_no_move_is_blocked(model, seed, weights, on_target, num_agents, time_li
     while env.agents:
         observations, _, _, _, infos = env.step(planner.act(observations))
         assert not any(info["blocked"] for info in infos.values())
+
+
+@pytest.mark.parametrize("model", ["cardinal", "rotate"])
+@settings(max_examples=15)
+@given(seed=st.integers(0, 2**31), weights=st.sampled_from(WEIGHTS))
+def test_walks_are_free_of_collisions(model, seed, weights):
+    problem = problem_of(simulator_of(model, weights, seed, num_agents=12))
+    path = walk(problem, np.random.default_rng(seed), np.inf)
+    simulator = simulator_of(model, weights, seed, num_agents=12)
+    for actions in path.actions(simulator.leads_to(0)):
+        simulator.step(actions[None])
+        assert not simulator.agents["blocked"].any()
+    assert np.array_equal(simulator.agents["cell"][0], path.cells[-1])
+    if path.headings is not None:
+        assert np.array_equal(simulator.agents["heading"][0], path.headings[-1])
+    assert (path.cells[-1] == problem.goals).sum() >= 6
+
+
+def test_a_walk_ends_at_the_deadline():
+    problem = problem_of(simulator_of("cardinal", "uniform", 0))
+    assert np.array_equal(walk(problem, np.random.default_rng(0), 0.0).cells, problem.starts[None])
 
 
 def arrivals(planner_in, model, num_agents, max_steps=256, **options):

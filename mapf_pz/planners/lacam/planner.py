@@ -19,10 +19,14 @@ from mapf_pz.planners.lacam import search as lacam
 from mapf_pz.planners.lacam.step import allocate_scratch
 from mapf_pz.planners.problem import Path, Problem, problem_of, starting_costs
 from mapf_pz.planners.sipp.refine import NeighborhoodSearch, refine
+from mapf_pz.planners.windowed.walk import walk
 from mapf_pz.simulator import Simulator
 
 MAX_BYTES = 1 << 30
 """Maximum memory of a search, which fails if it needs more."""
+
+WALK_SHARE = 0.9
+"""Share of the time after the first solution in which to find a shorter one that starts with a walk."""
 
 _AGENT_STEPS = 50_000  # per call of the kernel: about 50 ms
 
@@ -32,9 +36,9 @@ Buffers = TypeVar("Buffers", lacam.Nodes, lacam.Constraints)
 class LaCAM(PlanFollower):
     """Plans whole paths by a search over configurations, for both action models: see `mapf_pz.planners.lacam.search`.
 
-    Given enough time and memory, it solves every solvable instance. Time that is left is used to shorten the paths
-    (`mapf_pz.planners.sipp.refine`). The search uses at most `MAX_BYTES`, and temporarily half as much again while its
-    arrays grow.
+    Given enough time and memory, it solves every solvable instance. Time that is left is used to find shorter paths
+    (`mapf_pz.planners.windowed.walk`), and to shorten them (`mapf_pz.planners.sipp.refine`). The search uses at most
+    `MAX_BYTES`, and temporarily half as much again while its arrays grow.
     """
 
     def plan(self, problem: Problem, time_limit: float) -> Path | None:
@@ -54,7 +58,46 @@ class LaCAM(PlanFollower):
         if cells is None:
             return None
         path = _to_path(problem, cells)
-        return path if refinement is None else refine(refinement, path, deadline)
+        if refinement is None:
+            return path
+        return refine(refinement, self._shorten(path, problem, refinement, deadline), deadline)
+
+    def _shorten(self, path: Path, problem: Problem, search: NeighborhoodSearch, deadline: float) -> Path:
+        """Return the solution `path`, or a shorter one that starts with a walk: see `mapf_pz.planners.windowed.walk`.
+
+        The agents that have not arrived at the end of the walk are planned again from their starts, by `search`. If
+        there is no time for this, the search over configurations continues from the end of the walk.
+        """
+        start = time.perf_counter()
+        search.set_paths(path)
+        if start >= deadline or search.is_shortest:
+            return path
+        cost = search.sum_of_costs
+        until = start + WALK_SHARE * (deadline - start)
+        walked = walk(problem, self._rng, until)
+        completed = self._complete(walked, problem, deadline)
+        if completed is not None:
+            search.set_paths(completed)
+            if search.sum_of_costs < cost:
+                path, cost = completed, search.sum_of_costs
+        search.set_arriving_paths(walked)
+        search.plan_missing(until)
+        return path if search.missing or search.sum_of_costs >= cost else search.path()
+
+    def _complete(self, path: Path, problem: Problem, deadline: float) -> Path | None:
+        """Return `path`, continued until all agents are at their goals, or None if that is not possible in time."""
+        headings = problem.headings if path.headings is None else path.headings[-1].astype(np.int32)
+        rest = problem._replace(starts=path.cells[-1].copy(), headings=headings)
+        cells = ConfigurationSearch(_without_turns(rest), self._rng).run(deadline)
+        if cells is None:
+            return None
+        end = _to_path(rest, cells)
+        return Path(
+            np.concatenate([path.cells, end.cells[1:]]),
+            None
+            if path.headings is None or end.headings is None
+            else np.concatenate([path.headings, end.headings[1:]]),
+        )
 
     def _call_kernels(self, simulator: Simulator) -> None:
         super()._call_kernels(simulator)
@@ -63,7 +106,10 @@ class LaCAM(PlanFollower):
         if self._anytime:
             search = NeighborhoodSearch(problem, self._rng)
             search.plan_all(np.arange(len(problem.goals)), math.inf)
-            search.path()
+            path = search.path()
+            search.set_arriving_paths(path._replace(cells=path.cells[:1]))
+            search.plan_missing(math.inf)
+            walk(problem, self._rng, math.inf)
 
 
 def _claimed_goals(problem: Problem) -> Ints:

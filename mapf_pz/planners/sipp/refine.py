@@ -12,7 +12,7 @@ from mapf_pz.core.cost_to_go import count_steps
 from mapf_pz.planners.problem import Path, Problem
 from mapf_pz.planners.sipp.improve import allocate_lns, plan_and_improve
 from mapf_pz.planners.sipp.neighborhood import allocate_neighborhood, sum_of_shortest
-from mapf_pz.planners.sipp.reservations import allocate_reservations, read_path, write_path
+from mapf_pz.planners.sipp.reservations import NONE, allocate_reservations, discard, read_path, withdraw, write_path
 from mapf_pz.planners.sipp.search import SippProblem, allocate_scratch
 
 WORK = 20_000
@@ -82,9 +82,25 @@ class NeighborhoodSearch:
         read_path(self._reservations, path.cells)
         self._lns.missing[0] = 0
 
+    def set_arriving_paths(self, path: Path) -> None:
+        """Set the paths that end at the agents' goals; the other agents are left without a path."""
+        self.set_paths(path)
+        for agent in np.flatnonzero(path.cells[-1] != self._problem.goals).tolist():
+            discard(self._reservations, withdraw(self._reservations, agent))
+            self._lns.missing[0] += 1
+
+    def plan_missing(self, deadline: float) -> None:
+        """Plan the agents without paths, and those in their way, until there are none, or until `deadline`."""
+        self._plan(np.flatnonzero(self._reservations.first == NONE), deadline)
+        while self.missing and time.perf_counter() < deadline:
+            self.improve()
+
     def plan_all(self, order: Ints, deadline: float) -> None:
         """Plan all agents from scratch in this order, until `deadline`; some may be left without a path."""
         self._allocate(self._shortest)
+        self._plan(order, deadline)
+
+    def _plan(self, order: Ints, deadline: float) -> None:
         for batch in np.array_split(order, len(order) // BATCH_SIZE + 1):
             if time.perf_counter() < deadline:
                 self.improve(batch, work=0)

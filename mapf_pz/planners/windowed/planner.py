@@ -46,7 +46,7 @@ class WindowedLNS(StepPlanner):
     """
 
     def __init__(
-        self, env: MapfEnv | None = None, seed: int = 0, window: int = 15, rounds: int = 8, time_limit: float = 0.0
+        self, env: MapfEnv | None = None, seed: int = 0, window: int = 20, rounds: int = 4, time_limit: float = 0.0
     ) -> None:
         """Create the planner.
 

@@ -1,0 +1,51 @@
+"""A walk towards the goals of a one-shot problem: plan a window, take a step, and so on.
+
+The paths are short, but agents that have arrived may stay in the way of others, which then never arrive.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from mapf_pz.core.cost_lookup import num_headings
+from mapf_pz.core.state import AGENT, PlanningView
+from mapf_pz.planners.problem import Path, Problem
+from mapf_pz.planners.windowed.improve import allocate_neighborhood, improve
+from mapf_pz.planners.windowed.paths import allocate_paths, continue_paths
+from mapf_pz.planners.windowed.search import allocate_search
+
+WINDOW = 20
+"""Number of steps to plan."""
+
+
+def walk(problem: Problem, rng: np.random.Generator, deadline: float) -> Path:
+    """Return paths without collisions; agents may end away from their goals.
+
+    The walk ends when all agents are at their goals, when for `WINDOW` steps no more of them were than before, or at
+    the deadline, by `time.perf_counter`.
+    """
+    num_agents, num_cells = len(problem.goals), problem.leads_to.shape[1]
+    agents = np.zeros(num_agents, AGENT)
+    agents["cell"], agents["heading"], agents["goal"] = problem.starts, problem.headings, problem.goals
+    agents["active"] = True
+    slot = np.full(num_cells, -1, np.int32)
+    slot[problem.goals] = problem.table
+    occupant = np.full(num_cells, -1, np.int32)
+    view = PlanningView(problem.leads_to, problem.weight, slot, problem.to_go, agents, occupant)
+    paths, scratch = allocate_paths(view, WINDOW), allocate_search(WINDOW, num_headings(problem.to_go))
+    neighborhood = allocate_neighborhood(WINDOW, int(rng.integers(1, 2**63)))
+    mean_weight = float(problem.weight[np.isfinite(problem.weight)].mean())
+    cells, headings = [agents["cell"].copy()], [agents["heading"].astype(np.int8)]
+    most, since = 0, 0
+    while most < num_agents and since < WINDOW and time.perf_counter() < deadline:
+        continue_paths(view, False, paths)
+        improve(view, False, mean_weight, num_agents, paths, scratch, neighborhood)
+        agents["cell"], agents["heading"] = paths.cell[:, 1], paths.heading[:, 1]
+        cells.append(paths.cell[:, 1].copy())
+        headings.append(paths.heading[:, 1].astype(np.int8))
+        arrived = int((agents["cell"] == problem.goals).sum())
+        since = 0 if arrived > most else since + 1
+        most = max(most, arrived)
+    return Path(np.stack(cells), np.stack(headings) if num_headings(problem.to_go) == 4 else None)
