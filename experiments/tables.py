@@ -49,7 +49,8 @@ TABLES = (
     ResultTable("report", ("pibt", "prioritized", "lacam", "mappo", "mappo+pibt")),
     ResultTable("movingai-small", ("pibt", "lacam")),
     ResultTable(
-        "lorr-2023", ("pibt", "epibt:depth=3", "epibt:depth=4", "epibt:depth=5", "epibt:depth=5,time_limit=0.1")
+        "lorr-2023",
+        ("pibt", "epibt:depth=3", "epibt:depth=4", "epibt:depth=5", "epibt:depth=7,time_limit=0.1", "windowed"),
     ),
     ResultTable("standard", ("pibt", "mappo", "ippo", "mappo-cardinal")),
     ResultTable("central-4", ("central-ppo",)),
