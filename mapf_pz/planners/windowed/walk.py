@@ -1,4 +1,4 @@
-"""A walk towards the goals of a one-shot problem: plan a window, take a step, and so on.
+"""A walk toward the goals of a one-shot problem: plan a window, take a step, and so on.
 
 The paths are short, but agents that have arrived may stay in the way of others, which then never arrive.
 """
