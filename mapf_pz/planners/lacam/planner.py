@@ -27,6 +27,8 @@ MAX_BYTES = 1 << 30
 
 WALK_SHARE = 0.9
 """Share of the time after the first solution in which to find a shorter one that starts with a walk."""
+REPAIR = 2.0
+"""Time to plan the agents again that have not arrived at the end of the walk, as a multiple of the time of the walk."""
 
 _AGENT_STEPS = 50_000  # per call of the kernel: about 50 ms
 
@@ -81,7 +83,8 @@ class LaCAM(PlanFollower):
             if search.sum_of_costs < cost:
                 path, cost = completed, search.sum_of_costs
         search.set_arriving_paths(walked)
-        search.plan_missing(until)
+        now = time.perf_counter()
+        search.plan_missing(min(until, now + REPAIR * (now - start)))
         return path if search.missing or search.sum_of_costs >= cost else search.path()
 
     def _complete(self, path: Path, problem: Problem, deadline: float) -> Path | None:

@@ -39,7 +39,7 @@ class WindowedLNS(StepPlanner):
     neighborhood search (`mapf_pz.planners.windowed.improve`). If the agents are still in each other's way, a simulation
     of PIBT replaces the paths where it is better (`mapf_pz.planners.windowed.rollout`).
 
-    It is designed for lifelong episodes, in which it reaches more goals than PIBT and EPIBT. Only the crowds of agents
+    It is designed for lifelong episodes, in which it reaches more goals than PIBT and EPIBT. Only crowds of agents
     that turn in which almost every second cell is occupied are better left to EPIBT. If agents must stay at their
     goals, it may leave agents at goals that others must pass; use `LaCAM`. With a `time_limit`, the actions depend on
     the speed of the machine; without one, only on the seed.
