@@ -85,7 +85,6 @@ SETUPS = (
 BUNDLED = (
     Setup("warehouse-10-20-10-2-1", 400),
     Setup("warehouse-10-20-10-2-2", 1000),
-    Setup("warehouse-20-40-10-2-2", 2000),
     Setup("random-24-24-20", 150),
 )
 TURNING = (
