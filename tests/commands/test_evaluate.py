@@ -219,7 +219,7 @@ def test_different_settings_have_different_labels(capsys, tmp_path):
     [
         ([], "expected --policy at least once"),
         (["--policy", "nobody"], "policy 'nobody': expected random, a planner (pibt, epibt, "),
-        (["--policy", "pibt:depth=3"], "option 'depth=3': PIBT has no options"),
+        (["--policy", "pibt:depth=3"], "option 'depth=3': PIBT has the options priority, swap, preference"),
         (["--policy", "pibt", "--suite", "nothing"], "suite 'nothing': expected a .json file, or one of "),
         (["--policy", "pibt", "--suite", "no.json"], "no.json: no such file"),
         (["--policy", "pibt", "--suite", "quickstart", *SMALL], "expected either --suite or --map"),
