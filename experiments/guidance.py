@@ -87,13 +87,7 @@ BUNDLED = (
     Setup("warehouse-10-20-10-2-2", 1000),
     Setup("random-24-24-20", 150),
 )
-TURNING = (
-    ("random-32-32-20", 100),
-    ("random-32-32-20", 200),
-    ("room-64-64-16", 400),
-    ("warehouse-10-20-10-2-1", 300),
-    ("empty-16-16", 80),
-)
+TURNING = (("random-32-32-20", 100), ("random-32-32-20", 200))
 GRAPHS = Path("mapf_pz/guidance/graphs")
 
 
