@@ -82,11 +82,7 @@ SETUPS = (
     Setup("maze-32-32-4", 400, 1.47),
     Setup("den312d", 1200, 4.98),
 )
-BUNDLED = (
-    Setup("warehouse-10-20-10-2-1", 400),
-    Setup("warehouse-10-20-10-2-2", 1000),
-    Setup("random-24-24-20", 150),
-)
+BUNDLED = (Setup("warehouse-10-20-10-2-1", 400), Setup("random-24-24-20", 150))
 TURNING = (("random-32-32-20", 100), ("random-32-32-20", 200))
 GRAPHS = Path("mapf_pz/guidance/graphs")
 
