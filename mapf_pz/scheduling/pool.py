@@ -36,6 +36,7 @@ class TaskPool:
         """(K,) int64: the agent of each revealed task; -1: none."""
         self.errand: Ints = np.zeros(num_revealed, np.int64)
         """(K,) int64: the number of errands of each revealed task that were visited."""
+        self._lengths: Floats = np.array([self._length(place) for place in range(num_revealed)], np.float32)
         self.num_finished = 0
         """Number of tasks that were finished."""
 
@@ -51,8 +52,11 @@ class TaskPool:
 
     def lengths(self) -> Floats:
         """Return the length (K,) of the rest of each task: the sum of Manhattan distances from errand to errand."""
-        rest = [self._problem.task(task)[at:] for task, at in zip(self.tasks, self.errand, strict=True)]
-        return np.array([np.abs(np.diff(errands, axis=0)).sum() for errands in rest], np.float32)
+        return self._lengths.copy()
+
+    def _length(self, place: int) -> int:
+        errands = self._problem.task(int(self.tasks[place]))[self.errand[place] :]
+        return int(np.abs(np.diff(errands, axis=0)).sum())
 
     def assign(self, places: Ints) -> None:
         """Give each agent a revealed task: `places` (N,), each in 0 to K - 1; raises `ValueError` if not allowed."""
@@ -74,3 +78,4 @@ class TaskPool:
                 self.num_finished += 1
                 self.tasks[place] = self.tasks.max() + 1
                 self.owner[place], self.errand[place] = NONE, 0
+            self._lengths[place] = self._length(int(place))
