@@ -73,8 +73,11 @@ class Planner(ABC):
         return {name: actions[name] for name in observations}
 
     @abstractmethod
-    def decide(self, simulator: Simulator) -> Ints:
-        """Return the actions (N,) int64 of all agents in the current state of the simulator's first environment."""
+    def decide(self, simulator: Simulator, b: int = 0) -> Ints:
+        """Return the actions (N,) int64 of all agents in the current state of environment `b`.
+
+        A planner has the state of one episode: several environments need a planner each.
+        """
 
     def solve(
         self,
@@ -146,31 +149,31 @@ class PlanFollower(Planner):
         super()._call_kernels(simulator)
         self.plan(problem_of(simulator), math.inf)
 
-    def decide(self, simulator: Simulator) -> Ints:
+    def decide(self, simulator: Simulator, b: int = 0) -> Ints:
         """Return the actions (N,) int64 of all agents. Without a plan, all agents wait."""
-        agents = simulator.agents[0]
+        agents = simulator.agents[b]
         active = agents["active"]
         expected = self._cells[min(self._step, len(self._cells) - 1)] if len(self._cells) else self._goals
         as_planned = np.array_equal(self._goals, agents["goal"]) and (expected == agents["cell"])[active].all()
         if not as_planned:
-            self._replan(simulator)
+            self._replan(simulator, b)
         is_over = self._step >= len(self._actions)
         actions = np.full(len(agents), wait_action(simulator)) if is_over else self._actions[self._step]
         self._step += 1
         return actions
 
-    def _replan(self, simulator: Simulator) -> None:
+    def _replan(self, simulator: Simulator, b: int) -> None:
         """Make a new plan from the current state."""
-        agents = simulator.agents[0]
+        agents = simulator.agents[b]
         active = agents["active"]
-        path = self.plan(problem_of(simulator), self._time_limit)
+        path = self.plan(problem_of(simulator, b), self._time_limit)
         self._step, self._goals = 0, agents["goal"].copy()
         steps = 0 if path is None else len(path.cells) - 1
         self._cells = np.tile(agents["cell"], (steps + 1, 1))
         self._actions = np.full((steps, len(agents)), wait_action(simulator), np.int64)
         if path is not None:
             self._cells[:, active] = path.cells
-            self._actions[:, active] = path.actions(simulator.leads_to(0))
+            self._actions[:, active] = path.actions(simulator.leads_to(b))
 
     def _solve(self, simulator: Simulator, deadline: float) -> Plan | None:
         problem = problem_of(simulator)

@@ -54,9 +54,9 @@ CARDINAL_ACTIONS = (CardinalAction.RIGHT, CardinalAction.DOWN, CardinalAction.LE
 """The cardinal action that moves in the direction of each `Heading`."""
 
 
-def problem_of(simulator: Simulator) -> Problem:
-    """Return the remaining problem of the active agents of the simulator's first environment."""
-    planning_view = simulator.planning_view()
+def problem_of(simulator: Simulator, b: int = 0) -> Problem:
+    """Return the remaining problem of the active agents of environment `b`."""
+    planning_view = simulator.planning_view(b)
     agents = planning_view.agents[planning_view.agents["active"]]
     cardinal = simulator.config.action_model == "cardinal"
     return Problem(

@@ -84,7 +84,7 @@ class Idle(Planner):
 
     plan = None
 
-    def decide(self, simulator):
+    def decide(self, simulator, b=0):
         return np.full(simulator.num_agents, wait_action(simulator))
 
     def _solve(self, simulator, deadline):

@@ -68,10 +68,10 @@ class EPIBT(StepPlanner):
         super().reset_states()
         self._state: EpibtState | None = None
 
-    def decide(self, simulator: Simulator) -> Ints:
-        """Return the actions (N,) int64 of all agents in the current state of the simulator's first environment."""
+    def decide(self, simulator: Simulator, b: int = 0) -> Ints:
+        """Return the actions (N,) int64 of all agents in the current state of environment `b`."""
         start = time.perf_counter()
-        planning_view = simulator.planning_view()
+        planning_view = simulator.planning_view(b)
         tree = operations(self._depth, simulator.config.action_model == "cardinal")
         if self._state is None:
             self._state = allocate_epibt(planning_view, tree, self._num_regions(simulator))
@@ -80,7 +80,7 @@ class EPIBT(StepPlanner):
         rounds = 0
         # If agents must stay, the lowest sum of costs would keep agents at their goals even where others must pass.
         while passing and (rounds < self._rounds or time.perf_counter() - start < self._time_limit):
-            self._improve(simulator, self._state)
+            self._improve(simulator, b, self._state)
             rounds += 1
         actions = np.empty(planning_view.agents.size, np.int64)
         first_actions(planning_view.agents, tree, self._state, actions)
@@ -91,9 +91,9 @@ class EPIBT(StepPlanner):
         side = min(simulator.shape)
         return max(side // (3 * self._depth), 2 if side >= 4 * self._depth else 1)
 
-    def _improve(self, simulator: Simulator, state: EpibtState) -> None:
+    def _improve(self, simulator: Simulator, b: int, state: EpibtState) -> None:
         """Let some agents of each region try to improve the plan."""
-        agents, num_regions = simulator.agents[0], len(state.chain)
+        agents, num_regions = simulator.agents[b], len(state.chain)
         by_row = bool(self._rng.integers(2))
         strip = -(-simulator.shape[not by_row] // num_regions)
         offset = int(self._rng.integers(1, strip + 1))
@@ -105,4 +105,4 @@ class EPIBT(StepPlanner):
     def _call_kernels(self, simulator: Simulator) -> None:
         super()._call_kernels(simulator)
         if self._state is not None:
-            self._improve(simulator, self._state)
+            self._improve(simulator, 0, self._state)

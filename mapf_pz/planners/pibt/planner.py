@@ -60,9 +60,9 @@ class PIBT(StepPlanner):
         super().reset_states()
         self._state: PibtState | None = None
 
-    def decide(self, simulator: Simulator) -> Ints:
-        """Return the actions (N,) int64 of all agents in the current state of the simulator's first environment."""
-        planning_view = simulator.planning_view()
+    def decide(self, simulator: Simulator, b: int = 0) -> Ints:
+        """Return the actions (N,) int64 of all agents in the current state of environment `b`."""
+        planning_view = simulator.planning_view(b)
         if self._state is None:
             self._state = allocate_pibt(planning_view, int(self._rng.integers(1, 2**63)))
         actions = np.empty(planning_view.agents.size, np.int64)

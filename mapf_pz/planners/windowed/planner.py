@@ -71,13 +71,13 @@ class WindowedLNS(StepPlanner):
         super().reset_states()
         self._state: WindowedState | None = None
 
-    def decide(self, simulator: Simulator) -> Ints:
-        """Return the actions (N,) int64 of all agents in the current state of the simulator's first environment."""
+    def decide(self, simulator: Simulator, b: int = 0) -> Ints:
+        """Return the actions (N,) int64 of all agents in the current state of environment `b`."""
         deadline = time.perf_counter() + self._time_limit
-        planning_view = simulator.planning_view()
+        planning_view = simulator.planning_view(b)
         if self._state is None:
             self._state = self._allocate(planning_view)
-        passing, mean_weight = simulator.config.on_target != "nothing", simulator.mean_weight(0)
+        passing, mean_weight = simulator.config.on_target != "nothing", simulator.mean_weight(b)
         paths, scratch, neighborhood, rollout = self._state
         attempts = self._rounds * len(paths.cost)
         continue_paths(planning_view, passing, paths)
@@ -89,7 +89,7 @@ class WindowedLNS(StepPlanner):
                 improve(planning_view, passing, mean_weight, attempts, paths, scratch, neighborhood)
         while time.perf_counter() < deadline:
             improve(planning_view, passing, mean_weight, BATCH_SIZE, paths, scratch, neighborhood)
-        return self._first_actions(simulator, paths)
+        return self._first_actions(simulator, b, paths)
 
     def _allocate(self, planning_view: PlanningView) -> WindowedState:
         seeds = self._rng.integers(1, 2**63, size=2).tolist()
@@ -107,11 +107,11 @@ class WindowedLNS(StepPlanner):
         return float((paths.cost - paths.least)[active].mean()) if active.any() else 0.0
 
     @staticmethod
-    def _first_actions(simulator: Simulator, paths: Paths) -> Ints:
+    def _first_actions(simulator: Simulator, b: int, paths: Paths) -> Ints:
         """Return the first action (N,) int64 on each agent's path."""
         rotates = simulator.config.action_model == "rotate"
         step = Path(paths.cell[:, :2].T, paths.heading[:, :2].T if rotates else None)
-        return step.actions(simulator.leads_to(0))[0]
+        return step.actions(simulator.leads_to(b))[0]
 
     def _call_kernels(self, simulator: Simulator) -> None:
         super()._call_kernels(simulator)
