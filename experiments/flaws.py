@@ -8,8 +8,8 @@ from torch import Tensor
 from torchrl.envs import Transform
 
 from mapf_pz.actions import Action
-from mapf_pz.rl.algorithms import CentralPPO
 from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.ppo import CentralPPO
 
 GOAL, OTHER_GOALS = 1, 7
 """Planes of `view`, `goal`, `orientation`, `edge_weights` (4), `other_goals`."""

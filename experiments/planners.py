@@ -20,11 +20,10 @@ import tyro
 
 from mapf_pz.config import ActionModel, EnvConfig
 from mapf_pz.evaluation.parallel import run_jobs
-from mapf_pz.evaluation.policies import planner_of
 from mapf_pz.instance import Instance, Scenario
 from mapf_pz.instances import FixedMap, InstanceList, load_instance, load_map
 from mapf_pz.instances.library import benchmark_file
-from mapf_pz.planners import EPIBT, PIBT, LaCAM, Planner, validate
+from mapf_pz.planners import EPIBT, PIBT, LaCAM, Planner, planner_of, validate
 from mapf_pz.planners.pibt.planner import PREFERENCES, PRIORITIES
 from mapf_pz.simulator import Simulator
 from tests.helpers.reference_planners import ACTION, SlowEPIBT, SlowPIBT, World

@@ -16,7 +16,7 @@ from torchrl.collectors import BaseCollector, Collector, MultiSyncCollector
 from torchrl.envs import Compose, EnvBase, PettingZooWrapper, RewardSum, TransformedEnv
 
 from mapf_pz.interrupts import unheard_by_children
-from mapf_pz.rl.algorithms import Algorithm
+from mapf_pz.rl.algorithm import Algorithm
 from mapf_pz.rl.batched_env import BatchedMapfEnv
 from mapf_pz.rl.config import CollectorName, TrainConfig
 from mapf_pz.simulator import Simulator
@@ -34,6 +34,8 @@ class MakeEnv:
     """Environment `b` starts with the episode of seed `seed + b`."""
     number: int
     """Number of environments."""
+    training: bool = True
+    """Whether training data is collected in them."""
 
     def __call__(self) -> TransformedEnv:
         """Return the environments as one batch."""
@@ -42,7 +44,8 @@ class MakeEnv:
         reward_sum = RewardSum(
             in_keys=[("agents", "reward")], out_keys=[("agents", "episode_reward")], reset_keys=["_reset"]
         )
-        transforms = [*self.algorithm.transforms(self.seed), reward_sum]
+        make_transforms = self.algorithm.training_transforms if self.training else self.algorithm.transforms
+        transforms = [*make_transforms(self.seed), reward_sum]
         return TransformedEnv(env, Compose(*transforms))  # pyright: ignore[reportArgumentType] (annotated as lists)
 
 

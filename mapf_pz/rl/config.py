@@ -18,7 +18,7 @@ from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl.checks import check_counts, check_from_zero, check_names, check_part, check_positive
 from mapf_pz.rl.saved_env import dump_env, load_env
 
-AlgorithmName = Literal["mappo", "ippo", "central-ppo"]
+AlgorithmName = Literal["mappo", "ippo", "central-ppo", "dagger"]
 CollectorName = Literal["single", "processes", "ray"]
 Credit = Literal["team", "agent"]
 CuriosityName = Literal["none", "rnd", "random-features", "inverse-dynamics"]
@@ -191,6 +191,32 @@ class CuriosityConfig:
 
 
 @dataclass(frozen=True)
+class ImitationConfig:
+    """Imitation of a planner, the expert (`dagger`)."""
+
+    expert: str = "windowed"
+    """The planner that is imitated, with options such as `epibt:depth=3`."""
+    expert_share: float = 0.1
+    """Probability that the expert instead of the policy controls an environment in a segment."""
+    segment_steps: int = 16
+    """Number of steps of a segment."""
+    shield: bool = True
+    """Whether the safety layer executes the policy's preferences while data is collected."""
+    temperature: float = 1.0
+    """Temperature of the sampling of actions while data is collected; 0 takes the most likely action."""
+    wait_share: float = 0.2
+    """Fraction of the expert's waits at goals that are learned from."""
+    buffer_size: int = 400_000
+    """Number of agent steps in the replay buffer, which replaces the oldest ones."""
+
+    def __post_init__(self) -> None:
+        """Check numbers."""
+        check_from_zero(self, 1, "expert_share", "wait_share")
+        check_from_zero(self, math.inf, "temperature")
+        check_counts(self, 1, "segment_steps", "buffer_size")
+
+
+@dataclass(frozen=True)
 class TrainConfig:
     """One training run."""
 
@@ -199,13 +225,16 @@ class TrainConfig:
     """The training task."""
     algorithm: str = "mappo"
     """Training algorithm: `mappo` (the critic observes the team), `ippo` (the critic observes what the agent observes),
-    `central-ppo` (the report's single policy for all agents), or `package.module:Class`, a subclass of `Algorithm`."""
+    `central-ppo` (the report's single policy for all agents), `dagger` (imitation of a planner), or
+    `package.module:Class`, a subclass of `Algorithm`."""
     model: ModelConfig = field(default_factory=ModelConfig)
     """Configuration of the networks."""
     ppo: PPOConfig = field(default_factory=PPOConfig)
     """Configuration of the optimization."""
     curiosity: CuriosityConfig = field(default_factory=CuriosityConfig)
     """Configuration of the curiosity reward."""
+    imitation: ImitationConfig = field(default_factory=ImitationConfig)
+    """Configuration of the algorithm `dagger`."""
     agent_steps: int = 2_000_000
     """Minimum length of the run in agent steps (the steps of all agents together); the last update is completed."""
     seed: int = 0

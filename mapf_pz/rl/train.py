@@ -15,7 +15,8 @@ from torchrl.collectors import BaseCollector
 from mapf_pz.errors import FormatError
 from mapf_pz.interrupts import interrupts_deferred
 from mapf_pz.io.atomic import naming
-from mapf_pz.rl.algorithms import Algorithm, algorithm_of
+from mapf_pz.rl.algorithm import Algorithm
+from mapf_pz.rl.algorithms import algorithm_of
 from mapf_pz.rl.checkpoint import read_position
 from mapf_pz.rl.collect import collecting
 from mapf_pz.rl.config import TrainConfig
@@ -113,7 +114,7 @@ def _run(
     torch.set_num_threads(config.num_threads)
     with _device(config):
         algorithm = make(config)
-    learner = Learner(algorithm, config)
+    learner = algorithm.make_learner()
     done = 0 if checkpoint is None else run.restore(checkpoint, learner)
     with interrupts_deferred() as check, _collecting(config, algorithm, done) as collector:
         with naming(run.path):

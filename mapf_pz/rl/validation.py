@@ -8,7 +8,7 @@ from torch import Tensor
 from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
 
 from mapf_pz.config import OnTarget
-from mapf_pz.rl.algorithms import Algorithm
+from mapf_pz.rl.algorithm import Algorithm
 from mapf_pz.rl.collect import MakeEnv
 from mapf_pz.rl.config import TaskConfig, TrainConfig
 
@@ -47,7 +47,9 @@ class Validation:
     def measure(self) -> dict[str, float]:
         """Run the episodes and return the means in `MEANS` under the names `validation_...`."""
         if self._env is None:
-            self._env = MakeEnv(self._algorithm, self._config, FIRST_SEED, self._config.validation_episodes)()
+            self._env = MakeEnv(
+                self._algorithm, self._config, FIRST_SEED, self._config.validation_episodes, training=False
+            )()
         self._env.set_seed(FIRST_SEED)
         device = next(self._algorithm.actor.parameters()).device
         gpus = [device] if device.type == "cuda" else []

@@ -19,7 +19,6 @@ from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.checkpoint import Checkpoints, Position, read_position, restore
 from mapf_pz.rl.config import ModelConfig
-from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.run import RunFolder
 from mapf_pz.rl.train import resume
 from tests.helpers import small_run as tiny
@@ -48,7 +47,7 @@ def train_interrupted(config, folder, updates, **options):
 
 
 def make_learner(config=TINY):
-    learner = Learner(ALGORITHMS[config.algorithm](config), config)
+    learner = ALGORITHMS[config.algorithm](config).make_learner()
     sum(parameter.square().sum() for parameter in learner.loss.parameters()).backward()
     learner.optimizer.step()
     return learner

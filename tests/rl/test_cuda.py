@@ -9,7 +9,6 @@ from mapf_pz.rl import load_policy, resume, train
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.collect import collecting
 from mapf_pz.rl.config import CuriosityConfig
-from mapf_pz.rl.learner import Learner
 from tests.helpers.small_run import TINY, rows
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no GPU")
@@ -54,7 +53,7 @@ def test_losses_are_those_of_the_cpu():
     for device in ("cpu", "cuda"):
         with torch.device(device):
             algorithms.append(ALGORITHMS["mappo"](config))
-    on_cpu, on_cuda = (Learner(algorithm, config) for algorithm in algorithms)
+    on_cpu, on_cuda = (algorithm.make_learner() for algorithm in algorithms)
     with collecting(algorithms[0], config, seed=0, updates=1) as collector:
         batch = next(iter(collector))
     on_cuda.restore(on_cpu.tensors())

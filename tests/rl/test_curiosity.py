@@ -12,7 +12,6 @@ from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.checkpoint import Checkpoints, Position, restore
 from mapf_pz.rl.config import CuriosityConfig
 from mapf_pz.rl.curiosity import RewardScale, make_curiosity
-from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.observation_shape import ObservationShape
 from mapf_pz.rl.train import resume
 from tests.helpers import small_run as tiny
@@ -194,7 +193,7 @@ def test_the_return_is_the_tasks_own(tmp_path):
 
 def make_learner(config):
     torch.manual_seed(config.seed)
-    learner, steps = Learner(ALGORITHMS[config.algorithm](config), config), rollout(config, 16)
+    learner, steps = ALGORITHMS[config.algorithm](config).make_learner(), rollout(config, 16)
     torch.manual_seed(config.seed)
     learner.learn(steps.clone(), 0.0)
     return learner, steps

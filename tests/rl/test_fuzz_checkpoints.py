@@ -18,7 +18,6 @@ from mapf_pz.rl import load_policy
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.checkpoint import Checkpoints, Position, read_position, restore
 from mapf_pz.rl.config_file import config_files
-from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.policy import WEIGHTS, save_weights
 from tests.helpers.corrupt_files import TOKENS, Case, as_json, bounded, changed, fuzzed, outcome, refused
 from tests.helpers.small_run import TINY
@@ -29,7 +28,7 @@ def trained(tmp_path_factory):
     """A policy's two files, a checkpoint's files by their names, and a call that reads those from a file."""
     folder = tmp_path_factory.mktemp("trained")
     algorithm = ALGORITHMS[TINY.algorithm](TINY)
-    learner, checkpoints = Learner(algorithm, TINY), Checkpoints(folder)
+    learner, checkpoints = algorithm.make_learner(), Checkpoints(folder)
     save_weights(folder, algorithm.network)
     checkpoints.save(learner, Position(1, 192, 0.5))
     with zipfile.ZipFile(checkpoints.latest()) as archive:

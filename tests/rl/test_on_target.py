@@ -11,7 +11,6 @@ from mapf_pz.cli import main
 from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.algorithms import ALGORITHMS
-from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.train import resume
 from mapf_pz.rl.validation import Validation, episode_means
 from tests.helpers.small_run import TINY, changed, rows
@@ -105,7 +104,7 @@ def test_steps_after_an_agent_has_disappeared_are_not_learned_from(algorithm):
             log_prob = batch["team" if algorithm == "central-ppo" else "agents", "action_log_prob"]
             log_prob += 1.0 * gone.squeeze(-1)
         torch.manual_seed(1)
-        Learner(made, config).learn(batch, 0)
+        made.make_learner().learn(batch, 0)
         weights.append(torch.cat([weight.flatten() for weight in made.loss.parameters()]))
     torch.testing.assert_close(weights[0], weights[1], rtol=0, atol=0)
 
@@ -114,7 +113,7 @@ def test_the_value_of_disappearing_is_the_last_reward():
     config = dataclasses.replace(on("finish"), ppo=dataclasses.replace(TINY.ppo, steps_per_batch=40))
     made, batch = collect(config)
     left = batch["agents", "active"] & ~batch["next", "agents", "active"]
-    Learner(made, config).learn(batch, 0)
+    made.make_learner().learn(batch, 0)
     target = batch["value_target"]
     assert left.any()
     torch.testing.assert_close(target[left], batch["next", "agents", "reward"][left])

@@ -12,9 +12,10 @@ import mapf_pz
 from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.instances import RandomObstacles, SourceMixture
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
-from mapf_pz.rl.algorithms import ALGORITHMS, MAPPO
+from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.config import CuriosityConfig
 from mapf_pz.rl.observation_shape import ObservationShape
+from mapf_pz.rl.ppo import MAPPO
 from mapf_pz.rl.train import Progress
 from tests.helpers.small_run import TINY, changed, rows, untimed
 

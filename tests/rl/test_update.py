@@ -10,7 +10,6 @@ from mapf_pz.rl import train
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.collect import collecting
 from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
-from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.networks import LocalCritic, TeamCritic, TeamValue
 from mapf_pz.rl.observation_shape import ObservationShape
 from tests.helpers.reference_ppo import ReferencePPO, categorical, normal, recurrent_distribution
@@ -150,7 +149,7 @@ def ratios_of_equal_updates(config):
     assert batch["agents", "active"].all() == (config.task.env.on_target == "nothing")
     assert_episodes_end_within(batch, algorithm.observation_keys())
     reference, actor, critic = make_reference(algorithm)
-    learner = Learner(algorithm, config)
+    learner = algorithm.make_learner()
     for progress in (0.0, 0.25, 0.5):  # the same batch again, so that probability ratios are clipped
         torch.manual_seed(7)
         learner.learn(batch.clone(), progress)
@@ -203,7 +202,7 @@ def test_the_entropy_bonus_raises_the_entropy(name, credit):
         algorithm.network.head[-1].bias.data[0] += 2
         for weight in algorithm.loss.critic_network_params.values(include_nested=True, leaves_only=True):
             weight.data.zero_()
-        learner = Learner(algorithm, config)
+        learner = algorithm.make_learner()
         return [learner.learn(batch.clone(), 0)["entropy"] for _ in range(3)]
 
     first, second, third = entropies(0.5)
@@ -216,7 +215,7 @@ def test_the_entropy_bonus_raises_the_entropy(name, credit):
 def test_step_sizes_and_entropy_bonus_fall_linearly_to_a_tenth(name, progress):
     config = configured(name, learning_rate=2e-3, entropy_coeff=0.05)
     algorithm, batch = make(config)
-    learner = Learner(algorithm, config)
+    learner = algorithm.make_learner()
     learner.learn(batch, progress)
     assert learner.optimizer.param_groups[0]["lr"] == pytest.approx(2e-3 * (1 - 0.9 * progress))
     assert learner.loss.entropy_coeff.item() == pytest.approx(0.05 * (1 - 0.9 * progress))
@@ -239,7 +238,7 @@ def test_an_epoch_takes_one_gradient_step_for_each_minibatch(recurrent, minibatc
     """Recurrent networks learn from whole sequences of 32 steps, at least one at a time."""
     config = configured("mappo", recurrent, num_epochs=1, minibatch_size=minibatch_size)
     algorithm, batch = make(config)
-    learner = Learner(algorithm, config)
+    learner = algorithm.make_learner()
     learner.learn(batch, 0)
     assert {int(state["step"]) for state in learner.optimizer.state_dict()["state"].values()} == {steps}
 
@@ -251,7 +250,7 @@ def test_gradients_are_clipped_to_the_maximum_norm(name, limit, clips):
     algorithm, batch = make(config)
     for key in (("agents", "reward"), algorithm.reward_key):
         batch["next", key] *= 1e4
-    learner = Learner(algorithm, config)
+    learner = algorithm.make_learner()
     learner.learn(batch, 0)
     norm = torch.cat([weight.grad.flatten() for weight in learner.loss.parameters()]).norm().item()
     if clips:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, Protocol, cast
 
 import numpy as np
 
-from mapf_pz.arrays import Floats
+from mapf_pz.arrays import Floats, Ints
 from mapf_pz.environment import MapfEnv
 from mapf_pz.planners.pibt.shield_kernels import choose_actions
 from mapf_pz.planners.pibt.state import PibtState, allocate_pibt
+from mapf_pz.simulator import Simulator
 
 
 class Preferring(Protocol):
@@ -61,3 +63,28 @@ class Shield:
         choose_actions(planning_view, preferences, simulator.config.on_target != "nothing", self._state, actions)
         chosen = dict(zip(names, actions.tolist(), strict=True))
         return {name: chosen[name] for name in observations}
+
+
+class BatchShield:
+    """The safety layer for a batch of environments."""
+
+    def __init__(self, simulator: Simulator) -> None:
+        """Create the layer for the environments of a simulator."""
+        self._simulator = simulator
+        self._states: list[PibtState | None] = [None] * simulator.num_envs
+
+    def reset(self, envs: Iterable[int]) -> None:
+        """Reset all per-episode state of these environments."""
+        for b in envs:
+            self._states[b] = None
+
+    def actions(self, preferences: Floats) -> Ints:
+        """Return the actions (B, N) int64 for preferences (B, N, A) float64."""
+        simulator = self._simulator
+        actions = np.empty(simulator.agents.shape, np.int64)
+        for b in range(simulator.num_envs):
+            view = simulator.planning_view(b)
+            if self._states[b] is None:
+                self._states[b] = allocate_pibt(view, seed=1)
+            choose_actions(view, preferences[b], simulator.config.on_target != "nothing", self._states[b], actions[b])
+        return actions

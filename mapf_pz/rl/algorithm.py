@@ -1,0 +1,85 @@
+"""The base class of algorithms: each combines environment transforms, an actor and a learner.
+
+The training loop is in `mapf_pz.rl.train`, and is the same for all algorithms.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+import torch
+from tensordict import NestedKey
+from tensordict.nn import TensorDictModule, TensorDictModuleBase
+from torch import nn
+from torchrl.data import Unbounded
+from torchrl.envs import InitTracker, TensorDictPrimer, Transform
+
+from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.learner import Learner
+from mapf_pz.rl.networks import Actor, add_recurrence
+from mapf_pz.rl.observation_shape import ObservationShape
+
+
+class Algorithm(ABC):
+    """Base class of algorithms: the interface that the training loop uses.
+
+    The network is that of one agent, and all agents share it, unless a subclass overrides `make_network`.
+    """
+
+    parameters: ClassVar[list[NestedKey]] = [("agents", "logits")]
+    """Keys of the network's outputs, the parameters of the action distribution."""
+    centralized: ClassVar[bool] = False
+    """Whether one policy acts for all agents, whose number is then fixed, instead of each agent acting by itself."""
+
+    def __init__(self, config: TrainConfig) -> None:
+        """Build the networks."""
+        self.config = config
+        self.observation_shape = ObservationShape.of_task(config.task)
+        self.network = self.make_network(config)
+        """The network that is saved as the policy."""
+        self.actor = self.make_actor()
+        """The policy that acts during data collection."""
+
+    @staticmethod
+    def make_network(config: TrainConfig) -> nn.Module:
+        """Return the policy's network, newly initialized."""
+        return add_recurrence(Actor(ObservationShape.of_task(config.task), config.model), config.model)
+
+    @abstractmethod
+    def make_actor(self) -> TensorDictModuleBase:
+        """Return the policy that samples actions."""
+
+    @abstractmethod
+    def make_learner(self) -> Learner:
+        """Return the learner, which updates `network`."""
+
+    def observation_keys(self) -> list[NestedKey]:
+        """Return the keys of each agent's image and, if there are any, of its features."""
+        if self.observation_shape.features:
+            return [("agents", "observation", "image"), ("agents", "observation", "features")]
+        return [("agents", "observation")]
+
+    @staticmethod
+    def num_hidden_states(config: TrainConfig) -> int:
+        """Return the number of hidden states per environment: one per agent."""
+        return config.task.num_agents
+
+    def transforms(self, seed: int) -> list[Transform]:
+        """Return the transforms that the actor needs to act; `seed` is the seed of those that sample."""
+        size = self.config.model.recurrent
+        if size == 0:
+            return []
+        hidden_state = Unbounded(shape=torch.Size([self.num_hidden_states(self.config), size]))
+        return [InitTracker(), TensorDictPrimer({"hidden_state": hidden_state}, expand_specs=True)]
+
+    def training_transforms(self, seed: int) -> list[Transform]:
+        """Return the transforms of the environments that training data is collected in: by default `transforms`."""
+        return self.transforms(seed)
+
+    def network_module(self) -> TensorDictModule:
+        """Return the network with its input and output keys; a hidden state is carried from step to step."""
+        if self.config.model.recurrent == 0:
+            return TensorDictModule(self.network, in_keys=self.observation_keys(), out_keys=self.parameters)
+        in_keys: list[NestedKey] = ["hidden_state", "is_init", *self.observation_keys()]
+        return TensorDictModule(self.network, in_keys=in_keys, out_keys=[*self.parameters, ("next", "hidden_state")])

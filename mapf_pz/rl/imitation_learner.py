@@ -1,0 +1,74 @@
+"""Supervised learning of an expert's actions, from a replay buffer."""
+
+from __future__ import annotations
+
+import torch
+from tensordict import NestedKey, TensorDict, TensorDictBase
+from torch import Tensor, nn
+from torch.nn.functional import cross_entropy
+from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
+
+from mapf_pz.actions import Action, CardinalAction
+from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.learner import Learner
+
+
+class ImitationLearner(Learner):
+    """Minimizes the cross entropy of the expert's actions over samples of all steps that are still in the buffer."""
+
+    def __init__(self, config: TrainConfig, network: nn.Module, keys: list[NestedKey]) -> None:
+        """Create the optimizer and the buffer.
+
+        Args:
+            config: the configuration of the run.
+            network: the network of the logits of an agent's action.
+            keys: the keys of the observation, the network's inputs.
+        """
+        self.config = config
+        self.modules = {"policy": network}
+        self._network, self._keys = network, keys
+        parameters = list(network.parameters())
+        self._device = parameters[0].device
+        rate = config.ppo.learning_rate
+        self.optimizer = torch.optim.Adam([{"params": parameters, "initial_lr": rate}], lr=rate)
+        self._wait = int(CardinalAction.WAIT if config.task.env.action_model == "cardinal" else Action.WAIT)
+        self._minibatch_size = config.ppo.minibatch_size * config.task.num_agents
+        self._buffer = TensorDictReplayBuffer(
+            storage=LazyTensorStorage(config.imitation.buffer_size), batch_size=self._minibatch_size
+        )
+
+    def learn(self, batch: TensorDictBase, done: float) -> dict[str, float]:
+        """Add a batch to the buffer and update the network, as in `Learner`.
+
+        The number of gradient steps is that of `num_epochs` passes over the batch; their samples are from the buffer.
+        """
+        self.anneal(done)
+        samples = self._samples(batch)
+        agreement = self._agreement(samples)
+        self._buffer.extend(samples)
+        steps = max(1, self.config.ppo.num_epochs * batch.numel() // self.config.ppo.minibatch_size)
+        losses = torch.stack([self._improve(self._buffer.sample().to(self._device)) for _ in range(steps)])
+        return {"loss": float(losses.mean()), "agreement": agreement, "buffer": float(len(self._buffer))}
+
+    def _samples(self, batch: TensorDictBase) -> TensorDictBase:
+        """Return the labeled agent steps of a batch; of waits at the goal only a part, since most are alike."""
+        agents = batch.get("agents")
+        label = agents.get("expert_action")
+        rests = (label == self._wait) & agents.get("at_goal").squeeze(-1)
+        kept = (label >= 0) & agents.get("active").squeeze(-1)
+        kept &= ~rests | (torch.rand(label.shape) < self.config.imitation.wait_share)
+        entries = {str(number): batch.get(key)[kept] for number, key in enumerate(self._keys)}
+        logits = agents.get("logits")[kept]
+        return TensorDict({**entries, "label": label[kept], "logits": logits}, batch_size=[int(kept.sum())])
+
+    @staticmethod
+    def _agreement(samples: TensorDictBase) -> float:
+        """Return the fraction of the samples in which the policy's most likely action was the expert's."""
+        return float((samples.get("logits").argmax(-1) == samples.get("label")).float().mean())
+
+    def _improve(self, samples: TensorDictBase) -> Tensor:
+        """Take one gradient step, and return the loss."""
+        (logits,) = self._network(*(samples.get(str(number)) for number in range(len(self._keys))))
+        loss = cross_entropy(logits, samples.get("label"))
+        self.step(loss, self.config.ppo.max_grad_norm)
+        return loss.detach()
