@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+from collections.abc import Mapping
 from functools import partial
 from importlib import resources
 from pathlib import Path
@@ -13,9 +14,12 @@ from mapf_pz.environment import MapfEnv, parallel_env
 from mapf_pz.evaluation.episodes import AnyEnv, Policy, PolicyFactory, check_policy, make_env
 from mapf_pz.evaluation.random_policy import RandomPolicy
 from mapf_pz.planners import PLANNERS, Planner, Shield
+from mapf_pz.planners.pibt.shield import PATIENCE
 
 SHIELD_SUFFIX = "+pibt"
 """Suffix of a trained policy's name: PIBT executes its preferences without collisions."""
+_TRAINED_OPTIONS = {"temperature": 1.0}
+_SHIELD_OPTIONS = {"patience": PATIENCE}
 
 
 def policy_factory(name: str, seed: int = 0, deterministic: bool = False) -> PolicyFactory:
@@ -23,24 +27,40 @@ def policy_factory(name: str, seed: int = 0, deterministic: bool = False) -> Pol
 
     Args:
         name: `random`; a planner, optionally with options, such as `epibt` or `epibt:depth=5,time_limit=0.1`; the name
-            of a trained policy of the package, or the folder of a training run, optionally followed by `+pibt`.
+            of a trained policy of the package, or the folder of a training run, optionally followed by `+pibt` and
+            options, such as `mappo:temperature=0.5` or `mappo+pibt:patience=2,temperature=0.5`.
         seed: random seed of the policy in every episode.
         deterministic: whether a trained policy takes the most likely action instead of sampling one.
 
-    Raises `ValueError` for an unknown name, and for an unknown or invalid option of a planner.
+    Raises `ValueError` for an unknown name, and for an unknown or invalid option.
     """
     if name.partition(":")[0] in PLANNERS:
         planner_of(name, seed)  # rejects invalid options
         return partial(_planner_factory, name, seed)
     if name == "random":
         return partial(_random_factory, seed)
-    trained = name.removesuffix(SHIELD_SUFFIX)
-    if trained not in _bundled_names() and not Path(trained).exists():
+    return _factory_of_trained(name, seed, deterministic)
+
+
+def _factory_of_trained(name: str, seed: int, deterministic: bool) -> PolicyFactory:
+    """Return a factory for a trained policy by its name; raises as `policy_factory`."""
+    shielded, options = name, ""
+    if not _is_known(name.removesuffix(SHIELD_SUFFIX)):  # the name of a folder may have a colon
+        shielded, _, options = name.rpartition(":")
+    trained = shielded.removesuffix(SHIELD_SUFFIX)
+    if not _is_known(trained):
         raise ValueError(
             f"policy {name!r}: expected random, a planner ({', '.join(PLANNERS)}), a trained policy "
             f"({', '.join(_bundled_names())}), or the folder of a training run"
         )
-    return partial(_trained_factory, trained, trained != name, seed, deterministic)
+    allowed = _TRAINED_OPTIONS | (_SHIELD_OPTIONS if shielded != trained else {})
+    chosen = allowed | _options(shielded, allowed, options)
+    return partial(_trained_factory, trained, seed, deterministic, **chosen)
+
+
+def _is_known(trained: str) -> bool:
+    """Return whether there is a trained policy of this name, or a file or folder."""
+    return trained in _bundled_names() or (trained != "" and Path(trained).exists())
 
 
 def planner_of(name: str, seed: int = 0, env: MapfEnv | None = None) -> Planner:
@@ -51,7 +71,10 @@ def planner_of(name: str, seed: int = 0, env: MapfEnv | None = None) -> Planner:
     planner, _, options = name.partition(":")
     if planner not in PLANNERS:
         raise ValueError(f"planner {planner!r}: expected one of {', '.join(PLANNERS)}")
-    return PLANNERS[planner](env, seed=seed, **_options(PLANNERS[planner], options))
+    kind = PLANNERS[planner]
+    parameters = inspect.signature(kind).parameters.values()
+    allowed = {parameter.name: parameter.default for parameter in parameters if parameter.name not in ("env", "seed")}
+    return kind(env, seed=seed, **_options(kind.__name__, allowed, options))
 
 
 def is_trained(name: str) -> bool:
@@ -94,33 +117,38 @@ def _random_factory(seed: int, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy
 
 
 def _trained_factory(
-    name: str, shielded: bool, seed: int, deterministic: bool, keywords: dict[str, Any]
+    name: str,
+    seed: int,
+    deterministic: bool,
+    keywords: dict[str, Any],
+    *,
+    temperature: float,
+    patience: int | None = None,
 ) -> tuple[AnyEnv, Policy]:
+    """Make a trained policy and its environment; with `patience`, PIBT executes its preferences."""
     from mapf_pz.rl.policy import load_policy  # import torch only when it is needed
 
-    policy = load_policy(name, seed, deterministic)
+    policy = load_policy(name, seed, deterministic, temperature)
     _check_actions(f"policy {name!r}", policy, keywords)
     env = make_env(policy, **keywords)
-    return env, Shield(policy, env) if shielded else policy
+    return env, policy if patience is None else Shield(policy, env, patience)
 
 
-def _options(planner: type[Planner], text: str) -> dict[str, Any]:
-    """Parse `depth=5,time_limit=0.1` or `priority=elapsed`; raises `ValueError` for options the planner lacks."""
-    parameters = inspect.signature(planner).parameters
-    allowed = [name for name in parameters if name not in ("env", "seed")]
+def _options(name: str, defaults: Mapping[str, Any], text: str) -> dict[str, Any]:
+    """Parse `depth=5,time_limit=0.1` or `priority=elapsed`; raises `ValueError` for options not in `defaults`."""
     options: dict[str, Any] = {}
     for option in filter(None, text.split(",")):
-        name, _, value = map(str.strip, option.partition("="))
-        if name not in allowed:
-            expected = f"the options {', '.join(allowed)}" if allowed else "no options"
-            raise ValueError(f"option {option!r}: {planner.__name__} has {expected}")
-        if isinstance(parameters[name].default, str):
-            options[name] = value
+        key, _, value = map(str.strip, option.partition("="))
+        if key not in defaults:
+            expected = f"the options {', '.join(defaults)}" if defaults else "no options"
+            raise ValueError(f"option {option!r}: {name} has {expected}")
+        if isinstance(defaults[key], str):
+            options[key] = value
             continue
         try:
-            options[name] = ast.literal_eval(value)
+            options[key] = ast.literal_eval(value)
         except (SyntaxError, ValueError, RecursionError, MemoryError):
-            options[name] = None
-        if not isinstance(options[name], (int, float)):
+            options[key] = None
+        if not isinstance(options[key], (int, float)):
             raise ValueError(f"option {option!r}: expected a number, True or False")
     return options
