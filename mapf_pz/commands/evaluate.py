@@ -59,7 +59,8 @@ class EvaluateOptions:
     policy: Annotated[tuple[str, ...], UseAppendAction]
     """Policy to evaluate; may be given several times. `random`, a planner (`pibt`, `epibt:depth=5,time_limit=0.1`),
     the name of a bundled trained policy, or the folder of a training run. With the suffix `+pibt`, PIBT executes the
-    preferences of a trained policy without collisions."""
+    preferences of a trained policy without collisions. Options follow a colon: `mappo:temperature=0.5`,
+    `mappo+pibt:patience=4,temperature=0.5`."""
     suite: Annotated[tuple[str, ...], UseAppendAction] = ()
     """Name of a suite, or path of a suite file; may be given several times. Default: `standard`, if there is no map."""
     env: EvaluationKeywords = EvaluationKeywords()

@@ -11,9 +11,13 @@ from mapf_pz.environment import parallel_env
 from mapf_pz.evaluation.episodes import AnyEnv, Policy, PolicyFactory, check_policy, make_env
 from mapf_pz.evaluation.random_policy import RandomPolicy
 from mapf_pz.planners import PLANNERS, Planner, Shield, planner_of
+from mapf_pz.planners.named import parse_options
+from mapf_pz.planners.pibt.shield import PATIENCE
 
 SHIELD_SUFFIX = "+pibt"
 """Suffix of a trained policy's name: PIBT executes its preferences without collisions."""
+_TRAINED_OPTIONS = {"temperature": 1.0}
+_SHIELD_OPTIONS = {"patience": PATIENCE}
 
 
 def policy_factory(name: str, seed: int = 0, deterministic: bool = False) -> PolicyFactory:
@@ -21,24 +25,40 @@ def policy_factory(name: str, seed: int = 0, deterministic: bool = False) -> Pol
 
     Args:
         name: `random`; a planner, optionally with options, such as `epibt` or `epibt:depth=5,time_limit=0.1`; the name
-            of a trained policy of the package, or the folder of a training run, optionally followed by `+pibt`.
+            of a trained policy of the package, or the folder of a training run, optionally followed by `+pibt` and
+            options, such as `mappo:temperature=0.5` or `mappo+pibt:patience=2,temperature=0.5`.
         seed: random seed of the policy in every episode.
         deterministic: whether a trained policy takes the most likely action instead of sampling one.
 
-    Raises `ValueError` for an unknown name, and for an unknown or invalid option of a planner.
+    Raises `ValueError` for an unknown name, and for an unknown or invalid option.
     """
     if name.partition(":")[0] in PLANNERS:
         planner_of(name, seed)  # rejects invalid options
         return partial(_planner_factory, name, seed)
     if name == "random":
         return partial(_random_factory, seed)
-    trained = name.removesuffix(SHIELD_SUFFIX)
-    if trained not in _bundled_names() and not Path(trained).exists():
+    return _factory_of_trained(name, seed, deterministic)
+
+
+def _factory_of_trained(name: str, seed: int, deterministic: bool) -> PolicyFactory:
+    """Return a factory for a trained policy by its name; raises as `policy_factory`."""
+    shielded, options = name, ""
+    if not _is_known(name.removesuffix(SHIELD_SUFFIX)):  # the name of a folder may have a colon
+        shielded, _, options = name.rpartition(":")
+    trained = shielded.removesuffix(SHIELD_SUFFIX)
+    if not _is_known(trained):
         raise ValueError(
             f"policy {name!r}: expected random, a planner ({', '.join(PLANNERS)}), a trained policy "
             f"({', '.join(_bundled_names())}), or the folder of a training run"
         )
-    return partial(_trained_factory, trained, trained != name, seed, deterministic)
+    allowed = _TRAINED_OPTIONS | (_SHIELD_OPTIONS if shielded != trained else {})
+    chosen = allowed | parse_options(shielded, allowed, options)
+    return partial(_trained_factory, trained, seed, deterministic, **chosen)
+
+
+def _is_known(trained: str) -> bool:
+    """Return whether there is a trained policy of this name, or a file or folder."""
+    return trained in _bundled_names() or (trained != "" and Path(trained).exists())
 
 
 def is_trained(name: str) -> bool:
@@ -81,11 +101,18 @@ def _random_factory(seed: int, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy
 
 
 def _trained_factory(
-    name: str, shielded: bool, seed: int, deterministic: bool, keywords: dict[str, Any]
+    name: str,
+    seed: int,
+    deterministic: bool,
+    keywords: dict[str, Any],
+    *,
+    temperature: float,
+    patience: int | None = None,
 ) -> tuple[AnyEnv, Policy]:
+    """Make a trained policy and its environment; with `patience`, PIBT executes its preferences."""
     from mapf_pz.rl.policy import load_policy  # import torch only when it is needed
 
-    policy = load_policy(name, seed, deterministic)
+    policy = load_policy(name, seed, deterministic, temperature)
     _check_actions(f"policy {name!r}", policy, keywords)
     env = make_env(policy, **keywords)
-    return env, Shield(policy, env) if shielded else policy
+    return env, policy if patience is None else Shield(policy, env, patience)

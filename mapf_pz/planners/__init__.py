@@ -5,7 +5,7 @@ from mapf_pz.planners.epibt.planner import EPIBT
 from mapf_pz.planners.lacam.planner import LaCAM
 from mapf_pz.planners.named import PLANNERS, planner_of
 from mapf_pz.planners.pibt.planner import PIBT
-from mapf_pz.planners.pibt.shield import Shield
+from mapf_pz.planners.pibt.shield import BatchShield, Shield
 from mapf_pz.planners.sipp.prioritized import PrioritizedSIPP
 from mapf_pz.planners.windowed.planner import WindowedLNS
 from mapf_pz.plans.plan import Plan, Violation, validate
@@ -15,6 +15,7 @@ __all__ = [
     "EPIBT",
     "PIBT",
     "PLANNERS",
+    "BatchShield",
     "LaCAM",
     "Plan",
     "Planner",

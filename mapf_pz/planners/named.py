@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+from collections.abc import Mapping
 from typing import Any
 
 from mapf_pz.environment import MapfEnv
@@ -32,26 +33,27 @@ def planner_of(name: str, seed: int = 0, env: MapfEnv | None = None) -> Planner:
     planner, _, options = name.partition(":")
     if planner not in PLANNERS:
         raise ValueError(f"planner {planner!r}: expected one of {', '.join(PLANNERS)}")
-    return PLANNERS[planner](env, seed=seed, **_options(PLANNERS[planner], options))
+    kind = PLANNERS[planner]
+    parameters = inspect.signature(kind).parameters.values()
+    allowed = {parameter.name: parameter.default for parameter in parameters if parameter.name not in ("env", "seed")}
+    return kind(env, seed=seed, **parse_options(kind.__name__, allowed, options))
 
 
-def _options(planner: type[Planner], text: str) -> dict[str, Any]:
-    """Parse `depth=5,time_limit=0.1` or `priority=elapsed`; raises `ValueError` for options the planner lacks."""
-    parameters = inspect.signature(planner).parameters
-    allowed = [name for name in parameters if name not in ("env", "seed")]
+def parse_options(name: str, defaults: Mapping[str, Any], text: str) -> dict[str, Any]:
+    """Parse `depth=5,time_limit=0.1` or `priority=elapsed`; raises `ValueError` for options not in `defaults`."""
     options: dict[str, Any] = {}
     for option in filter(None, text.split(",")):
-        name, _, value = map(str.strip, option.partition("="))
-        if name not in allowed:
-            expected = f"the options {', '.join(allowed)}" if allowed else "no options"
-            raise ValueError(f"option {option!r}: {planner.__name__} has {expected}")
-        if isinstance(parameters[name].default, str):
-            options[name] = value
+        key, _, value = map(str.strip, option.partition("="))
+        if key not in defaults:
+            expected = f"the options {', '.join(defaults)}" if defaults else "no options"
+            raise ValueError(f"option {option!r}: {name} has {expected}")
+        if isinstance(defaults[key], str):
+            options[key] = value
             continue
         try:
-            options[name] = ast.literal_eval(value)
+            options[key] = ast.literal_eval(value)
         except (SyntaxError, ValueError, RecursionError, MemoryError):
-            options[name] = None
-        if not isinstance(options[name], (int, float)):
+            options[key] = None
+        if not isinstance(options[key], (int, float)):
             raise ValueError(f"option {option!r}: expected a number, True or False")
     return options

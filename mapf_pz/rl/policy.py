@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
@@ -32,8 +33,9 @@ _DAMAGE = (SafetensorError, RuntimeError, ValueError, TypeError, LookupError, Ov
 class LearnedPolicy:
     """A trained policy: `act(observations) -> actions`, both of them dictionaries by agent, as in the environment.
 
-    Actions are sampled from the network's distribution, since agents that always take the most likely action can block
-    each other forever. A recurrent policy keeps a separate hidden state for each agent until `reset_states`.
+    Actions are sampled from the network's distribution p, or from the one proportional to p^(1 / temperature), since
+    agents that always take the most likely action can block each other forever. A recurrent policy keeps a separate
+    hidden state for each agent until `reset_states`.
 
     A policy that was trained with `mask_actions` only takes actions that the action masks in the environment's infos
     allow, so it acts as `act(observations, infos)`; `needs_infos` is then True.
@@ -42,21 +44,33 @@ class LearnedPolicy:
     `mapf_pz.evaluation.episodes.make_env` applies them.
     """
 
-    def __init__(self, network: nn.Module, config: TrainConfig, seed: int = 0, deterministic: bool = False) -> None:
+    def __init__(
+        self,
+        network: nn.Module,
+        config: TrainConfig,
+        seed: int = 0,
+        deterministic: bool = False,
+        temperature: float = 1.0,
+    ) -> None:
         """Wrap a network.
 
         Args:
             network: the actor's network.
             config: the configuration of the run that trained it.
             seed: random seed.
-            deterministic: take the most likely action instead of sampling.
+            deterministic: take the most likely action instead of sampling, as with temperature 0.
+            temperature: temperature of the sampling, 0 or more.
+
+        Raises `ValueError` for a temperature that is negative or not finite.
         """
+        if not 0 <= temperature < math.inf:
+            raise ValueError(f"temperature={temperature}: expected a finite number, 0 or more")
         self.network = network.eval()
         self.config = config
         self._shape = ObservationShape.of_task(config.task)
         self.env_kwargs = config.task.observation_keywords()
         self.needs_infos = config.model.mask_actions
-        self.deterministic = deterministic
+        self.temperature = 0.0 if deterministic else float(temperature)
         self._seed = seed
         self.reset_states()
 
@@ -144,11 +158,9 @@ class SharedPolicy(LearnedPolicy):
         (logits,) = self._run(names, image, features)
         if mask is not None:
             logits = logits.masked_fill(~mask, -torch.inf)
-        if self.deterministic:
-            return logits
         # The argmax of logits with Gumbel noise is a sample from their distribution; the order of all of them is a
         # sample without replacement.
-        return logits - torch.empty_like(logits).exponential_(generator=self._generator).log()
+        return logits - self.temperature * torch.empty_like(logits).exponential_(generator=self._generator).log()
 
     def _choose(self, preferences: Tensor) -> list[int]:
         return preferences.argmax(-1).tolist()
@@ -157,9 +169,16 @@ class SharedPolicy(LearnedPolicy):
 class TeamPolicy(LearnedPolicy):
     """One network acts for all agents, whose number is that of its training."""
 
-    def __init__(self, network: nn.Module, config: TrainConfig, seed: int = 0, deterministic: bool = False) -> None:
+    def __init__(
+        self,
+        network: nn.Module,
+        config: TrainConfig,
+        seed: int = 0,
+        deterministic: bool = False,
+        temperature: float = 1.0,
+    ) -> None:
         """Wrap a network; arguments as in `LearnedPolicy`."""
-        super().__init__(network, config, seed, deterministic)
+        super().__init__(network, config, seed, deterministic, temperature)
         self._decode = ACTION_MODES[config.task.action_mode]
 
     def reset_states(self) -> None:
@@ -172,7 +191,8 @@ class TeamPolicy(LearnedPolicy):
         if len(image) != expected:
             raise ValueError(f"this policy acts for exactly {expected} agents, {len(image)} observe")
         mean, scale = self._run(["team"], image.flatten(0, 1), None if features is None else features.flatten())
-        noise = torch.zeros_like(mean) if self.deterministic else torch.randn(mean.shape, generator=self._generator)
+        # A normal distribution to the power 1 / T is one with the scale multiplied by the square root of T.
+        noise = math.sqrt(self.temperature) * torch.randn(mean.shape, generator=self._generator)
         return (mean + scale * noise).clamp(-1, 1).reshape(expected, -1)
 
     def _choose(self, preferences: Tensor) -> list[int]:
@@ -193,17 +213,21 @@ def _bundled() -> Path:
     return Path(str(resources.files("mapf_pz.rl"))) / "policies"
 
 
-def load_policy(policy: str | Path, seed: int = 0, deterministic: bool = False) -> LearnedPolicy:
+def load_policy(
+    policy: str | Path, seed: int = 0, deterministic: bool = False, temperature: float = 1.0
+) -> LearnedPolicy:
     """Load a trained policy.
 
     Args:
         policy: one of `policy_names()`, the folder of a training run, or the weights file in it.
         seed: random seed of the policy.
-        deterministic: always take the most likely action.
+        deterministic: always take the most likely action, as with temperature 0.
+        temperature: temperature of the sampling, 0 or more; below 1, likely actions are sampled more often.
 
     Raises:
         FileNotFoundError: There is no such policy.
         FormatError: The files do not fit together.
+        ValueError: The temperature is negative or not finite.
     """
     folder = _bundled() / policy if policy in policy_names() else Path(policy)
     if folder.suffix == ".safetensors":
@@ -219,7 +243,7 @@ def load_policy(policy: str | Path, seed: int = 0, deterministic: bool = False) 
         reason = " ".join(str(error).split())
         raise FormatError(folder / WEIGHTS, f"not the weights that {CONFIG} describes: {reason[:200]}") from None
     kind = TeamPolicy if algorithm_of(config.algorithm).centralized else SharedPolicy
-    return kind(network, config, seed, deterministic)
+    return kind(network, config, seed, deterministic, temperature)
 
 
 def _network(config: TrainConfig, weights: dict[str, Tensor]) -> nn.Module:

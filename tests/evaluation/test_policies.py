@@ -1,5 +1,7 @@
 import inspect
 import re
+import shutil
+from importlib import resources
 
 import pytest
 
@@ -7,7 +9,7 @@ from mapf_pz.evaluation import EvaluationTask, policy_factory
 from mapf_pz.evaluation.episodes import run_episodes
 from mapf_pz.evaluation.policies import factory_for, is_trained
 from mapf_pz.instances import RandomObstacles
-from mapf_pz.planners import EPIBT, PIBT, PLANNERS, LaCAM
+from mapf_pz.planners import EPIBT, PIBT, PLANNERS, LaCAM, Shield
 from tests.evaluation.test_episodes import Right
 
 ROOM = {"map": "empty-8-8", "num_agents": 2, "max_steps": 12}
@@ -80,6 +82,9 @@ def test_options(monkeypatch, name, expected):
         ("epibt:depth=[5]", "option 'depth=[5]': expected a number, True or False"),
         ("epibt:depth=None", "option 'depth=None': expected a number, True or False"),
         ("epibt:depth=9", "depth=9: expected a number of actions from 1 to 8"),
+        ("mappo:patience=2", "option 'patience=2': mappo has the options temperature"),
+        ("mappo+pibt:depth=2", "option 'depth=2': mappo+pibt has the options temperature, patience"),
+        ("mappo+pibt:temperature=low", "option 'temperature=low': expected a number, True or False"),
     ],
 )
 def test_wrong_options(name, message):
@@ -87,7 +92,7 @@ def test_wrong_options(name, message):
         policy_factory(name)
 
 
-@pytest.mark.parametrize("name", ["pibbt", "mapo", "no/such/run", "random:seed=1", "pibt+pibt", "mapo+pibt"])
+@pytest.mark.parametrize("name", ["pibbt", "mapo", "no/such/run", "random:seed=1", "pibt+pibt", "mapo+pibt", "+pibt"])
 def test_unknown_names(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     expected = (
@@ -118,6 +123,42 @@ def test_a_trained_policy_has_its_own_observations_and_seed():
     assert actions("mappo") == actions("mappo") != actions("mappo", seed=1)
     sure = actions("mappo", deterministic=True)
     assert sure == actions("mappo", deterministic=True, seed=1)
+
+
+def test_options_of_trained_policies():
+    pytest.importorskip("torch")
+    assert actions("mappo:temperature=0") == actions("mappo", deterministic=True)
+    assert actions("mappo:temperature=1") == actions("mappo") == actions("mappo:")
+    assert actions("mappo:temperature=30") != actions("mappo")
+    assert actions("mappo:temperature=30", deterministic=True) == actions("mappo", deterministic=True)
+    _, policy = policy_factory("mappo+pibt:patience=3,temperature=0.5")(ROOM)
+    assert isinstance(policy, Shield)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("mappo:temperature=-1", "temperature=-1: expected a finite number, 0 or more"),
+        ("mappo:temperature=1e999", "temperature=inf: expected a finite number, 0 or more"),
+        ("central-ppo:temperature=-1", "temperature=-1: expected a finite number, 0 or more"),
+        ("mappo+pibt:patience=-1", "patience=-1: expected a whole number, 0 or more"),
+        ("mappo+pibt:patience=1.5", "patience=1.5: expected a whole number, 0 or more"),
+        ("mappo+pibt:patience=1e999", "patience=inf: expected a whole number, 0 or more"),
+    ],
+)
+def test_wrong_options_of_trained_policies(name, message):
+    pytest.importorskip("torch")
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        policy_factory(name)(ROOM)
+
+
+def test_the_name_of_a_folder_may_have_a_colon(tmp_path):
+    pytest.importorskip("torch")
+    folder = tmp_path / "a:b"
+    shutil.copytree(resources.files("mapf_pz.rl") / "policies" / "mappo", folder)
+    assert actions(str(folder)) == actions("mappo")
+    assert actions(f"{folder}:temperature=0") == actions("mappo:temperature=0")
+    assert actions(f"{folder}+pibt:temperature=0") == actions("mappo+pibt:temperature=0")
 
 
 def test_a_trained_policy_under_pibt_never_collides():

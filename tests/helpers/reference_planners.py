@@ -1,12 +1,15 @@
-"""PIBT and EPIBT in plain Python, by recursion and dictionaries: what the kernels must do, and how slow that is."""
+"""PIBT, its safety layer and EPIBT in plain Python, by recursion and dictionaries: what the kernels must do."""
 
 from itertools import pairwise, product
 
 import numpy as np
 
+from mapf_pz.actions import CardinalAction
+
 STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0))
 LETTERS = "FRLW"
 ACTION = {"F": 0, "L": 1, "R": 2, "W": 3}
+CARDINAL = [int(CardinalAction[name]) for name in ("RIGHT", "DOWN", "LEFT", "UP", "WAIT")]
 
 
 class World:
@@ -28,6 +31,23 @@ class World:
                         table[state] = table[row, col, heading] + 1
                         queue.append(state)
             self._tables[goal] = table
+        return self._tables[goal]
+
+
+class CardinalWorld(World):
+    """A map for cardinal agents, whose cost to go is the same for all headings."""
+
+    def to_go(self, goal):
+        """Return the cost from every state, by breadth-first search from the goal."""
+        if goal not in self._tables:
+            cost, queue = {goal: 0}, [goal]
+            for row, col in queue:
+                for down, right in STEPS:
+                    cell = (row + down, col + right)
+                    if cell in self.free and cell not in cost:
+                        cost[cell] = cost[row, col] + 1
+                        queue.append(cell)
+            self._tables[goal] = {(*cell, heading): steps for cell, steps in cost.items() for heading in range(4)}
         return self._tables[goal]
 
 
@@ -258,10 +278,7 @@ class SlowPIBT:
     def search(self, agent):
         """Find a cell for an agent; tell whether there is one but its own."""
         here = self.cells[agent]
-        choices = sorted(
-            [*self.beside(here), STAY],
-            key=lambda choice: (self.cost(agent, choice), self.hindered(agent, choice), self.ties[agent][choice]),
-        )
+        choices = self.choices(agent)
         leaves = self.leaves(agent, choices[0])
         for choice in reversed(choices) if leaves is not None else choices:
             cell = here if choice == STAY else self.beside(here)[choice]
@@ -280,6 +297,13 @@ class SlowPIBT:
         self.want[agent] = here
         self.taken[here] = agent
         return False
+
+    def choices(self, agent):
+        """Return an agent's choices, the best first."""
+        return sorted(
+            [*self.beside(self.cells[agent]), STAY],
+            key=lambda choice: (self.cost(agent, choice), self.hindered(agent, choice), self.ties[agent][choice]),
+        )
 
     def follows(self, leaves, agent):
         """Tell whether an agent that must leave a dead end can follow the one that makes room for it."""
@@ -322,6 +346,54 @@ class SlowPIBT:
         row, col, heading = self.states[agent]
         step = (self.want[agent][0] - row, self.want[agent][1] - col)
         return "W" if step == (0, 0) else "FRRL"[(STEPS.index(step) - heading) % 4]
+
+
+class SlowShield(SlowPIBT):
+    """The safety layer for cardinal agents, lifelong: PIBT whose choices are sorted by preferences."""
+
+    def __init__(self, world, patience):
+        super().__init__(world)
+        self.random = 1
+        self.patience = patience
+        self.waited = self.follow = None
+
+    def actions(self, preferences, states, goals):
+        """Return an action for each agent at `states` [(row, col, 0)] with `goals`, by `preferences` (N, 5)."""
+        agents = range(len(states))
+        if self.waited is None:
+            self.nearest, self.waited, self.follow = [None] * len(states), [0] * len(states), [0] * len(states)
+        for agent in agents:
+            cost = self.world.to_go(goals[agent])[states[agent]]
+            begins = self.goals is None or self.goals[agent] != goals[agent]
+            progress = begins or cost == 0 or cost < self.nearest[agent]
+            self.nearest[agent] = cost if progress else self.nearest[agent]
+            if self.follow[agent] == 0:
+                self.waited[agent] = 0 if progress else self.waited[agent] + 1
+                self.follow[agent] = self.patience if self.waited[agent] == self.patience else 0
+            else:
+                self.waited[agent] = 0
+                self.follow[agent] -= 1
+        self.preferences = preferences
+        return self.decide(states, goals)
+
+    def choices(self, agent):
+        """Return an agent's choices, the most preferred first, or those of PIBT."""
+        choices = super().choices(agent)
+        if self.follow[agent]:
+            return choices
+        return sorted(choices, key=lambda choice: -self.preferences[agent][CARDINAL[choice]])
+
+    def cost(self, agent, choice):
+        """Return the cost of moving to a neighbor and on to the goal, or of staying."""
+        row, col, _ = self.states[agent]
+        if choice == STAY:
+            return 0 if (row, col) == self.goals[agent] else 1 + self.tables[agent][row, col, 0]
+        return 1 + self.tables[agent][row + STEPS[choice][0], col + STEPS[choice][1], 0]
+
+    def letter(self, agent):
+        """Return the action that moves an agent to the cell that it wants."""
+        step = tuple(int(to) - int(at) for to, at in zip(self.want[agent], self.cells[agent], strict=True))
+        return CARDINAL[STAY if step == (0, 0) else STEPS.index(step)]
 
 
 def assert_same_decisions(env, observations, planner, slow):

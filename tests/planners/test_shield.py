@@ -5,9 +5,16 @@ from hypothesis import strategies as st
 
 import mapf_pz
 from mapf_pz.actions import Action, CardinalAction
+from mapf_pz.config import EnvConfig
 from mapf_pz.instance import Scenario
 from mapf_pz.instances import RandomObstacles
-from mapf_pz.planners import Shield
+from mapf_pz.planners import BatchShield, Shield
+from mapf_pz.planners.base import simulator_of
+from mapf_pz.planners.pibt.kernels import plan
+from mapf_pz.planners.pibt.state import LATE, Options, allocate_pibt
+from mapf_pz.simulator import Simulator
+from tests.helpers.reference_planners import CardinalWorld, SlowShield
+from tests.helpers.text_instances import drawn
 
 MODELS = {"rotate": Action, "cardinal": CardinalAction}
 
@@ -26,16 +33,28 @@ class Preferences:
         self.resets += 1
 
 
+def random_preferences(rng, shape, kind):
+    """Return preferences of a kind; those of kind `masked` are -inf for many actions."""
+    preferences = np.zeros(shape) if kind == "constant" else rng.random(shape)
+    return np.where(rng.random(shape) < 0.6, -np.inf, preferences) if kind == "masked" else preferences
+
+
 @pytest.mark.parametrize("model", list(MODELS))
 @settings(max_examples=20)
-@given(seed=st.integers(0, 2**31), on_target=st.sampled_from(["nothing", "restart", "finish"]))
-def test_no_move_is_blocked(model, seed, on_target):
+@given(
+    seed=st.integers(0, 2**31),
+    on_target=st.sampled_from(["nothing", "restart", "finish"]),
+    patience=st.sampled_from([0, 1, 4]),
+    kind=st.sampled_from(["random", "constant", "masked"]),
+)
+def test_no_move_is_blocked(model, seed, on_target, patience, kind):
     env = mapf_pz.parallel_env(
         source=RandomObstacles(6, 6, 0.2, 10), action_model=model, on_target=on_target, max_steps=30
     )
     observations, _ = env.reset(seed=seed)
     rng = np.random.default_rng(seed)
-    shield = Shield(Preferences(lambda name: rng.random(len(MODELS[model]))), env)
+    policy = Preferences(lambda name: random_preferences(rng, len(MODELS[model]), kind))
+    shield = Shield(policy, env, patience)
     while env.agents:
         actions = shield.act(observations)
         assert actions.keys() == observations.keys()
@@ -72,3 +91,118 @@ def test_it_resets_its_policy():
     policy = Preferences(lambda name: np.zeros(4))
     Shield(policy, env).reset_states()
     assert policy.resets == 1
+
+
+@settings(max_examples=15)
+@given(
+    seed=st.integers(0, 2**31), num_agents=st.sampled_from([4, 12, 24]), patience=st.integers(0, 4), ties=st.booleans()
+)
+def test_it_decides_as_in_plain_python(seed, num_agents, patience, ties):
+    env = mapf_pz.parallel_env(
+        source=RandomObstacles(8, 8, 0.2, num_agents), on_target="restart", max_steps=30, action_model="cardinal"
+    )
+    env.reset(seed=seed)
+    rng, shield = np.random.default_rng(seed), BatchShield(env.simulator, patience)
+    slow = SlowShield(CardinalWorld(env.grid), patience)
+    while env.agents:
+        preferences = rng.integers(2, size=(num_agents, 5)) if ties else rng.random((num_agents, 5))
+        states = [(*cell, 0) for cell in env.positions.tolist()]
+        expected = slow.actions(preferences, states, list(map(tuple, env.goals.tolist())))
+        actions = shield.actions(preferences[None])[0].tolist()
+        assert actions == expected
+        env.step(dict(zip(env.agents, actions, strict=True)))
+
+
+@pytest.mark.parametrize("on_target", ["nothing", "restart", "finish"])
+def test_equal_preferences_are_those_of_pibt(on_target):
+    config = EnvConfig(
+        source=RandomObstacles(8, 8, 0.2, 14), on_target=on_target, action_model="cardinal", view_size=(1, 1)
+    )
+    simulator = Simulator(config)
+    simulator.reset(seeds={0: 0})
+    shield, pibt, expected = BatchShield(simulator), allocate_pibt(14, 64, seed=1), np.zeros((1, 14), np.int64)
+    for _ in range(30):
+        plan(simulator.planning_view(), on_target != "nothing", Options(LATE, True, True), pibt, expected[0])
+        np.testing.assert_array_equal(shield.actions(np.zeros((1, 14, 5))), expected)
+        simulator.step(expected)
+
+
+def solves(text, insisted, patience, max_steps=40):
+    """Return whether agents that insist on one action each are all at their goals at the same time."""
+    simulator = simulator_of(drawn(text), max_steps, "uniform", 0)
+    shield = BatchShield(simulator, patience)
+    preferences = np.zeros((1, simulator.num_agents, 5))
+    for i, name in enumerate(insisted):
+        preferences[0, i, [CardinalAction[name], CardinalAction.WAIT]] = 2, 1
+    while not simulator.over[0]:
+        simulator.step(shield.actions(preferences))
+    return bool(simulator.terminated[0])
+
+
+@pytest.mark.parametrize(
+    ("text", "insisted"),
+    [
+        ("Ba..bA ##.###", ("RIGHT", "LEFT")),
+        ("aB.bA ##.##", ("RIGHT", "LEFT")),
+        ("a.A #.# #B# #b#", ("WAIT", "DOWN")),
+    ],
+)
+def test_agents_without_progress_follow_pibt(text, insisted):
+    assert not solves(text, insisted, patience=0)
+    assert solves(text, insisted, patience=2)
+    assert solves(text, insisted, patience=4)
+
+
+@pytest.mark.parametrize("model", list(MODELS))
+def test_a_batch_is_many_single_environments(model):
+    config = EnvConfig(
+        source=RandomObstacles(8, 8, 0.2, 14), action_model=model, on_target="restart", max_steps=20, view_size=(1, 1)
+    )
+    batch, rng = Simulator(config, 3), np.random.default_rng(0)
+    batch.reset(seeds={0: 5, 1: 6, 2: 7})
+    singles = [Simulator(config) for _ in range(3)]
+    for b, single in enumerate(singles):
+        single.reset(seeds={0: 5 + b})
+    shield, shields = BatchShield(batch), [BatchShield(single) for single in singles]
+    for step in range(40):
+        preferences = rng.random((3, 14, batch.num_actions)).astype(np.float32)
+        actions = shield.actions(preferences)
+        assert (actions.dtype, actions.shape) == (np.int64, (3, 14))
+        for b, single in enumerate(singles):
+            np.testing.assert_array_equal(shields[b].actions(preferences[b : b + 1])[0], actions[b])
+            single.step(actions[b : b + 1])
+        batch.step(actions)
+        if step == 11:  # environment 1 starts over, alone
+            batch.reset([1], {1: 9})
+            shield.reset([1])
+            singles[1].reset(seeds={0: 9})
+            shields[1] = BatchShield(singles[1])
+
+
+def test_after_a_reset_it_decides_the_same_again():
+    simulator = simulator_of(drawn("Ba..bA ##.###"), 40, "uniform", 0)
+    shield, preferences = BatchShield(simulator), np.random.default_rng(0).random((30, 1, 2, 5))
+    runs = []
+    for _ in range(2):
+        simulator.reset()
+        shield.reset()
+        runs.append([])
+        for preferred in preferences:
+            runs[-1].append(shield.actions(preferred))
+            simulator.step(runs[-1][-1])
+    np.testing.assert_array_equal(*runs)
+
+
+@pytest.mark.parametrize("patience", [-1, 0.5])
+def test_a_wrong_patience(patience):
+    env = mapf_pz.parallel_env(map="empty-8-8", num_agents=2)
+    with pytest.raises(ValueError, match=f"^patience={patience}: expected a whole number, 0 or more$"):
+        Shield(Preferences(lambda name: np.zeros(4)), env, patience)
+
+
+def test_wrong_preferences():
+    shield = BatchShield(simulator_of(drawn("aA"), 40, "uniform", 0))
+    with pytest.raises(ValueError, match=r"^preferences: expected the shape \(1, 1, 5\), got \(1, 5\)$"):
+        shield.actions(np.zeros((1, 5)))
+    with pytest.raises(ValueError, match=r"^preferences contain NaN$"):
+        shield.actions(np.full((1, 1, 5), np.nan))

@@ -64,7 +64,8 @@ class PIBT(StepPlanner):
         """Return the actions (N,) int64 of all agents in the current state of environment `b`."""
         planning_view = simulator.planning_view(b)
         if self._state is None:
-            self._state = allocate_pibt(planning_view, int(self._rng.integers(1, 2**63)))
+            num_agents, num_cells = planning_view.agents.size, planning_view.occupant.size - 1
+            self._state = allocate_pibt(num_agents, num_cells, int(self._rng.integers(1, 2**63)))
         actions = np.empty(planning_view.agents.size, np.int64)
         plan(planning_view, simulator.config.on_target != "nothing", self._options, self._state, actions)
         return actions

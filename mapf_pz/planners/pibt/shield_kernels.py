@@ -2,59 +2,168 @@
 
 Veerapaneni et al., *Improving Learnt Local MAPF Policies with Heuristic Search*, ICAPS 2024 (CS-PIBT): each agent tries
 its actions in the order of its preferences; if another agent is in the way and cannot move away, it tries the next one.
+Actions with equal preferences are tried in the order of PIBT.
+
+Policies under CS-PIBT fail by livelock: agents hold each other up forever. Therefore an agent that has not come closer
+to its goal for some steps follows PIBT for as many steps: all its preferences are equal then. This is a variant of the
+deadlock rule of LaGAT (Jain et al., *Graph Attention-Guided Search for Dense Multi-Agent Pathfinding*, 2025), where
+agents that stand still follow PIBT until they move.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import numpy as np
+
 from mapf_pz.actions import Action
 from mapf_pz.core.jit import jit
-from mapf_pz.core.state import Array, PlanningView
+from mapf_pz.core.state import Array, CostToGo, Distances, PlanningView, State, World
 from mapf_pz.planners.pibt.kernels import CARDINAL_ACTIONS, decide, write_cardinal
-from mapf_pz.planners.pibt.preference import sort_ranks
+from mapf_pz.planners.pibt.preference import rank_choices, sort_ranks
 from mapf_pz.planners.pibt.priority import prioritize
-from mapf_pz.planners.pibt.state import NEAREST, NO_AGENT, NO_RANK, STAY, UNDECIDED, PibtState
+from mapf_pz.planners.pibt.state import LATE, NO_AGENT, NO_RANK, STAY, UNDECIDED, PibtState, to_go
 
 _FORWARD = int(Action.FORWARD)
+_ACTION_OF_CHOICE = np.array(CARDINAL_ACTIONS)
+
+
+class ShieldState(NamedTuple):
+    """The state of the safety layer in B environments of N agents between steps."""
+
+    pibt: PibtState  # its arrays have the leading dimension B
+    nearest: Array  # (B, N) float32: the lowest cost to go to the current goal so far
+    count: Array  # (B, N) int32: the steps without progress, up to `patience`, then also those that follow PIBT
 
 
 @jit
 def choose_actions(
-    planning_view: PlanningView, preferences: Array, passing: bool, state: PibtState, actions: Array
+    world: World,
+    distances: Distances,
+    state: State,
+    passing: bool,
+    patience: int,
+    preferences: Array,
+    shield: ShieldState,
+    actions: Array,
 ) -> None:
-    """Write an action (N,) int64 for each agent, such that no move is blocked.
+    """Write actions (B, N) int64 such that no move is blocked.
 
-    `preferences` (N, A) float64 are higher for better actions, A = 5 for cardinal agents; the rest is as in
-    `mapf_pz.planners.pibt.kernels.plan`.
+    Args:
+        world: the maps.
+        distances: the cost to go to the goals of all agents.
+        state: the state of the B environments.
+        passing: whether an agent only has to pass its goal; otherwise it must stay there.
+        patience: the number of steps without progress after which an agent follows PIBT for as many steps; 0: never.
+        preferences: (B, N, A) float64, higher for better actions; A = 5 for cardinal agents.
+        shield: the state of the safety layer.
+        actions: the output.
     """
-    agents = planning_view.agents
-    prioritize(planning_view, passing, NEAREST, state)
-    state.taken[:] = NO_AGENT
-    for i in range(agents.size):
-        state.want[i], state.choice[i] = UNDECIDED if agents[i].active else agents[i].cell, STAY
-        if preferences.shape[1] == len(CARDINAL_ACTIONS):
-            _rank_cardinal(preferences[i], state.rank[i])
+    for b in range(actions.shape[0]):
+        planning_view, pibt = _view_of(world, distances, state, b), _state_of(shield.pibt, b)
+        agents = planning_view.agents
+        prioritize(planning_view, passing, LATE, pibt)
+        pibt.taken[:] = NO_AGENT
+        for i in range(agents.size):
+            pibt.want[i], pibt.choice[i] = UNDECIDED if agents[i].active else agents[i].cell, STAY
+        if preferences.shape[2] == len(CARDINAL_ACTIONS):
+            rank_choices(planning_view, True, pibt)
+            for i in range(agents.size):
+                if not _follows_pibt(planning_view, i, patience, shield.nearest[b], shield.count[b]):
+                    _prefer(planning_view.leads_to, agents[i].cell, preferences[b, i], pibt.rank[i])
+            decide(planning_view, True, pibt)
+            write_cardinal(pibt, actions[b])
         else:
-            # An agent that turns stays on its cell, and an agent that must move away can only move forward.
-            state.rank[i] = NO_RANK
-            state.rank[i, STAY] = 8 + STAY
-            state.rank[i, agents[i].heading] = agents[i].heading + (0 if preferences[i].argmax() == _FORWARD else 16)
-        sort_ranks(state.rank[i])
-    decide(planning_view, False, state)
-    if preferences.shape[1] == len(CARDINAL_ACTIONS):
-        write_cardinal(state, actions)
-        return
+            _decide_rotating(agents, preferences[b], pibt)
+            decide(planning_view, False, pibt)
+            _write_rotating(agents, preferences[b], pibt, actions[b])
+
+
+@jit
+def _follows_pibt(planning_view: PlanningView, i: int, patience: int, nearest: Array, count: Array) -> bool:
+    """Count the steps of agent i without progress, and return whether it follows PIBT in this step."""
+    agent = planning_view.agents[i]
+    cost = to_go(planning_view, agent, agent.cell, agent.heading)
+    progress = cost < nearest[i] or agent.arrived or agent.cell == agent.goal
+    if progress:
+        nearest[i] = cost
+    if count[i] >= patience:
+        count[i] += 1
+        if count[i] >= 2 * patience:
+            count[i] = 0
+    else:
+        count[i] = 0 if progress else count[i] + 1
+    return patience > 0 and count[i] >= patience
+
+
+@jit
+def _prefer(leads_to: Array, cell: int, preferences: Array, rank: Array) -> None:
+    """Sort the ranks (5,) of an agent on `cell` by its preferences; equal ones remain in the order of PIBT.
+
+    Moves into obstacles come last.
+    """
+    for k in range(rank.size):
+        choice, better = rank[k] & 7, 0
+        for other in preferences:
+            better += other > preferences[_ACTION_OF_CHOICE[choice]]
+        if choice != STAY and leads_to[choice, cell] == cell:
+            better = rank.size
+        rank[k] = (better << 6) | (k << 3) | choice
+    sort_ranks(rank)
+
+
+@jit
+def _decide_rotating(agents: Array, preferences: Array, pibt: PibtState) -> None:
+    """Rank the choices of agents that turn: turning is staying, and an agent can only move away forward."""
     for i in range(agents.size):
-        if state.want[i] != agents[i].cell:
+        pibt.rank[i] = NO_RANK
+        pibt.rank[i, STAY] = 8 + STAY
+        pibt.rank[i, agents[i].heading] = agents[i].heading + (0 if preferences[i].argmax() == _FORWARD else 16)
+        sort_ranks(pibt.rank[i])
+
+
+@jit
+def _write_rotating(agents: Array, preferences: Array, pibt: PibtState, actions: Array) -> None:
+    """Write the actions of agents that turn."""
+    for i in range(agents.size):
+        if pibt.want[i] != agents[i].cell:
             actions[i] = _FORWARD
         else:
             actions[i] = _FORWARD + 1 + preferences[i, _FORWARD + 1 :].argmax()
 
 
 @jit
-def _rank_cardinal(preferences: Array, rank: Array) -> None:
-    """Rank the four directions and staying by the preferences for their actions."""
-    for k in range(5):
-        better = 0
-        for other in CARDINAL_ACTIONS:
-            better += preferences[other] > preferences[CARDINAL_ACTIONS[k]]
-        rank[k] = 8 * better + k
+def _view_of(world: World, distances: Distances, state: State, b: int) -> PlanningView:
+    """Return environment `b` as planners read it."""
+    m = state.map[b]
+    return PlanningView(
+        world.leads_to[m],
+        world.weight[m],
+        distances.slot[m],
+        CostToGo(distances.packed, distances.exact, distances.least),
+        state.agents[b],
+        state.occupant[b],
+    )
+
+
+@jit
+def _state_of(pibt: PibtState, b: int) -> PibtState:
+    """Return the state of PIBT in environment `b`."""
+    return PibtState(
+        pibt.want[b],
+        pibt.away[b],
+        pibt.first_cost[b],
+        pibt.order[b],
+        pibt.key[b],
+        pibt.merged[b],
+        pibt.taken[b],
+        pibt.rank[b],
+        pibt.closer[b],
+        pibt.demand[b],
+        pibt.pull[b],
+        pibt.tried[b],
+        pibt.choice[b],
+        pibt.chain[b],
+        pibt.resolved[b],
+        pibt.random[b],
+    )

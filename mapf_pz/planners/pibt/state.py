@@ -47,9 +47,8 @@ class PibtState(NamedTuple):
     random: Array  # (1,) uint64: state of the random numbers that break ties
 
 
-def allocate_pibt(planning_view: PlanningView, seed: int) -> PibtState:
-    """Allocate the state for an environment; `seed`, which must not be 0, breaks ties."""
-    num_agents, cells = planning_view.agents.size, planning_view.occupant.size
+def allocate_pibt(num_agents: int, num_cells: int, seed: int) -> PibtState:
+    """Allocate the state for N agents on C cells; `seed`, which must not be 0, breaks ties."""
     return PibtState(
         want=np.full(num_agents, UNDECIDED, np.int32),
         away=np.full(num_agents, -1, np.int32),
@@ -57,10 +56,10 @@ def allocate_pibt(planning_view: PlanningView, seed: int) -> PibtState:
         order=np.arange(num_agents, dtype=np.int32),
         key=np.zeros(num_agents, np.float64),
         merged=np.zeros(num_agents, np.int32),
-        taken=np.full(cells, NO_AGENT, np.int32),
+        taken=np.full(num_cells + 1, NO_AGENT, np.int32),
         rank=np.zeros((num_agents, 5), np.int64),
         closer=np.zeros(num_agents, np.int8),
-        demand=np.zeros(cells, np.int32),
+        demand=np.zeros(num_cells + 1, np.int32),
         pull=np.full(num_agents, -1, np.int8),
         tried=np.zeros(num_agents, np.int8),
         choice=np.full(num_agents, STAY, np.int8),

@@ -39,7 +39,7 @@ def allocate_rollout(planning_view: PlanningView, window: int, seed: int) -> Rol
         agents=planning_view.agents.copy(),
         occupant=planning_view.occupant.copy(),
         actions=np.zeros(planning_view.agents.size, np.int64),
-        pibt=allocate_pibt(planning_view, seed),
+        pibt=allocate_pibt(planning_view.agents.size, planning_view.occupant.size - 1, seed),
         paths=allocate_paths(planning_view, window),
     )
 
