@@ -273,7 +273,9 @@ class TrainConfig:
         check_part("algorithm", self.algorithm, get_args(AlgorithmName))
         check_counts(self, 1, "agent_steps", "checkpoint_interval", "validation_episodes", "num_workers", "num_threads")
         check_counts(self, 0, "seed", "validation_interval")
-        if self.ppo.kl_coeff and (self.initial_policy is None or self.model.recurrent or self.algorithm == "central-ppo"):
+        if self.ppo.kl_coeff and (
+            self.initial_policy is None or self.model.recurrent or self.algorithm == "central-ppo"
+        ):
             expected = "0 without an initial_policy, with recurrent networks and with central-ppo"
             raise ValueError(f"kl_coeff={self.ppo.kl_coeff}: expected {expected}")
         check_positive(self, math.inf, "initial_temperature")
