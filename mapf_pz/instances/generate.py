@@ -36,16 +36,19 @@ def random(height: int, width: int, density: float, rng: np.random.Generator) ->
     return Grid(free.reshape(height, width), f"random-{height}-{width}-{round(100 * density)}")
 
 
-def maze(height: int, width: int, rng: np.random.Generator, corridor: int = 1) -> Grid:
-    """Generate a maze without cycles, with corridors of `corridor` cells and walls of one cell.
+def maze(height: int, width: int, rng: np.random.Generator, corridor: int = 1, loops: float = 0.0) -> Grid:
+    """Generate a maze, with corridors of `corridor` cells and walls of one cell.
 
-    As in the benchmark, the first row and column are walls, and the maze is cropped to the size of the map.
+    As in the benchmark, the first row and column are walls, and the maze is cropped to the size of the map. `loops` is
+    the fraction of the other walls that are open; with 0, as in the benchmark, there is one path between two cells.
     """
     _check(2, height=height, width=width)
     _check(corridor=corridor)
     free, rooms = _rooms(height, width, corridor + 1)
-    for passage in _spanning_tree(rooms, rng):
-        _wall(free, passage, corridor + 1)[:] = True
+    tree = set(_spanning_tree(rooms, rng))
+    for passage in _neighbors(rooms):
+        if passage in tree or (loops > 0 and rng.random() < loops):
+            _wall(free, passage, corridor + 1)[:] = True
     return Grid(free, f"maze-{height}-{width}-{corridor}")
 
 

@@ -37,6 +37,9 @@ class MapMixture:
     """Fraction of the cells of a `random` map that are obstacles; two numbers are a range to sample from."""
     corridor: int | tuple[int, int] = 1
     """Width in cells of the corridors of a `maze` and the aisles of a `warehouse`; two numbers are a range."""
+    loops: float | tuple[float, float] = 0.0
+    """Fraction of the walls of a `maze` that are open in addition to those that make all cells reachable; two numbers
+    are a range to sample from."""
     room_size: int | tuple[int, int] = 5
     """Number of rows and columns of each room of a `room` map, one wall included; two numbers are a range."""
     shelf_length: int | tuple[int, int] = 5
@@ -50,9 +53,10 @@ class MapMixture:
         _check_names("maps", self.maps)
         for name, least in (("height", 1), ("width", 1), ("corridor", 1), ("room_size", 2), ("shelf_length", 1)):
             _check_range(name, getattr(self, name), int, least)
-        _check_range("density", self.density, (int, float), 0)
-        if _bounds(self.density)[1] >= 1:
-            raise ValueError(f"density={self.density!r}: expected at least 0 and less than 1")
+        for name in ("density", "loops"):
+            _check_range(name, getattr(self, name), (int, float), 0)
+            if _bounds(getattr(self, name))[1] >= 1:
+                raise ValueError(f"{name}={getattr(self, name)!r}: expected at least 0 and less than 1")
         for family in self.maps:
             if family in _FAMILIES:
                 self._check_size(family)
@@ -118,6 +122,11 @@ def _sample(value: int | tuple[int, int], rng: np.random.Generator) -> int:
     return int(rng.integers(*value, endpoint=True)) if isinstance(value, tuple) else value
 
 
+def _fraction(value: float | tuple[float, float], rng: np.random.Generator) -> float:
+    """Return a fixed value, without sampling, or a sample from a range."""
+    return rng.uniform(*value) if isinstance(value, tuple) else value
+
+
 def _generate(family: str, mixture: MapMixture, shape: tuple[int, int], rng: np.random.Generator) -> Grid:
     """Generate a map of a family, padded with obstacles to `shape` (H, W)."""
     height, width = _sample(mixture.height, rng), _sample(mixture.width, rng)
@@ -125,12 +134,12 @@ def _generate(family: str, mixture: MapMixture, shape: tuple[int, int], rng: np.
 
 
 def _random(mixture: MapMixture, height: int, width: int, rng: np.random.Generator) -> Grid:
-    density = rng.uniform(*mixture.density) if isinstance(mixture.density, tuple) else mixture.density
-    return generate.random(height, width, density, rng)
+    return generate.random(height, width, _fraction(mixture.density, rng), rng)
 
 
 def _maze(mixture: MapMixture, height: int, width: int, rng: np.random.Generator) -> Grid:
-    return generate.maze(height, width, rng, _sample(mixture.corridor, rng))
+    corridor = _sample(mixture.corridor, rng)
+    return generate.maze(height, width, rng, corridor, _fraction(mixture.loops, rng))
 
 
 def _room(mixture: MapMixture, height: int, width: int, rng: np.random.Generator) -> Grid:

@@ -39,7 +39,15 @@ class Algorithm(ABC):
         self.network = self.make_network(config)
         """The network that is saved as the policy."""
         self.actor = self.make_actor()
-        """The policy that acts during data collection."""
+        """The policy that acts in the environments; its output includes the action of `transforms`."""
+
+    def start_from(self, network: nn.Module) -> None:
+        """Start from the weights of a network with the same layers; raises `ValueError` if it has others."""
+        try:
+            self.network.load_state_dict(network.state_dict())
+        except RuntimeError as error:
+            reason = " ".join(str(error).split())
+            raise ValueError(f"initial_policy: not the networks of this configuration: {reason[:200]}") from None
 
     @staticmethod
     def make_network(config: TrainConfig) -> nn.Module:

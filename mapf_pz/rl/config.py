@@ -64,6 +64,9 @@ class TaskConfig:
     """The training maps, used if the environment has no map, scenario or source."""
     action_mode: ActionMode = "argmax"
     """How the action matrix of `central-ppo` is converted to actions."""
+    shield: bool = False
+    """Whether the safety layer (`mapf_pz.planners.Shield`) executes the policy's actions during training: an agent that
+    cannot take its first choice takes the next one. Not available for `central-ppo`."""
 
     def __post_init__(self) -> None:
         """Check names; values that depend on the map are checked when the environment is created."""
@@ -151,14 +154,20 @@ class PPOConfig:
     """Maximum norm of the gradients; larger gradients are scaled down to it."""
     credit: Credit = "agent"
     """Advantages of `central-ppo`: one for the whole `team`, or one per `agent`, as in the other algorithms."""
+    warmup_updates: int = 0
+    """Number of updates at the beginning in which only the critic learns, for a run with an `initial_policy`."""
+    kl_coeff: float = 0.0
+    """Weight of the reward's penalty for actions that are more likely than under the `initial_policy`: in expectation,
+    the Kullback-Leibler divergence from it (Ziegler et al., 2019)."""
 
     def __post_init__(self) -> None:
         """Check names and numbers."""
         check_names(self)
         check_counts(self, 1, "num_envs", "steps_per_batch", "num_epochs", "minibatch_size")
+        check_counts(self, 0, "warmup_updates")
         check_positive(self, math.inf, "learning_rate", "clip_epsilon", "max_grad_norm")
         check_from_zero(self, 1, "gamma", "lmbda")
-        check_from_zero(self, math.inf, "entropy_coeff", "critic_coeff")
+        check_from_zero(self, math.inf, "entropy_coeff", "critic_coeff", "kl_coeff")
 
 
 @dataclass(frozen=True)
@@ -200,8 +209,6 @@ class ImitationConfig:
     """Probability that the expert instead of the policy controls an environment in a segment."""
     segment_steps: int = 16
     """Number of steps of a segment."""
-    shield: bool = True
-    """Whether the safety layer executes the policy's preferences while data is collected."""
     temperature: float = 1.0
     """Temperature of the sampling of actions while data is collected; 0 takes the most likely action."""
     wait_share: float = 0.2
@@ -235,6 +242,11 @@ class TrainConfig:
     """Configuration of the curiosity reward."""
     imitation: ImitationConfig = field(default_factory=ImitationConfig)
     """Configuration of the algorithm `dagger`."""
+    initial_policy: str | None = None
+    """A trained policy to start from, the name of a bundled one or the folder of a run, with the same observations and
+    the same networks. None: newly initialized networks."""
+    initial_temperature: Annotated[float, arg(name="initial-temperature")] = 1.0
+    """Number that the logits of `initial_policy` are divided by, so that it explores less if it is below 1."""
     agent_steps: int = 2_000_000
     """Minimum length of the run in agent steps (the steps of all agents together); the last update is completed."""
     seed: int = 0
@@ -261,6 +273,12 @@ class TrainConfig:
         check_part("algorithm", self.algorithm, get_args(AlgorithmName))
         check_counts(self, 1, "agent_steps", "checkpoint_interval", "validation_episodes", "num_workers", "num_threads")
         check_counts(self, 0, "seed", "validation_interval")
+        if self.ppo.kl_coeff and (
+            self.initial_policy is None or self.model.recurrent or self.algorithm == "central-ppo"
+        ):
+            expected = "0 without an initial_policy, with recurrent networks and with central-ppo"
+            raise ValueError(f"kl_coeff={self.ppo.kl_coeff}: expected {expected}")
+        check_positive(self, math.inf, "initial_temperature")
         if self.collector != "single" and self.ppo.num_envs % self.num_workers:
             raise ValueError(f"num_envs={self.ppo.num_envs}: expected a multiple of num_workers={self.num_workers}")
 

@@ -6,6 +6,7 @@ from typing import cast
 
 import torch
 from tensordict import TensorDictBase
+from torch import Tensor, nn
 from torchrl.data import Categorical, Composite, TensorSpec, Unbounded
 from torchrl.envs import Transform, TransformedEnv
 
@@ -54,6 +55,38 @@ class ExecutePreferences(Transform):
             agents=Composite(preferences=preferences, shape=action.shape), shape=whole.shape
         )
         return whole
+
+
+class SamplePreferences(nn.Module):
+    """Preferences from logits: the order of the actions is a sample without replacement from their distribution.
+
+    Adding Gumbel noise to logits and sorting them is such a sample (Kool et al., *Stochastic Beams and Where to Find
+    Them*, ICML 2019).
+    """
+
+    def __init__(self, temperature: float = 1.0) -> None:
+        """Create the module: logits are divided by `temperature`; with 0, they are the preferences."""
+        super().__init__()
+        self._temperature = temperature
+
+    def forward(self, logits: Tensor) -> Tensor:
+        """Return the preferences (..., A)."""
+        if self._temperature == 0:
+            return logits
+        return logits / self._temperature - torch.empty_like(logits).exponential_().log()
+
+
+class OrderActions(nn.Module):
+    """Preferences whose best action has been sampled already; the others are sampled as in `SamplePreferences`."""
+
+    def __init__(self) -> None:
+        """Create the module."""
+        super().__init__()
+        self._others = SamplePreferences()
+
+    def forward(self, logits: Tensor, action: Tensor) -> Tensor:
+        """Return the preferences (..., A) for the logits and the action (...) int64, whose preference is infinite."""
+        return self._others(logits).scatter(-1, action.unsqueeze(-1), torch.inf)
 
 
 def simulator_of(transform: Transform) -> Simulator:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import torch
 from tensordict import NestedKey
 from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
-from torch import Tensor, nn
 from torchrl.envs import Transform
 
 from mapf_pz.rl.algorithm import Algorithm
 from mapf_pz.rl.config import TrainConfig
-from mapf_pz.rl.execution import ExecutePreferences
+from mapf_pz.rl.execution import ExecutePreferences, SamplePreferences
 from mapf_pz.rl.expert import ExpertActions
 from mapf_pz.rl.imitation_learner import ImitationLearner
 
@@ -42,27 +40,8 @@ class Dagger(Algorithm):
 
     def transforms(self, seed: int) -> list[Transform]:
         """Return the transform that executes the policy's preferences."""
-        return [ExecutePreferences(self.config.imitation.shield)]
+        return [ExecutePreferences(self.config.task.shield)]
 
     def training_transforms(self, seed: int) -> list[Transform]:
         """Return the same, and before it the transform that adds the expert's actions."""
         return [ExpertActions(self.config.imitation, seed), *self.transforms(seed)]
-
-
-class SamplePreferences(nn.Module):
-    """Preferences from logits: the order of the actions is a sample without replacement from their distribution.
-
-    Adding Gumbel noise to logits and taking the largest is sampling (Kool et al., *Stochastic Beams and Where to Find
-    Them*, ICML 2019).
-    """
-
-    def __init__(self, temperature: float) -> None:
-        """Create the module: logits are divided by `temperature`; with 0, they are the preferences."""
-        super().__init__()
-        self._temperature = temperature
-
-    def forward(self, logits: Tensor) -> Tensor:
-        """Return the preferences (..., A)."""
-        if self._temperature == 0:
-            return logits
-        return logits / self._temperature - torch.empty_like(logits).exponential_().log()

@@ -31,6 +31,12 @@ class Actor(nn.Module):
         """Return the logits for an embedding or a hidden state."""
         return (self.head(embedding),)
 
+    def divide_logits(self, temperature: float) -> None:
+        """Divide the logits of all observations by `temperature`, by changing the last layer."""
+        with torch.no_grad():
+            for parameter in self.head[-1].parameters():
+                parameter /= temperature
+
 
 class LocalCritic(nn.Module):
     """Value `(..., N, 1)` of each agent from its own observation."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 from abc import abstractmethod
 from typing import Any, ClassVar, cast
 
 from tensordict import NestedKey
-from tensordict.nn import TensorDictModule
+from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
 from torch import nn
 from torch.distributions import Categorical
 from torchrl.envs import Transform
@@ -16,9 +17,10 @@ from torchrl.objectives import ClipPPOLoss, IPPOLoss, MAPPOLoss, PPOLoss, ValueE
 from mapf_pz.rl.algorithm import Algorithm
 from mapf_pz.rl.centralize import Centralize
 from mapf_pz.rl.config import PPOConfig, TrainConfig
+from mapf_pz.rl.execution import ExecutePreferences, OrderActions
 from mapf_pz.rl.networks import LocalCritic, TeamActor, TeamCritic, TeamValue, add_recurrence
 from mapf_pz.rl.observation_shape import ObservationShape
-from mapf_pz.rl.ppo_learner import PPOLearner
+from mapf_pz.rl.ppo_learner import PPOKeys, PPOLearner
 
 
 class PPOAlgorithm(Algorithm):
@@ -28,17 +30,31 @@ class PPOAlgorithm(Algorithm):
     """Key of the reward that the loss uses."""
     action_key: ClassVar[NestedKey] = ("agents", "action")
     """Key of the discrete action that each agent took."""
-    actor: ProbabilisticActor
+    policy: ProbabilisticActor
+    """The network and the distribution of actions, as the loss uses them."""
 
     def __init__(self, config: TrainConfig) -> None:
         """Build the networks and the loss."""
         super().__init__(config)
         self.loss = self.make_loss()
         """The loss; its value estimator bootstraps truncated episodes, but not terminated ones."""
+        self.initial: nn.Module | None = None
+        """The network that the run started from, if `kl_coeff` needs it."""
 
     @abstractmethod
-    def make_actor(self) -> ProbabilisticActor:
-        """Return the policy that samples actions."""
+    def make_policy(self) -> ProbabilisticActor:
+        """Return the network and the distribution of actions."""
+
+    def make_actor(self) -> TensorDictModuleBase:
+        """Return the policy."""
+        self.policy = self.make_policy()
+        return self.policy
+
+    def start_from(self, network: nn.Module) -> None:
+        """Start from the weights of a network, as in `Algorithm`, and keep a copy of it if `kl_coeff` needs it."""
+        super().start_from(network)
+        if self.config.ppo.kl_coeff > 0:
+            self.initial = copy.deepcopy(network).requires_grad_(False)
 
     @abstractmethod
     def make_loss(self) -> PPOLoss:
@@ -46,7 +62,8 @@ class PPOAlgorithm(Algorithm):
 
     def make_learner(self) -> PPOLearner:
         """Return the learner of the loss."""
-        return PPOLearner(self.config, self.loss, self.reward_key, self.action_key, self.agents_end)
+        keys = PPOKeys(self.reward_key, self.action_key, self.observation_keys())
+        return PPOLearner(self.config, self.loss, keys, self.agents_end, self.initial)
 
     @property
     def agents_end(self) -> bool:
@@ -64,7 +81,7 @@ class MultiAgentPPO(PPOAlgorithm):
     critic: ClassVar[type[LocalCritic | TeamCritic]]
     loss_class: ClassVar[type[MAPPOLoss]]
 
-    def make_actor(self) -> ProbabilisticActor:
+    def make_policy(self) -> ProbabilisticActor:
         """Return the policy that samples each agent's action from the network's logits, masked if configured."""
         masked = self.config.model.mask_actions
         parameters: dict[str, NestedKey] = {"logits": ("agents", "logits")}
@@ -78,11 +95,26 @@ class MultiAgentPPO(PPOAlgorithm):
             return_log_prob=True,
         )
 
+    def make_actor(self) -> TensorDictModuleBase:
+        """Return the policy; with the safety layer, it also returns the order of the actions."""
+        policy = super().make_actor()
+        if not self.config.task.shield:
+            return policy
+        in_keys: list[NestedKey] = [("agents", "logits"), ("agents", "action")]
+        order = TensorDictModule(OrderActions(), in_keys, [("agents", "preferences")])
+        modules: list[Any] = [policy, order]
+        return TensorDictSequential(*modules)
+
+    def transforms(self, seed: int) -> list[Transform]:
+        """Return the transforms; with the safety layer, the last one executes the order of the actions."""
+        transforms = super().transforms(seed)
+        return [*transforms, ExecutePreferences()] if self.config.task.shield else transforms
+
     def make_loss(self) -> PPOLoss:
         """Return TorchRL's loss."""
         network = self.critic(self.observation_shape, self.config.model)
         critic = TensorDictModule(network, in_keys=self.observation_keys(), out_keys=[("agents", "state_value")])
-        loss = self.loss_class(self.actor, critic, **_coefficients(self.config.ppo))
+        loss = self.loss_class(self.policy, critic, **_coefficients(self.config.ppo))
         loss.set_keys(
             value=("agents", "state_value"),
             action=("agents", "action"),
@@ -124,6 +156,8 @@ class CentralPPO(PPOAlgorithm):
         """Build the networks and the loss; raises `ValueError` with `mask_actions`."""
         if config.model.mask_actions:
             raise ValueError("mask_actions: expected False with central-ppo, whose actions are real numbers")
+        if config.task.shield:
+            raise ValueError("shield: expected False with central-ppo, whose actions are real numbers")
         self._each = config.ppo.credit == "agent"
         self.reward_key = ("agents", "reward") if self._each else ("team", "reward")
         super().__init__(config)
@@ -146,7 +180,7 @@ class CentralPPO(PPOAlgorithm):
             Centralize(self.observation_shape.actions, self.config.task.action_mode, seed),
         ]
 
-    def make_actor(self) -> ProbabilisticActor:
+    def make_policy(self) -> ProbabilisticActor:
         """Return the policy that samples the matrix from normal distributions with learned, constant scales."""
         return ProbabilisticActor(
             self.network_module(),
@@ -163,7 +197,7 @@ class CentralPPO(PPOAlgorithm):
         network = TeamValue(self.observation_shape, config.task.num_agents, config.ppo.credit, config.model)
         critic = TensorDictModule(network, in_keys=self.observation_keys(), out_keys=[("team", "state_value")])
         loss_class = MAPPOLoss if self._each else ClipPPOLoss
-        loss = loss_class(self.actor, critic, **_coefficients(config.ppo))
+        loss = loss_class(self.policy, critic, **_coefficients(config.ppo))
         loss.set_keys(
             value=("team", "state_value"),
             action=("team", "action"),

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import torch
 from tensordict import NestedKey, TensorDictBase
-from torch import Tensor
+from torch import Tensor, nn
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.data.replay_buffers.samplers import SamplerWithoutReplacement
 from torchrl.objectives import PPOLoss
@@ -17,25 +19,37 @@ LOSS_MASK = "shifted_valid"
 """TorchRL's key of a mask: entries that are False are excluded from losses and from advantage normalization."""
 
 
+class PPOKeys(NamedTuple):
+    """Keys of the batch."""
+
+    reward: NestedKey
+    """The reward that the loss uses."""
+    action: NestedKey
+    """The discrete action that each agent took."""
+    observation: list[NestedKey]
+    """The inputs of the policy's network."""
+
+
 class PPOLearner(Learner):
     """Proximal policy optimization (Schulman et al., 2017) of a loss, which contains the actor and the critic."""
 
     def __init__(
-        self, config: TrainConfig, loss: PPOLoss, reward_key: NestedKey, action_key: NestedKey, agents_end: bool
+        self, config: TrainConfig, loss: PPOLoss, keys: PPOKeys, agents_end: bool, initial: nn.Module | None = None
     ) -> None:
         """Create the optimizer for the loss's networks, on their device.
 
         Args:
             config: the configuration of the run.
             loss: the loss; its value estimator bootstraps truncated episodes, but not terminated ones.
-            reward_key: key of the reward that the loss uses.
-            action_key: key of the discrete action that each agent took.
+            keys: keys of the batch.
             agents_end: whether an agent's episode ends when the agent disappears.
+            initial: the policy's network at the start of the run, for the penalty with `kl_coeff`.
         """
         self.config = config
         self.loss = loss
-        self.curiosity = make_curiosity(config, action_key)
-        self._reward_key = reward_key
+        self.curiosity = make_curiosity(config, keys.action)
+        self._keys = keys
+        self._initial = initial
         self._agents_end = agents_end
         self._device = next(self.loss.parameters()).device
         self.modules = {"loss": self.loss}
@@ -55,7 +69,9 @@ class PPOLearner(Learner):
             _set_agent_ends(batch)
         means: dict[str, Tensor] = {}
         if self.curiosity is not None:
-            means["intrinsic_reward"] = self.curiosity.add_reward(batch, self._reward_key)
+            means["intrinsic_reward"] = self.curiosity.add_reward(batch, self._keys.reward)
+        if self._initial is not None:
+            means["kl_from_initial"] = self._penalize(batch, self._initial)
         with torch.no_grad():
             self.loss.value_estimator(
                 batch,
@@ -68,7 +84,8 @@ class PPOLearner(Learner):
         self._buffer.extend(
             batch.reshape(self.config.ppo.num_envs, -1) if self.config.model.recurrent else batch.reshape(-1)
         )
-        losses = [self._improve(part) for _ in range(self.config.ppo.num_epochs) for part in self._buffer]
+        warmup = round(done * self.config.num_updates) < self.config.ppo.warmup_updates
+        losses = [self._improve(part, warmup) for _ in range(self.config.ppo.num_epochs) for part in self._buffer]
         means |= {name: torch.stack([part[name] for part in losses]).mean() for name in losses[0]}
         return {name: float(value) for name, value in means.items()}
 
@@ -79,10 +96,22 @@ class PPOLearner(Learner):
         entropy_coeff.fill_(self.config.ppo.entropy_coeff * factor)
         return factor
 
-    def _improve(self, part: TensorDictBase) -> dict[str, Tensor]:
-        """Take one gradient step on a minibatch, and return the loss terms by name."""
+    def _penalize(self, batch: TensorDictBase, initial: nn.Module) -> Tensor:
+        """Subtract the penalty for deviating from the initial policy from the reward; return an estimate of the KL."""
+        with torch.no_grad():
+            (logits,) = initial(*(batch.get(key) for key in self._keys.observation))
+            before = logits.log_softmax(-1).gather(-1, batch.get(("agents", "action")).unsqueeze(-1))
+            divergence = batch.get(("agents", "action_log_prob")).unsqueeze(-1) - before
+        reward = batch.get(("next", self._keys.reward))
+        batch.set(("next", self._keys.reward), reward - self.config.ppo.kl_coeff * divergence)
+        return divergence.mean()
+
+    def _improve(self, part: TensorDictBase, warmup: bool) -> dict[str, Tensor]:
+        """Take one gradient step on a minibatch, in which only the critic learns if `warmup`; return the loss terms."""
         terms = self.loss(part)
-        total: Tensor = terms["loss_objective"] + terms["loss_critic"] + terms["loss_entropy"]
+        total: Tensor = terms["loss_critic"]
+        if not warmup:
+            total = total + terms["loss_objective"] + terms["loss_entropy"]
         reported = {name: terms[name].detach() for name in ("loss_objective", "loss_critic", "entropy", "kl_approx")}
         if self.curiosity is not None:
             surprise = self.curiosity.loss(part)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mapf_pz.config import REWARDS
+from mapf_pz.config import REWARDS, EnvConfig
 from mapf_pz.instances.mixture import MapMixture
-from mapf_pz.rl.config import TRAINING_ENV, ModelConfig, PPOConfig, TaskConfig, TrainConfig
+from mapf_pz.rl.config import TRAINING_ENV, ImitationConfig, ModelConfig, PPOConfig, TaskConfig, TrainConfig
 
 # Maps that are denser than in the evaluation teach agents to give way to each other in narrow passages.
 _QUICKSTART = TrainConfig(task=TaskConfig(mixture=MapMixture(density=0.3)), agent_steps=2_000_000)
@@ -39,6 +39,45 @@ _CENTRAL = TrainConfig(
     agent_steps=2_000_000,
 )
 
+# Imitation of windowed planning, with more agents per free cell than in most evaluations.
+_LIFELONG_CARDINAL = TrainConfig(
+    task=TaskConfig(
+        env=EnvConfig(
+            num_agents=48,
+            max_steps=256,
+            action_model="cardinal",
+            on_target="restart",
+            view_size=(9, 9),
+            view="centered",
+            channels=("view", "goal", "cost_to_go", "heuristic", "others_next", "other_goals"),
+            features=("action_advantage", "last_actions", "goal_vector"),
+            num_last_actions=2,
+            reward=REWARDS["progress"],
+        ),
+        mixture=MapMixture(
+            maps=("random", "random", "maze", "warehouse"),
+            height=(17, 21),
+            width=(17, 21),
+            density=(0.1, 0.3),
+            loops=(0.3, 0.95),
+        ),
+        shield=True,
+    ),
+    algorithm="dagger",
+    model=ModelConfig(conv_channels=(32, 32)),
+    ppo=PPOConfig(num_envs=32, steps_per_batch=16, num_epochs=2, minibatch_size=16, learning_rate=1e-3),
+    imitation=ImitationConfig(expert="windowed:rounds=2", temperature=0.3),
+    agent_steps=5_000_000,
+    checkpoint_interval=500_000,
+    validation_interval=500_000,
+    validation_episodes=32,
+)
+
+_ONESHOT_CARDINAL = replace(
+    _LIFELONG_CARDINAL,
+    task=replace(_LIFELONG_CARDINAL.task, env=replace(_LIFELONG_CARDINAL.task.env, max_steps=128, on_target="nothing")),
+)
+
 PRESETS: dict[str, TrainConfig] = {
     "quickstart": _QUICKSTART,
     "mappo": _CROWD,
@@ -56,5 +95,7 @@ PRESETS: dict[str, TrainConfig] = {
         ppo=replace(_CENTRAL.ppo, learning_rate=7e-4, num_epochs=4),
         agent_steps=8_000_000,
     ),
+    "lifelong-cardinal": _LIFELONG_CARDINAL,
+    "oneshot-cardinal": _ONESHOT_CARDINAL,
 }
 """The presets of `mapf-pz train NAME`; every field can be changed on the command line."""

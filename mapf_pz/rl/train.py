@@ -22,6 +22,8 @@ from mapf_pz.rl.collect import collecting
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG, config_files, load_config
 from mapf_pz.rl.learner import Learner
+from mapf_pz.rl.networks import Actor
+from mapf_pz.rl.policy import load_policy
 from mapf_pz.rl.run import RunFolder
 from mapf_pz.rl.stopwatch import Stopwatch
 from mapf_pz.rl.validation import Validation, episode_means
@@ -114,6 +116,8 @@ def _run(
     torch.set_num_threads(config.num_threads)
     with _device(config):
         algorithm = make(config)
+        if config.initial_policy is not None:
+            _start_from(config.initial_policy, config.initial_temperature, algorithm)
     learner = algorithm.make_learner()
     done = 0 if checkpoint is None else run.restore(checkpoint, learner)
     with interrupts_deferred() as check, _collecting(config, algorithm, done) as collector:
@@ -137,6 +141,16 @@ def _run(
             with naming(run.path):
                 run.finish(algorithm.network)
     return run.path
+
+
+def _start_from(policy: str, temperature: float, algorithm: Algorithm) -> None:
+    """Start from a trained policy."""
+    network = load_policy(policy).network
+    if temperature != 1:
+        if not isinstance(network, Actor):
+            raise ValueError(f"initial_temperature={temperature}: expected 1, since the initial policy has no logits")
+        network.divide_logits(temperature)
+    algorithm.start_from(network.to(next(algorithm.network.parameters()).device))
 
 
 def _device(config: TrainConfig) -> torch.device:
