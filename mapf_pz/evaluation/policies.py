@@ -12,12 +12,12 @@ from mapf_pz.evaluation.episodes import AnyEnv, Policy, PolicyFactory, check_pol
 from mapf_pz.evaluation.random_policy import RandomPolicy
 from mapf_pz.planners import PLANNERS, Planner, Shield, planner_of
 from mapf_pz.planners.named import parse_options
-from mapf_pz.planners.pibt.shield import PATIENCE
+from mapf_pz.planners.pibt.shield import DEPTH, PATIENCE
 
 SHIELD_SUFFIX = "+pibt"
 """Suffix of a trained policy's name: PIBT executes its preferences without collisions."""
 _TRAINED_OPTIONS = {"temperature": 1.0}
-_SHIELD_OPTIONS = {"patience": PATIENCE}
+_SHIELD_OPTIONS = {"patience": PATIENCE, "depth": DEPTH}
 
 
 def policy_factory(name: str, seed: int = 0, deterministic: bool = False) -> PolicyFactory:
@@ -107,12 +107,12 @@ def _trained_factory(
     keywords: dict[str, Any],
     *,
     temperature: float,
-    patience: int | None = None,
+    **shield_options: Any,
 ) -> tuple[AnyEnv, Policy]:
-    """Make a trained policy and its environment; with `patience`, PIBT executes its preferences."""
+    """Make a trained policy and its environment; with `shield_options`, PIBT executes its preferences."""
     from mapf_pz.rl.policy import load_policy  # import torch only when it is needed
 
     policy = load_policy(name, seed, deterministic, temperature)
     _check_actions(f"policy {name!r}", policy, keywords)
     env = make_env(policy, **keywords)
-    return env, policy if patience is None else Shield(policy, env, patience)
+    return env, Shield(policy, env, **shield_options) if shield_options else policy

@@ -83,7 +83,7 @@ def test_options(monkeypatch, name, expected):
         ("epibt:depth=None", "option 'depth=None': expected a number, True or False"),
         ("epibt:depth=9", "depth=9: expected a number of actions from 1 to 8"),
         ("mappo:patience=2", "option 'patience=2': mappo has the options temperature"),
-        ("mappo+pibt:depth=2", "option 'depth=2': mappo+pibt has the options temperature, patience"),
+        ("mappo+pibt:swap=2", "option 'swap=2': mappo+pibt has the options temperature, patience, depth"),
         ("mappo+pibt:temperature=low", "option 'temperature=low': expected a number, True or False"),
     ],
 )
@@ -131,7 +131,7 @@ def test_options_of_trained_policies():
     assert actions("mappo:temperature=1") == actions("mappo") == actions("mappo:")
     assert actions("mappo:temperature=30") != actions("mappo")
     assert actions("mappo:temperature=30", deterministic=True) == actions("mappo", deterministic=True)
-    _, policy = policy_factory("mappo+pibt:patience=3,temperature=0.5")(ROOM)
+    _, policy = policy_factory("mappo+pibt:patience=3,temperature=0.5,depth=4")(ROOM)
     assert isinstance(policy, Shield)
 
 
@@ -143,6 +143,7 @@ def test_options_of_trained_policies():
         ("central-ppo:temperature=-1", "temperature=-1: expected a finite number, 0 or more"),
         ("mappo+pibt:patience=-1", "patience=-1: expected a whole number, 0 or more"),
         ("mappo+pibt:patience=1.5", "patience=1.5: expected a whole number, 0 or more"),
+        ("mappo+pibt:depth=2", "depth=2: expected a number of actions from 3 to 8"),
         ("mappo+pibt:patience=1e999", "patience=inf: expected a whole number, 0 or more"),
     ],
 )

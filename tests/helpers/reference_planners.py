@@ -94,8 +94,9 @@ def operations(depth):
 class SlowEPIBT:
     """Plans for lifelong episodes; an operation is the number of its place in the list."""
 
-    def __init__(self, world, depth):
-        self.world, self.operations = world, operations(depth)
+    def __init__(self, world, depth, additional=()):
+        self.world, self.operations = world, [*operations(depth), *additional]
+        self.num_regular = len(self.operations) - len(additional)
         places = {trace(letters): place for place, letters in enumerate(self.operations)}
         self.rest = [places[trace(letters[1:] + "W")] for letters in self.operations]
         self.waits = places[trace("W" * depth)]
@@ -121,14 +122,13 @@ class SlowEPIBT:
         self.chosen = [self.rest[place] if as_planned else self.waits for place in self.chosen or agents]
         self.options = [self.paths(state) for state in states]
         self.costs, self.sorted, away = [], [], []
-        for options, state, goal in zip(self.options, states, goals, strict=True):
+        for agent, options, state, goal in zip(agents, self.options, states, goals, strict=True):
             table, costs = self.world.to_go(goal), {}
             for place, path in options.items():
                 reached = next((t for t, at in enumerate(path[1:], 1) if at[:2] == goal), None)
                 costs[place] = len(path) - 1 + table[path[-1]] if reached is None else reached
             self.costs.append(costs)
-            movers = [place for place in costs if place != self.waits]
-            self.sorted.append(sorted(movers, key=lambda place: (costs[place], place)))
+            self.sorted.append(self.ranked(agent, costs))
             away.append(table[state])
         self.used = {}
         for agent in agents:
@@ -143,6 +143,11 @@ class SlowEPIBT:
                 self.put(agent)
         self.expected = [self.options[agent][self.chosen[agent]][1] for agent in agents]
         return [self.operations[place][0] for place in self.chosen]
+
+    def ranked(self, agent, costs):
+        """Return the operations that an agent may choose, the best first."""
+        chosen = [place for place in costs if place < self.num_regular and place != self.waits]
+        return sorted(chosen, key=lambda place: (costs[place], place))
 
     def put(self, agent):
         """Reserve an agent's cells."""
@@ -348,38 +353,72 @@ class SlowPIBT:
         return "W" if step == (0, 0) else "FRRL"[(STEPS.index(step) - heading) % 4]
 
 
-class SlowShield(SlowPIBT):
+class Progress:
+    """Finds the agents that ignore their preferences, as they have come no closer to their goals for some steps."""
+
+    def __init__(self, world, patience):
+        self.world, self.patience = world, patience
+        self.goals = None
+
+    def stuck(self, states, goals):
+        """Return these agents in the next step."""
+        if self.goals is None:
+            self.goals, self.nearest = [None] * len(goals), [None] * len(goals)
+            self.waited, self.ignores = [0] * len(goals), [0] * len(goals)
+        for agent, (state, goal) in enumerate(zip(states, goals, strict=True)):
+            cost = self.world.to_go(goal)[state]
+            progress = self.goals[agent] != goal or cost == 0 or cost < self.nearest[agent]
+            self.nearest[agent] = cost if progress else self.nearest[agent]
+            if self.ignores[agent] == 0:
+                self.waited[agent] = 0 if progress else self.waited[agent] + 1
+                self.ignores[agent] = self.patience if self.waited[agent] == self.patience else 0
+            else:
+                self.waited[agent] = 0
+                self.ignores[agent] -= 1
+        self.goals = goals
+        return {agent for agent, steps in enumerate(self.ignores) if steps > 0}
+
+
+class SlowRotatingShield(SlowEPIBT):
+    """The safety layer for agents that turn, lifelong: EPIBT whose operations are sorted by preferences."""
+
+    def __init__(self, world, patience, depth=3):
+        super().__init__(world, depth, additional=("R" + "W" * (depth - 1), "L" + "W" * (depth - 1)))
+        self.progress = Progress(world, patience)
+
+    def actions(self, preferences, states, goals):
+        """Return an action for each agent at `states` [(row, col, heading)] with `goals`, by `preferences` (N, 4)."""
+        self.preferences, self.stuck = preferences, self.progress.stuck(states, goals)
+        return [ACTION[letter] for letter in self.decide(states, goals)]
+
+    def ranked(self, agent, costs):
+        """Return the operations that an agent may choose, the most preferred first, or those of EPIBT."""
+        ranked = super().ranked(agent, costs)
+        if agent in self.stuck:
+            return ranked
+        preferred = {place: self.preferences[agent][ACTION[self.operations[place][0]]] for place in costs}
+        worst = min(self.preferences[agent])
+        ranked += [place for place in costs if place not in ranked and preferred[place] > worst]
+        return sorted(ranked, key=lambda place: (-preferred[place], costs[place], place))
+
+
+class SlowCardinalShield(SlowPIBT):
     """The safety layer for cardinal agents, lifelong: PIBT whose choices are sorted by preferences."""
 
     def __init__(self, world, patience):
         super().__init__(world)
         self.random = 1
-        self.patience = patience
-        self.waited = self.follow = None
+        self.progress = Progress(world, patience)
 
     def actions(self, preferences, states, goals):
         """Return an action for each agent at `states` [(row, col, 0)] with `goals`, by `preferences` (N, 5)."""
-        agents = range(len(states))
-        if self.waited is None:
-            self.nearest, self.waited, self.follow = [None] * len(states), [0] * len(states), [0] * len(states)
-        for agent in agents:
-            cost = self.world.to_go(goals[agent])[states[agent]]
-            begins = self.goals is None or self.goals[agent] != goals[agent]
-            progress = begins or cost == 0 or cost < self.nearest[agent]
-            self.nearest[agent] = cost if progress else self.nearest[agent]
-            if self.follow[agent] == 0:
-                self.waited[agent] = 0 if progress else self.waited[agent] + 1
-                self.follow[agent] = self.patience if self.waited[agent] == self.patience else 0
-            else:
-                self.waited[agent] = 0
-                self.follow[agent] -= 1
-        self.preferences = preferences
+        self.preferences, self.stuck = preferences, self.progress.stuck(states, goals)
         return self.decide(states, goals)
 
     def choices(self, agent):
         """Return an agent's choices, the most preferred first, or those of PIBT."""
         choices = super().choices(agent)
-        if self.follow[agent]:
+        if agent in self.stuck:
             return choices
         return sorted(choices, key=lambda choice: -self.preferences[agent][CARDINAL[choice]])
 

@@ -8,12 +8,12 @@ from mapf_pz.actions import Action, CardinalAction
 from mapf_pz.config import EnvConfig
 from mapf_pz.instance import Scenario
 from mapf_pz.instances import RandomObstacles
-from mapf_pz.planners import BatchShield, Shield
+from mapf_pz.planners import EPIBT, BatchShield, Shield
 from mapf_pz.planners.base import simulator_of
 from mapf_pz.planners.pibt.kernels import plan
 from mapf_pz.planners.pibt.state import LATE, Options, allocate_pibt
 from mapf_pz.simulator import Simulator
-from tests.helpers.reference_planners import CardinalWorld, SlowShield
+from tests.helpers.reference_planners import CardinalWorld, SlowCardinalShield, SlowRotatingShield, World
 from tests.helpers.text_instances import drawn
 
 MODELS = {"rotate": Action, "cardinal": CardinalAction}
@@ -93,24 +93,42 @@ def test_it_resets_its_policy():
     assert policy.resets == 1
 
 
+@pytest.mark.parametrize(("model", "depth"), [("cardinal", 3), ("rotate", 3), ("rotate", 4)])
 @settings(max_examples=15)
 @given(
     seed=st.integers(0, 2**31), num_agents=st.sampled_from([4, 12, 24]), patience=st.integers(0, 4), ties=st.booleans()
 )
-def test_it_decides_as_in_plain_python(seed, num_agents, patience, ties):
+def test_it_decides_as_in_plain_python(model, depth, seed, num_agents, patience, ties):
     env = mapf_pz.parallel_env(
-        source=RandomObstacles(8, 8, 0.2, num_agents), on_target="restart", max_steps=30, action_model="cardinal"
+        source=RandomObstacles(8, 8, 0.2, num_agents), on_target="restart", max_steps=30, action_model=model
     )
     env.reset(seed=seed)
-    rng, shield = np.random.default_rng(seed), BatchShield(env.simulator, patience)
-    slow = SlowShield(CardinalWorld(env.grid), patience)
+    rng, shield = np.random.default_rng(seed), BatchShield(env.simulator, patience, depth)
+    if model == "cardinal":
+        slow = SlowCardinalShield(CardinalWorld(env.grid), patience)
+    else:
+        slow = SlowRotatingShield(World(env.grid), patience, depth)
+    shape = num_agents, len(MODELS[model])
     while env.agents:
-        preferences = rng.integers(2, size=(num_agents, 5)) if ties else rng.random((num_agents, 5))
-        states = [(*cell, 0) for cell in env.positions.tolist()]
+        preferences = rng.integers(2, size=shape) if ties else rng.random(shape)
+        headings = env.headings.tolist() if model == "rotate" else [0] * num_agents
+        states = [(*cell, heading) for cell, heading in zip(env.positions.tolist(), headings, strict=True)]
         expected = slow.actions(preferences, states, list(map(tuple, env.goals.tolist())))
         actions = shield.actions(preferences[None])[0].tolist()
         assert actions == expected
         env.step(dict(zip(env.agents, actions, strict=True)))
+
+
+@pytest.mark.parametrize("on_target", ["nothing", "restart", "finish"])
+@pytest.mark.parametrize("depth", [3, 4])
+def test_turning_agents_with_equal_preferences_follow_epibt(on_target, depth):
+    env = mapf_pz.parallel_env(source=RandomObstacles(8, 8, 0.2, 14), on_target=on_target, max_steps=30)
+    env.reset(seed=0)
+    shield, epibt = BatchShield(env.simulator, depth=depth), EPIBT(env, depth=depth)
+    while env.agents:
+        expected = epibt.decide(env.simulator)
+        np.testing.assert_array_equal(shield.actions(np.zeros((1, 14, 4)))[0], expected)
+        env.step(dict(zip(env.possible_agents, expected.tolist(), strict=True)))
 
 
 @pytest.mark.parametrize("on_target", ["nothing", "restart", "finish"])
@@ -127,30 +145,32 @@ def test_equal_preferences_are_those_of_pibt(on_target):
         simulator.step(expected)
 
 
-def solves(text, insisted, patience, max_steps=40):
+def solves(text, headings, insisted, patience, max_steps=40):
     """Return whether agents that insist on one action each are all at their goals at the same time."""
-    simulator = simulator_of(drawn(text), max_steps, "uniform", 0)
-    shield = BatchShield(simulator, patience)
-    preferences = np.zeros((1, simulator.num_agents, 5))
+    simulator = simulator_of(drawn(text, headings), max_steps, "uniform", 0)
+    shield, names = BatchShield(simulator, patience), CardinalAction if headings is None else Action
+    preferences = np.zeros((1, simulator.num_agents, simulator.num_actions))
     for i, name in enumerate(insisted):
-        preferences[0, i, [CardinalAction[name], CardinalAction.WAIT]] = 2, 1
+        preferences[0, i, [names[name], names.WAIT]] = 2, 1
     while not simulator.over[0]:
         simulator.step(shield.actions(preferences))
     return bool(simulator.terminated[0])
 
 
 @pytest.mark.parametrize(
-    ("text", "insisted"),
+    ("text", "headings", "insisted"),
     [
-        ("Ba..bA ##.###", ("RIGHT", "LEFT")),
-        ("aB.bA ##.##", ("RIGHT", "LEFT")),
-        ("a.A #.# #B# #b#", ("WAIT", "DOWN")),
+        ("Ba..bA ##.###", None, ("RIGHT", "LEFT")),
+        ("aB.bA ##.##", None, ("RIGHT", "LEFT")),
+        ("a.A #.# #B# #b#", None, ("WAIT", "DOWN")),
+        ("aB.bA .....", [0, 2], ("FORWARD", "FORWARD")),
+        ("a.A #.# #B# #b#", [0, 1], ("WAIT", "FORWARD")),
     ],
 )
-def test_agents_without_progress_follow_pibt(text, insisted):
-    assert not solves(text, insisted, patience=0)
-    assert solves(text, insisted, patience=2)
-    assert solves(text, insisted, patience=4)
+def test_agents_without_progress_ignore_their_preferences(text, headings, insisted):
+    assert not solves(text, headings, insisted, patience=0)
+    assert solves(text, headings, insisted, patience=2)
+    assert solves(text, headings, insisted, patience=4)
 
 
 @pytest.mark.parametrize("model", list(MODELS))
@@ -191,6 +211,12 @@ def test_after_a_reset_it_decides_the_same_again():
             runs[-1].append(shield.actions(preferred))
             simulator.step(runs[-1][-1])
     np.testing.assert_array_equal(*runs)
+
+
+@pytest.mark.parametrize("depth", [2, 9, 3.5])
+def test_a_wrong_depth(depth):
+    with pytest.raises(ValueError, match=f"^depth={depth}: expected a number of actions from 3 to 8$"):
+        BatchShield(simulator_of(drawn("aA"), 40, "uniform", 0), depth=depth)
 
 
 @pytest.mark.parametrize("patience", [-1, 0.5])

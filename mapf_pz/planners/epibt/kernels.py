@@ -16,7 +16,7 @@ import numpy as np
 from mapf_pz.core.jit import jit
 from mapf_pz.core.state import WAIT_WEIGHT, Array, PlanningView
 from mapf_pz.planners.epibt.search import mark, search
-from mapf_pz.planners.epibt.state import AHEAD, NONE, EpibtState, Operations
+from mapf_pz.planners.epibt.state import AHEAD, NONE, OPERATION_BITS, EpibtState, Operations
 from mapf_pz.planners.pibt.priority import priority_key, sort_by_key
 from mapf_pz.planners.pibt.state import NO_AGENT, to_go
 
@@ -30,9 +30,14 @@ def plan(planning_view: PlanningView, passing: bool, tree: Operations, state: Ep
 
     With `passing`, an agent only has to pass its goal; otherwise it must stay there.
     """
-    agents = planning_view.agents
-    _continue(agents, tree, state)
-    _evaluate(planning_view, passing, tree, state)
+    continue_operations(planning_view.agents, tree, state)
+    evaluate(planning_view, passing, tree, state)
+    decide(planning_view.agents, state)
+
+
+@jit
+def decide(agents: Array, state: EpibtState) -> None:
+    """Choose an operation for each agent among its `state.options`, in priority order."""
     for i in range(agents.size):
         state.key[i] = priority_key(state.away[i], state.to_go[i])
     sort_by_key(state.key, state.order, state.merged)
@@ -46,7 +51,7 @@ def plan(planning_view: PlanningView, passing: bool, tree: Operations, state: Ep
 
 
 @jit
-def _continue(agents: Array, tree: Operations, state: EpibtState) -> None:
+def continue_operations(agents: Array, tree: Operations, state: EpibtState) -> None:
     """Let each agent continue its operation.
 
     If any agent is not in the expected state (new episode, different rules), all of them wait, which is always legal.
@@ -60,9 +65,9 @@ def _continue(agents: Array, tree: Operations, state: EpibtState) -> None:
 
 
 @jit
-def _evaluate(planning_view: PlanningView, passing: bool, tree: Operations, state: EpibtState) -> None:
+def evaluate(planning_view: PlanningView, passing: bool, tree: Operations, state: EpibtState) -> None:
     """Compute the cells and costs of all operations, and mark the cells that the agents' operations use."""
-    agents, (size, depth) = planning_view.agents, tree.nodes.shape
+    agents, (size, depth), regular = planning_view.agents, tree.nodes.shape, tree.num_regular
     state.used[:] = NO_AGENT
     for i in range(agents.size):
         if not agents[i].active:
@@ -70,13 +75,13 @@ def _evaluate(planning_view: PlanningView, passing: bool, tree: Operations, stat
         state.to_go[i] = to_go(planning_view, agents[i], agents[i].cell, agents[i].heading)
         state.away[i] = 0 if passing or agents[i].cell == agents[i].goal else state.away[i] + 1
         _evaluate_tree(planning_view, agents[i], passing, tree, state)
-        early = EARLY * planning_view.weight[WAIT_WEIGHT, agents[i].cell] / size
+        early = EARLY * planning_view.weight[WAIT_WEIGHT, agents[i].cell] / regular
         for p in range(size):
             state.path[i, p, 0] = agents[i].cell
             for t in range(depth):
                 state.path[i, p, t + 1] = state.node_cell[tree.nodes[p, t]]
             state.cost[i, p] = state.node_cost[tree.nodes[p, depth - 1]] + p * early
-        state.num_options[i] = _sort_options(state.cost[i], tree.wait if passing else NONE, state.options[i])
+        state.num_options[i] = _sort_options(state.cost[i, :regular], tree.wait if passing else NONE, state.options[i])
         state.used[0, agents[i].cell] = i
         mark(state.used, state.path[i, state.choice[i]], i)
 
@@ -87,11 +92,16 @@ def _sort_options(cost: Array, excluded: int, options: Array) -> int:
     count = 0
     for p in range(cost.size):
         if p != excluded and cost[p] < np.inf:
-            # The bits of non-negative floats sort as the floats do.
-            options[count] = (np.int64(np.float32(cost[p]).view(np.int32)) << 32) | p
+            options[count] = pack_option(cost[p], p)
             count += 1
     options[:count].sort()
     return count
+
+
+@jit
+def pack_option(cost: np.float32, p: int) -> int:
+    """Pack an operation into one integer that sorts by cost: the bits of non-negative floats sort as the floats do."""
+    return (np.int64(np.float32(cost).view(np.int32)) << OPERATION_BITS) | p
 
 
 @jit

@@ -37,18 +37,22 @@ Sequence = tuple[Act, ...]
 
 
 @lru_cache
-def operations(depth: int, cardinal: bool) -> Operations:
+def operations(depth: int, cardinal: bool, only_turning: bool = False) -> Operations:
     """Return all operations of `depth` actions, those that move earliest first.
 
     Sequences with the same cells and the same final heading count as one. Rotating agents turn only before a move,
     never in both directions and never three times; with `depth` below 3, too short to turn around and move, an
-    operation without a move may turn.
+    operation without a move may turn. With `only_turning`, two operations are added that turn once and then wait.
     """
     acts = CARDINAL if cardinal else ROTATING
     useful = filter(_is_useful, product(acts, repeat=depth))
     sequences: dict[object, Sequence] = {}
     for sequence in sorted(useful, key=_lateness):
         sequences.setdefault(_trace(sequence), sequence)
+    num_regular = len(sequences)
+    if only_turning:
+        for turn in (RIGHT, LEFT):
+            sequences.setdefault(_trace((turn, *(acts[-1],) * (depth - 1))), (turn, *(acts[-1],) * (depth - 1)))
     number = {trace: p for p, trace in enumerate(sequences)}
     nodes: dict[Sequence, int] = {(): 0}
     for sequence in sequences.values():
@@ -64,6 +68,7 @@ def operations(depth: int, cardinal: bool) -> Operations:
         nodes=np.array([[nodes[sequence[: t + 1]] for t in range(depth)] for sequence in sequences.values()], np.int32),
         rest=np.array([number[_trace((*sequence[1:], wait))] for sequence in sequences.values()], np.int32),
         wait=number[_trace((wait,) * depth)],
+        num_regular=num_regular,
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from mapf_pz.core.jit import jit
 from mapf_pz.core.state import Array
-from mapf_pz.planners.epibt.state import NONE, EpibtState
+from mapf_pz.planners.epibt.state import LAST_OPERATION, NONE, EpibtState
 from mapf_pz.planners.pibt.state import NO_AGENT
 
 SEVERAL = -2
@@ -36,7 +36,7 @@ def search(first: int, by_sum: bool, region: int, state: EpibtState) -> int:
         i, old = chain[depth], before[depth]
         place = next_option[i]
         next_option[i] += 1
-        p = state.options[i, place] & 0xFFFFFFFF if place < state.num_options[i] else NONE
+        p = state.options[i, place] & LAST_OPERATION if place < state.num_options[i] else NONE
         too_dear = by_sum and p != NONE and change + cost[i, p] - cost[i, old] > -MARGIN
         if p == NONE or too_dear or (not by_sum and depth == 0 and p == old):
             choice[i] = old

@@ -11,6 +11,9 @@ from mapf_pz.planners.pibt.state import NO_AGENT
 
 NONE = -1
 AHEAD = 4
+OPERATION_BITS = 24
+"""Number of the lowest bits of an option, which are its operation; 31 bits of its cost follow, the last bits are 0."""
+LAST_OPERATION = 2**OPERATION_BITS - 1
 
 
 class Operations(NamedTuple):
@@ -23,6 +26,7 @@ class Operations(NamedTuple):
     nodes: Array  # (P, D) int32: the nodes of each operation; ties are broken in favor of the first operation
     rest: Array  # (P,) int32: the operation that continues this one after its first action and ends with a wait
     wait: int  # the operation that only waits
+    num_regular: int  # the number of operations that EPIBT chooses from; the others, which only turn, come last
 
 
 class EpibtState(NamedTuple):
@@ -33,7 +37,7 @@ class EpibtState(NamedTuple):
     heading: Array  # (N,) int32: the heading after its first action
     path: Array  # (N, P, D + 1) int32: the cells of every operation, starting with the agent's cell
     cost: Array  # (N, P) float32: of each operation, plus the cost to go from its end; inf: it leads into an obstacle
-    options: Array  # (N, P) int64: the operations that an agent may choose, the best first, in the lowest 32 bits
+    options: Array  # (N, P) int64: the operations that an agent may choose, in the lowest bits, the best first
     num_options: Array  # (N,) int32
     next_option: Array  # (N,) int32: the place in `options` of the operation that the agent tries next
     to_go: Array  # (N,) float32: cost to go from the agent's state

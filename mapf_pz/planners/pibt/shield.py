@@ -1,4 +1,4 @@
-"""A safety layer that uses PIBT to turn the preferences of any policy into collision-free actions."""
+"""A safety layer that uses PIBT or EPIBT to turn the preferences of any policy into collision-free actions."""
 
 from __future__ import annotations
 
@@ -9,51 +9,56 @@ import numpy as np
 
 from mapf_pz.arrays import Floats, Ints
 from mapf_pz.environment import MapfEnv
-from mapf_pz.planners.pibt.shield_kernels import ShieldState, choose_actions
+from mapf_pz.planners.epibt.operations import operations
+from mapf_pz.planners.epibt.state import NONE, allocate_epibt
+from mapf_pz.planners.pibt.shield_kernels import Progress, choose_cardinal
+from mapf_pz.planners.pibt.shield_operations import Intentions, choose_rotating
 from mapf_pz.planners.pibt.state import PibtState, allocate_pibt
 from mapf_pz.simulator import Simulator
 
 PATIENCE = 4
-"""Default number of steps without progress after which an agent follows PIBT."""
+"""Default number of steps without progress after which an agent ignores its preferences."""
+DEPTH = 3
+"""Default number of actions of an operation of agents that turn."""
 _SEED = 1  # breaks ties of PIBT
 
 
 class BatchShield:
-    """The safety layer for all environments of a simulator: see `mapf_pz.planners.pibt.shield_kernels`.
+    """The safety layer for all environments of a simulator.
 
-    Environment `b` of a batch is the same as a single one.
+    See `mapf_pz.planners.pibt.shield_kernels` for cardinal agents, and `mapf_pz.planners.pibt.shield_operations` for
+    agents that turn. Environment `b` of a batch is the same as a single one.
     """
 
-    def __init__(self, simulator: Simulator, patience: int = PATIENCE) -> None:
+    def __init__(self, simulator: Simulator, patience: int = PATIENCE, depth: int = DEPTH) -> None:
         """Allocate the state.
 
         Args:
             simulator: the simulator of B environments with N agents.
-            patience: the number of steps without coming closer to its goal after which a cardinal agent follows PIBT
+            patience: the number of steps without coming closer to its goal after which an agent ignores its preferences
                 for as many steps; 0: it never does.
+            depth: number of actions of an operation of agents that turn, 3 to 8, as in `EPIBT`.
 
-        Raises `ValueError` unless `patience` is a whole number, 0 or more.
+        Raises `ValueError` unless `patience` is a whole number, 0 or more, and `depth` is one from 3 to 8.
         """
         if patience < 0 or patience % 1 != 0:  # the remainder of infinity is NaN
             raise ValueError(f"patience={patience}: expected a whole number, 0 or more")
+        if depth not in range(3, 9):
+            raise ValueError(f"depth={depth}: expected a number of actions from 3 to 8")
         self._simulator = simulator
         self._patience = int(patience)
-        num_envs, num_agents, (height, width) = simulator.num_envs, simulator.num_agents, simulator.shape
-        first = allocate_pibt(num_agents, height * width, _SEED)
-        self._state = ShieldState(
-            PibtState(*(np.repeat(field[None], num_envs, axis=0) for field in first)),
-            nearest=np.full((num_envs, num_agents), np.inf, np.float32),
-            count=np.zeros((num_envs, num_agents), np.int32),
-        )
-        self._first = first
+        shape = simulator.num_envs, simulator.num_agents
+        self._progress = Progress(np.zeros(shape, np.float32), np.zeros(shape, np.int32))
+        cardinal = simulator.config.action_model == "cardinal"
+        self._rules = _CardinalRules(simulator) if cardinal else _RotatingRules(simulator, int(depth))
+        self.reset()
 
     def reset(self, envs: Iterable[int] | None = None) -> None:
         """Start new episodes in the environments `envs`; None: in all of them."""
         chosen = slice(None) if envs is None else list(envs)
-        for field, first in zip(self._state.pibt, self._first, strict=True):
-            field[chosen] = first
-        self._state.nearest[chosen] = np.inf
-        self._state.count[chosen] = 0
+        self._progress.nearest[chosen] = np.inf
+        self._progress.count[chosen] = 0
+        self._rules.reset(chosen)
 
     def actions(self, preferences: Floats) -> Ints:
         """Return actions (B, N) int64 for the current state of the simulator, such that no move is blocked.
@@ -72,12 +77,53 @@ class BatchShield:
             raise ValueError("preferences contain NaN")
         simulator.require_cost_to_go()
         actions = np.empty(expected[:2], np.int64)
-        passing = simulator.config.on_target != "nothing"
-        choose_actions(
-            simulator.world, simulator.tables.arrays, simulator.state, passing, self._patience, numbers, self._state,
-            actions,
-        )  # fmt: skip
+        self._rules.choose(numbers, self._patience, self._progress, actions)
         return actions
+
+
+class _CardinalRules:
+    """PIBT in B environments."""
+
+    def __init__(self, simulator: Simulator) -> None:
+        self._simulator = simulator
+        height, width = simulator.shape
+        self._first = allocate_pibt(simulator.num_agents, height * width, _SEED)
+        self._pibt = PibtState(*(np.repeat(field[None], simulator.num_envs, axis=0) for field in self._first))
+
+    def reset(self, chosen: slice | list[int]) -> None:
+        for field, first in zip(self._pibt, self._first, strict=True):
+            field[chosen] = first
+
+    def choose(self, preferences: Floats, patience: int, progress: Progress, actions: Ints) -> None:
+        simulator = self._simulator
+        choose_cardinal(
+            simulator.world, simulator.tables.arrays, simulator.state, simulator.config.on_target != "nothing",
+            patience, preferences, progress, self._pibt, actions,
+        )  # fmt: skip
+
+
+class _RotatingRules:
+    """EPIBT in B environments."""
+
+    def __init__(self, simulator: Simulator, depth: int) -> None:
+        self._simulator = simulator
+        self._tree = operations(depth, cardinal=False, only_turning=True)
+        self._scratch = allocate_epibt(simulator.planning_view(), self._tree, num_regions=1)
+        shape = simulator.num_envs, simulator.num_agents
+        self._intentions = Intentions(*(np.zeros(shape, np.int32) for _ in Intentions._fields))
+
+    def reset(self, chosen: slice | list[int]) -> None:
+        self._intentions.choice[chosen] = self._tree.wait
+        self._intentions.cell[chosen] = NONE
+        self._intentions.heading[chosen] = 0
+        self._intentions.away[chosen] = 0
+
+    def choose(self, preferences: Floats, patience: int, progress: Progress, actions: Ints) -> None:
+        simulator = self._simulator
+        choose_rotating(
+            simulator.world, simulator.tables.arrays, simulator.state, simulator.config.on_target != "nothing",
+            patience, preferences, progress, self._tree, self._intentions, self._scratch, actions,
+        )  # fmt: skip
 
 
 class Preferring(Protocol):
@@ -95,20 +141,21 @@ class Preferring(Protocol):
 class Shield:
     """Executes a policy's preferences in a PettingZoo environment such that no move is blocked: see `BatchShield`.
 
-    Priorities are those of PIBT, so it also reads the environment's state.
+    It also reads the environment's state.
     """
 
-    def __init__(self, policy: Preferring, env: MapfEnv, patience: int = PATIENCE) -> None:
+    def __init__(self, policy: Preferring, env: MapfEnv, patience: int = PATIENCE, depth: int = DEPTH) -> None:
         """Wrap a policy.
 
         Args:
             policy: the policy whose preferences are executed.
             env: the environment that it acts in, or a wrapper of it.
             patience: as in `BatchShield`, which also raises `ValueError`.
+            depth: as in `BatchShield`.
         """
         self._policy = policy
         self._env = cast("MapfEnv", env.unwrapped)
-        self._shield = BatchShield(self._env.simulator, patience)
+        self._shield = BatchShield(self._env.simulator, patience, depth)
 
     def reset_states(self) -> None:
         """Reset all per-episode state. Call it before each episode."""

@@ -1,4 +1,4 @@
-"""Collision-free actions from the preferences of any policy, by PIBT.
+"""Collision-free actions from the preferences of any policy, by PIBT, for cardinal agents.
 
 Veerapaneni et al., *Improving Learnt Local MAPF Policies with Heuristic Search*, ICAPS 2024 (CS-PIBT): each agent tries
 its actions in the order of its preferences; if another agent is in the way and cannot move away, it tries the next one.
@@ -16,38 +16,36 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.actions import Action
 from mapf_pz.core.jit import jit
 from mapf_pz.core.state import Array, CostToGo, Distances, PlanningView, State, World
 from mapf_pz.planners.pibt.kernels import CARDINAL_ACTIONS, decide, write_cardinal
 from mapf_pz.planners.pibt.preference import rank_choices, sort_ranks
 from mapf_pz.planners.pibt.priority import prioritize
-from mapf_pz.planners.pibt.state import LATE, NO_AGENT, NO_RANK, STAY, UNDECIDED, PibtState, to_go
+from mapf_pz.planners.pibt.state import LATE, NO_AGENT, STAY, UNDECIDED, PibtState, to_go
 
-_FORWARD = int(Action.FORWARD)
 _ACTION_OF_CHOICE = np.array(CARDINAL_ACTIONS)
 
 
-class ShieldState(NamedTuple):
-    """The state of the safety layer in B environments of N agents between steps."""
+class Progress(NamedTuple):
+    """The progress of N agents in B environments towards their goals."""
 
-    pibt: PibtState  # its arrays have the leading dimension B
     nearest: Array  # (B, N) float32: the lowest cost to go to the current goal so far
-    count: Array  # (B, N) int32: the steps without progress, up to `patience`, then also those that follow PIBT
+    count: Array  # (B, N) int32: the steps without progress, up to the patience, then also those that follow PIBT
 
 
 @jit
-def choose_actions(
+def choose_cardinal(
     world: World,
     distances: Distances,
     state: State,
     passing: bool,
     patience: int,
     preferences: Array,
-    shield: ShieldState,
+    progress: Progress,
+    pibt: PibtState,
     actions: Array,
 ) -> None:
-    """Write actions (B, N) int64 such that no move is blocked.
+    """Write actions (B, N) int64 of cardinal agents such that no move is blocked.
 
     Args:
         world: the maps.
@@ -55,33 +53,29 @@ def choose_actions(
         state: the state of the B environments.
         passing: whether an agent only has to pass its goal; otherwise it must stay there.
         patience: the number of steps without progress after which an agent follows PIBT for as many steps; 0: never.
-        preferences: (B, N, A) float64, higher for better actions; A = 5 for cardinal agents.
-        shield: the state of the safety layer.
+        preferences: (B, N, 5) float64, higher for better actions.
+        progress: of all agents.
+        pibt: the state of PIBT; its arrays have the leading dimension B.
         actions: the output.
     """
     for b in range(actions.shape[0]):
-        planning_view, pibt = _view_of(world, distances, state, b), _state_of(shield.pibt, b)
+        planning_view, own = view_of(world, distances, state, b), _state_of(pibt, b)
         agents = planning_view.agents
-        prioritize(planning_view, passing, LATE, pibt)
-        pibt.taken[:] = NO_AGENT
+        prioritize(planning_view, passing, LATE, own)
+        own.taken[:] = NO_AGENT
         for i in range(agents.size):
-            pibt.want[i], pibt.choice[i] = UNDECIDED if agents[i].active else agents[i].cell, STAY
-        if preferences.shape[2] == len(CARDINAL_ACTIONS):
-            rank_choices(planning_view, True, pibt)
-            for i in range(agents.size):
-                if not _follows_pibt(planning_view, i, patience, shield.nearest[b], shield.count[b]):
-                    _prefer(planning_view.leads_to, agents[i].cell, preferences[b, i], pibt.rank[i])
-            decide(planning_view, True, pibt)
-            write_cardinal(pibt, actions[b])
-        else:
-            _decide_rotating(agents, preferences[b], pibt)
-            decide(planning_view, False, pibt)
-            _write_rotating(agents, preferences[b], pibt, actions[b])
+            own.want[i], own.choice[i] = UNDECIDED if agents[i].active else agents[i].cell, STAY
+        rank_choices(planning_view, True, own)
+        for i in range(agents.size):
+            if not is_stuck(planning_view, i, patience, progress.nearest[b], progress.count[b]):
+                _prefer(planning_view.leads_to, agents[i].cell, preferences[b, i], own.rank[i])
+        decide(planning_view, True, own)
+        write_cardinal(own, actions[b])
 
 
 @jit
-def _follows_pibt(planning_view: PlanningView, i: int, patience: int, nearest: Array, count: Array) -> bool:
-    """Count the steps of agent i without progress, and return whether it follows PIBT in this step."""
+def is_stuck(planning_view: PlanningView, i: int, patience: int, nearest: Array, count: Array) -> bool:
+    """Count the steps of agent i without progress, and return whether it ignores its preferences in this step."""
     agent = planning_view.agents[i]
     cost = to_go(planning_view, agent, agent.cell, agent.heading)
     progress = cost < nearest[i] or agent.arrived or agent.cell == agent.goal
@@ -97,43 +91,30 @@ def _follows_pibt(planning_view: PlanningView, i: int, patience: int, nearest: A
 
 
 @jit
+def num_better(preferences: Array, action: int) -> int:
+    """Return the number of actions that an agent with these preferences (A,) prefers to `action`."""
+    better = 0
+    for other in preferences:
+        better += other > preferences[action]
+    return better
+
+
+@jit
 def _prefer(leads_to: Array, cell: int, preferences: Array, rank: Array) -> None:
     """Sort the ranks (5,) of an agent on `cell` by its preferences; equal ones remain in the order of PIBT.
 
     Moves into obstacles come last.
     """
     for k in range(rank.size):
-        choice, better = rank[k] & 7, 0
-        for other in preferences:
-            better += other > preferences[_ACTION_OF_CHOICE[choice]]
-        if choice != STAY and leads_to[choice, cell] == cell:
-            better = rank.size
+        choice = rank[k] & 7
+        blocked = choice != STAY and leads_to[choice, cell] == cell
+        better = rank.size if blocked else num_better(preferences, _ACTION_OF_CHOICE[choice])
         rank[k] = (better << 6) | (k << 3) | choice
     sort_ranks(rank)
 
 
 @jit
-def _decide_rotating(agents: Array, preferences: Array, pibt: PibtState) -> None:
-    """Rank the choices of agents that turn: turning is staying, and an agent can only move away forward."""
-    for i in range(agents.size):
-        pibt.rank[i] = NO_RANK
-        pibt.rank[i, STAY] = 8 + STAY
-        pibt.rank[i, agents[i].heading] = agents[i].heading + (0 if preferences[i].argmax() == _FORWARD else 16)
-        sort_ranks(pibt.rank[i])
-
-
-@jit
-def _write_rotating(agents: Array, preferences: Array, pibt: PibtState, actions: Array) -> None:
-    """Write the actions of agents that turn."""
-    for i in range(agents.size):
-        if pibt.want[i] != agents[i].cell:
-            actions[i] = _FORWARD
-        else:
-            actions[i] = _FORWARD + 1 + preferences[i, _FORWARD + 1 :].argmax()
-
-
-@jit
-def _view_of(world: World, distances: Distances, state: State, b: int) -> PlanningView:
+def view_of(world: World, distances: Distances, state: State, b: int) -> PlanningView:
     """Return environment `b` as planners read it."""
     m = state.map[b]
     return PlanningView(

@@ -1,0 +1,100 @@
+"""Collision-free actions from the preferences of any policy, by EPIBT, for agents that turn.
+
+Agents that turn need several steps to make way for each other, so they agree on operations, sequences of several
+actions, as in EPIBT (`mapf_pz.planners.epibt.kernels`). Each agent tries its operations in the order of its preferences
+for their first actions, and in the order of EPIBT where these are equal. An agent that has not come closer to its goal
+for some steps follows EPIBT for as many steps, as in `mapf_pz.planners.pibt.shield_kernels`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from mapf_pz.core.jit import jit
+from mapf_pz.core.state import Array, Distances, State, World
+from mapf_pz.planners.epibt.kernels import continue_operations, decide, evaluate, first_actions, pack_option
+from mapf_pz.planners.epibt.state import LAST_OPERATION, EpibtState, Operations
+from mapf_pz.planners.pibt.shield_kernels import Progress, is_stuck, num_better, view_of
+
+_CLASS_BIT = 56
+"""The first bit of an option after those of its operation and its cost."""
+
+
+class Intentions(NamedTuple):
+    """The operations of N agents in B environments between steps: the fields of `EpibtState` of the same names."""
+
+    choice: Array  # (B, N) int32
+    cell: Array  # (B, N) int32
+    heading: Array  # (B, N) int32
+    away: Array  # (B, N) int32
+
+
+@jit
+def choose_rotating(
+    world: World,
+    distances: Distances,
+    state: State,
+    passing: bool,
+    patience: int,
+    preferences: Array,
+    progress: Progress,
+    tree: Operations,
+    intentions: Intentions,
+    scratch: EpibtState,
+    actions: Array,
+) -> None:
+    """Write actions (B, N) int64 of agents that turn such that no move is blocked.
+
+    Args:
+        world: the maps.
+        distances: the cost to go to the goals of all agents.
+        state: the state of the B environments.
+        passing: whether an agent only has to pass its goal; otherwise it must stay there.
+        patience: the number of steps without progress after which an agent follows EPIBT for as many steps; 0: never.
+        preferences: (B, N, 4) float64, higher for better actions.
+        progress: of all agents.
+        tree: the operations.
+        intentions: of all agents.
+        scratch: the state of EPIBT for one environment.
+        actions: the output.
+    """
+    for b in range(actions.shape[0]):
+        planning_view = view_of(world, distances, state, b)
+        agents = planning_view.agents
+        scratch.choice[:], scratch.away[:] = intentions.choice[b], intentions.away[b]
+        scratch.cell[:], scratch.heading[:] = intentions.cell[b], intentions.heading[b]
+        continue_operations(agents, tree, scratch)
+        evaluate(planning_view, passing, tree, scratch)
+        for i in range(agents.size):
+            stuck = is_stuck(planning_view, i, patience, progress.nearest[b], progress.count[b])
+            if agents[i].active and not stuck:
+                _prefer(i, passing, preferences[b, i], tree, scratch)
+        decide(agents, scratch)
+        first_actions(agents, tree, scratch, actions[b])
+        intentions.choice[b], intentions.away[b] = scratch.choice, scratch.away
+        intentions.cell[b], intentions.heading[b] = scratch.cell, scratch.heading
+
+
+@jit
+def _prefer(i: int, passing: bool, preferences: Array, tree: Operations, state: EpibtState) -> None:
+    """Sort the options of agent i by its preferences (4,) for their first actions, then as in EPIBT.
+
+    Operations without a move that are no options in EPIBT are added.
+    """
+    for p in range(tree.num_regular, tree.nodes.shape[0]):
+        _add_option(i, p, preferences, tree, state)
+    if passing:
+        _add_option(i, tree.wait, preferences, tree, state)
+    options = state.options[i, : state.num_options[i]]
+    for k in range(options.size):
+        action = tree.action[tree.nodes[options[k] & LAST_OPERATION, 0]]
+        options[k] |= num_better(preferences, action) << _CLASS_BIT
+    options.sort()
+
+
+@jit
+def _add_option(i: int, p: int, preferences: Array, tree: Operations, state: EpibtState) -> None:
+    """Add operation p to the options of agent i if the agent prefers its first action to another one."""
+    if preferences[tree.action[tree.nodes[p, 0]]] > preferences.min():
+        state.options[i, state.num_options[i]] = pack_option(state.cost[i, p], p)
+        state.num_options[i] += 1
