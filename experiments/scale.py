@@ -14,12 +14,11 @@ import numpy as np
 import tyro
 
 from mapf_pz.config import ActionModel, EnvConfig
-from mapf_pz.evaluation.policies import planner_of
 from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances import load_map
 from mapf_pz.instances.place import largest_component
 from mapf_pz.instances.sources import InstanceList
-from mapf_pz.planners import Planner
+from mapf_pz.planners import Planner, planner_of
 from mapf_pz.simulator import Simulator
 
 

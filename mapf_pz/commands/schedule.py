@@ -11,9 +11,8 @@ from tyro.conf import Positional
 
 from mapf_pz.commands.env_flags import EnvKeywords
 from mapf_pz.config import EnvConfig
-from mapf_pz.evaluation.policies import planner_of
 from mapf_pz.instances.lorr import load_problem
-from mapf_pz.planners import validate
+from mapf_pz.planners import planner_of, validate
 from mapf_pz.plans.files import PlanMetadata, check_format, write_plan
 from mapf_pz.scheduling import SCHEDULERS, run_problem
 

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import ast
-import inspect
 from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from mapf_pz.environment import MapfEnv, parallel_env
+from mapf_pz.environment import parallel_env
 from mapf_pz.evaluation.episodes import AnyEnv, Policy, PolicyFactory, check_policy, make_env
 from mapf_pz.evaluation.random_policy import RandomPolicy
-from mapf_pz.planners import PLANNERS, Planner, Shield
+from mapf_pz.planners import PLANNERS, Planner, Shield, planner_of
 
 SHIELD_SUFFIX = "+pibt"
 """Suffix of a trained policy's name: PIBT executes its preferences without collisions."""
@@ -41,17 +39,6 @@ def policy_factory(name: str, seed: int = 0, deterministic: bool = False) -> Pol
             f"({', '.join(_bundled_names())}), or the folder of a training run"
         )
     return partial(_trained_factory, trained, trained != name, seed, deterministic)
-
-
-def planner_of(name: str, seed: int = 0, env: MapfEnv | None = None) -> Planner:
-    """Return the planner of this name with its options, such as `epibt:depth=5`.
-
-    Raises `ValueError` for an unknown name, and for an unknown or invalid option.
-    """
-    planner, _, options = name.partition(":")
-    if planner not in PLANNERS:
-        raise ValueError(f"planner {planner!r}: expected one of {', '.join(PLANNERS)}")
-    return PLANNERS[planner](env, seed=seed, **_options(PLANNERS[planner], options))
 
 
 def is_trained(name: str) -> bool:
@@ -102,25 +89,3 @@ def _trained_factory(
     _check_actions(f"policy {name!r}", policy, keywords)
     env = make_env(policy, **keywords)
     return env, Shield(policy, env) if shielded else policy
-
-
-def _options(planner: type[Planner], text: str) -> dict[str, Any]:
-    """Parse `depth=5,time_limit=0.1` or `priority=elapsed`; raises `ValueError` for options the planner lacks."""
-    parameters = inspect.signature(planner).parameters
-    allowed = [name for name in parameters if name not in ("env", "seed")]
-    options: dict[str, Any] = {}
-    for option in filter(None, text.split(",")):
-        name, _, value = map(str.strip, option.partition("="))
-        if name not in allowed:
-            expected = f"the options {', '.join(allowed)}" if allowed else "no options"
-            raise ValueError(f"option {option!r}: {planner.__name__} has {expected}")
-        if isinstance(parameters[name].default, str):
-            options[name] = value
-            continue
-        try:
-            options[name] = ast.literal_eval(value)
-        except (SyntaxError, ValueError, RecursionError, MemoryError):
-            options[name] = None
-        if not isinstance(options[name], (int, float)):
-            raise ValueError(f"option {option!r}: expected a number, True or False")
-    return options

@@ -3,21 +3,13 @@
 from mapf_pz.planners.base import Planner
 from mapf_pz.planners.epibt.planner import EPIBT
 from mapf_pz.planners.lacam.planner import LaCAM
+from mapf_pz.planners.named import PLANNERS, planner_of
 from mapf_pz.planners.pibt.planner import PIBT
 from mapf_pz.planners.pibt.shield import Shield
 from mapf_pz.planners.sipp.prioritized import PrioritizedSIPP
 from mapf_pz.planners.windowed.planner import WindowedLNS
 from mapf_pz.plans.plan import Plan, Violation, validate
 from mapf_pz.plans.record import record_plan
-
-PLANNERS: dict[str, type[Planner]] = {
-    "pibt": PIBT,
-    "epibt": EPIBT,
-    "windowed": WindowedLNS,
-    "prioritized": PrioritizedSIPP,
-    "lacam": LaCAM,
-}
-"""The planners by name."""
 
 __all__ = [
     "EPIBT",
@@ -30,6 +22,7 @@ __all__ = [
     "Shield",
     "Violation",
     "WindowedLNS",
+    "planner_of",
     "record_plan",
     "validate",
 ]
