@@ -10,7 +10,7 @@ import numpy as np
 from mapf_pz.arrays import Bools, Floats, Ints
 from mapf_pz.config import EnvConfig
 from mapf_pz.demonstrations.config import RULES
-from mapf_pz.instance import Grid, Instance, InstanceSource
+from mapf_pz.instance import Instance, InstanceSource
 from mapf_pz.simulator import Simulator
 
 if TYPE_CHECKING:
@@ -52,22 +52,14 @@ class ReplaySource:
     def __init__(self, demonstrations: Dataset) -> None:
         """Take at least one demonstration."""
         self.demonstrations = demonstrations
-
-    @property
-    def shape(self) -> tuple[int, int]:
+        """The demonstrations."""
+        first, grids = demonstrations[0].instance, demonstrations.grids()
+        self.shape = first.grid.shape
         """(H, W) of every map."""
-        return self.demonstrations[0].instance.grid.shape
-
-    @property
-    def num_agents(self) -> int:
+        self.num_agents = first.num_agents
         """N, the number of agents."""
-        return self.demonstrations[0].instance.num_agents
-
-    @property
-    def grid(self) -> Grid | None:
+        self.grid = grids[0] if len(grids) == 1 else None
         """The map, if all demonstrations share it, otherwise None."""
-        grids = self.demonstrations.grids()
-        return grids[0] if len(grids) == 1 else None
 
     def sample(self, rng: np.random.Generator) -> Instance:
         """Sample one of the instances."""

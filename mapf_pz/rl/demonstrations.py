@@ -18,7 +18,11 @@ from mapf_pz.demonstrations.replay import ReplaySource, replay_config
 from mapf_pz.instance import Instance
 from mapf_pz.rl.batched_env import BatchedMapfEnv
 
-KEYS = ("agents", ("next", "agents", "reward"), ("next", "done"), ("next", "terminated"), ("next", "truncated"))
+_OF_AGENTS = ("observation", "action_mask", "at_goal", "arrivals", "active", "position", "action")
+KEYS = (
+    *(("agents", name) for name in _OF_AGENTS),
+    *(("next", "agents", "reward"), ("next", "done"), ("next", "terminated"), ("next", "truncated")),
+)
 """The entries of `BatchedMapfEnv` that are exported."""
 EPISODE = "episode"
 """The entry that numbers the demonstrations, which `SliceSampler` needs to sample parts of episodes."""
