@@ -96,16 +96,16 @@ class ExportOptions:
 
 def dataset(task: Annotated[MakeOptions, subcommand("make")] | Annotated[ExportOptions, subcommand("export")]) -> None:
     """Make demonstrations with a planner, or export them for TorchRL."""
-    with interruptible():
+    with interruptible() as check:
         match task:
             case MakeOptions():
-                _make(task)
+                _make(task, check)
             case ExportOptions():
                 _export(task)
 
 
-def _make(options: MakeOptions) -> None:
-    with job_runner(options.jobs) as run, _progress_bar() as show:
+def _make(options: MakeOptions, check: Callable[[], None]) -> None:
+    with job_runner(options.jobs) as run, _progress_bar(check) as show:
         make_dataset(options.config(), options.output, run, show, command_of(options))
     made = load_dataset(options.output)
     print(f"{options.output}: {len(made)} demonstrations, {made.num_agent_steps} agent steps")
@@ -133,18 +133,20 @@ def _export(options: ExportOptions) -> None:
     from mapf_pz.rl.demonstrations import export_demonstrations  # import torch only when it is needed
 
     exported = export_demonstrations(load_dataset(options.dataset), options.output, options.env.keywords)
-    print(f"{options.output}: {len(exported)} steps")
+    for num_agents, steps in exported.items():
+        print(f"{options.output / f'agents-{num_agents}'}: {len(steps)} steps")
 
 
 @contextmanager
-def _progress_bar() -> Generator[Callable[[int], None]]:
-    """Show a progress bar; yield the function that updates it with the number of files that are left."""
+def _progress_bar(check: Callable[[], None]) -> Generator[Callable[[int], None]]:
+    """Show a progress bar; yield the function that updates it with the number of files left, and calls `check`."""
     columns = (TextColumn("making files"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     console = Console(stderr=True)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=None)
 
         def show(left: int) -> None:
+            check()
             total = bar.tasks[task].total
             bar.update(task, total=left if total is None else total, completed=0 if total is None else total - left)
 
