@@ -14,6 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from tyro.conf import Positional, arg, subcommand
 
 from mapf_pz.commands.env_flags import EnvKeywords
+from mapf_pz.config import EnvConfig
 from mapf_pz.demonstrations import DatasetConfig, load_dataset, make_dataset
 from mapf_pz.evaluation.parallel import job_runner
 from mapf_pz.instances.mixture import MapMixture
@@ -30,13 +31,17 @@ class EpisodeKeywords(EnvKeywords):
     )
 
 
+EPISODES = EpisodeKeywords.of(EnvConfig())
+"""The default episodes."""
+
+
 @dataclass(frozen=True)
 class ObservationKeywords(EnvKeywords):
-    """The fields of an environment that determine observations and rewards."""
+    """The fields of an environment that determine observations."""
 
     FIELDS: ClassVar[tuple[str, ...]] = (
         *("view_size", "view", "frame", "see_through_walls", "channels", "features", "num_last_actions"),
-        *("num_frames", "num_neighbors", "neighbor_radius", "edge_weights", "reward"),
+        *("num_frames", "num_neighbors", "neighbor_radius"),
     )
 
 
@@ -48,7 +53,7 @@ class MakeOptions:
     """Folder of the dataset."""
     planner: str = DatasetConfig.planner
     """Name of the planner, with options as in `lacam:time_limit=5`. Time limits are in seconds of CPU time."""
-    env: EpisodeKeywords = EpisodeKeywords()
+    env: EpisodeKeywords = EPISODES
     """The environment. Without a map, scenario or source, episodes use the maps of the mixture."""
     mixture: MapMixture = field(default_factory=MapMixture)
     """The maps, if there is no map, scenario or source."""
@@ -91,7 +96,9 @@ class ExportOptions:
     output: Positional[Path]
     """Folder of the TensorDict; it must not exist."""
     env: ObservationKeywords = ObservationKeywords()
-    """Observations and rewards. Default: those of the environment."""
+    """Observations. Default: those of the environment."""
+    reward_name: Annotated[str, arg(name="reward")] = "report"
+    """Reward by name (`report`, `progress`) or as `package.module:name`."""
 
 
 def dataset(task: Annotated[MakeOptions, subcommand("make")] | Annotated[ExportOptions, subcommand("export")]) -> None:
@@ -116,8 +123,9 @@ def command_of(options: MakeOptions) -> str:
     default = MakeOptions(options.output)
     names = ("planner", "episodes", "shard_size", "solved_only", "seed", "license")
     values = {name: getattr(options, name) for name in names if getattr(options, name) != getattr(default, name)}
-    maps = vars(default.mixture)
-    values |= options.env.keywords | {k: v for k, v in vars(options.mixture).items() if v != maps[k]}
+    defaults = default.env.keywords | vars(default.mixture)
+    given = options.env.keywords | vars(options.mixture)
+    values |= {name: value for name, value in given.items() if value != defaults.get(name)}
     values |= {} if options.agent_counts is None else {"num_agents": options.agent_counts}
     words = ["mapf-pz", "dataset", "make", str(options.output)]
     for name, value in values.items():
@@ -132,7 +140,8 @@ def command_of(options: MakeOptions) -> str:
 def _export(options: ExportOptions) -> None:
     from mapf_pz.rl.demonstrations import export_demonstrations  # import torch only when it is needed
 
-    exported = export_demonstrations(load_dataset(options.dataset), options.output, options.env.keywords)
+    env = options.env.keywords | {"reward": options.reward_name}
+    exported = export_demonstrations(load_dataset(options.dataset), options.output, env)
     for num_agents, steps in exported.items():
         print(f"{options.output / f'agents-{num_agents}'}: {len(steps)} steps")
 
