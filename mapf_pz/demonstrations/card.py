@@ -13,7 +13,7 @@ import numpy as np
 from mapf_pz.demonstrations.config import DatasetConfig
 from mapf_pz.demonstrations.demonstration import METRICS
 from mapf_pz.demonstrations.folder import shard_jobs
-from mapf_pz.demonstrations.shard import read_shard
+from mapf_pz.demonstrations.shard import Shard, read_shard
 from mapf_pz.io.json import JsonObject
 
 _INTRODUCTION = """\
@@ -42,6 +42,7 @@ def card(folder: Path, settings: JsonObject, config: DatasetConfig, command: str
         _table(("setting", "value"), ((name, f"`{value}`") for name, value in rows)),
         f"Versions: {versions}. License: {config.license}.",
         "## Content",
+        "Metrics are means over the demonstrations; of the other episodes, nothing is stored.",
         _content(folder, config),
     ]
     return "\n\n".join(parts) + "\n"
@@ -49,15 +50,17 @@ def card(folder: Path, settings: JsonObject, config: DatasetConfig, command: str
 
 def _content(folder: Path, config: DatasetConfig) -> str:
     """Return the table of counts and means, with a row for each number of agents."""
+    shards: dict[int, list[Shard]] = {}
+    for job in shard_jobs(config):
+        shards.setdefault(job.num_agents, []).append(read_shard(folder / job.file, config.env.action_model))
+    found = {n: [metrics for shard in group for metrics in shard.metrics] for n, group in shards.items()}
+    names = [name for name in METRICS if any(name in metrics for each in found.values() for metrics in each)]
     rows: list[list[str]] = []
-    for num_agents in config.agent_counts():
-        files = [job.file for job in shard_jobs(config) if job.num_agents == num_agents]
-        shards = [read_shard(folder / file, config.env.action_model) for file in files]
-        episodes = [episode for shard in shards for episode in shard.metrics]
-        counts = (num_agents, config.episodes, len(episodes), sum(shard.actions.size for shard in shards))
-        means = [_mean([episode[name] for episode in episodes if name in episode]) for name in METRICS]
-        rows.append([*map(str, counts), *means])
-    return _table(("agents", "episodes", "demonstrations", "agent steps", *METRICS), rows)
+    for num_agents, group in shards.items():
+        metrics = found[num_agents]
+        counts = (num_agents, config.episodes, len(metrics), sum(shard.actions.size for shard in group))
+        rows.append([*map(str, counts), *(_mean([each[name] for each in metrics if name in each]) for name in names)])
+    return _table(("agents", "episodes", "demonstrations", "agent steps", *names), rows)
 
 
 def _mean(values: Sequence[float]) -> str:

@@ -1,6 +1,7 @@
 """Datasets: demonstrations are those of the planner, and replays repeat them."""
 
 import json
+import time
 from itertools import islice, pairwise
 
 import numpy as np
@@ -13,7 +14,7 @@ from mapf_pz.evaluation.parallel import job_runner
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instance import Instance
 from mapf_pz.instances import InstanceList, load_map
-from mapf_pz.planners import PIBT, planner_of
+from mapf_pz.planners import PIBT, PLANNERS, planner_of
 from mapf_pz.simulator import Simulator
 from tests.demonstrations.small_dataset import small
 from tests.helpers.text_instances import drawn
@@ -124,7 +125,7 @@ def test_the_seed_determines_the_batches(tmp_path):
 
 
 def test_interruptions_and_processes_do_not_change_the_result(tmp_path):
-    config = small()
+    config = small(solved_only=False)
     make_dataset(config, tmp_path / "at once")
 
     def interrupted(function, items):
@@ -173,6 +174,19 @@ def test_unsolved_episodes_are_omitted(tmp_path):
     assert [d.seed for d in solved] == [d.seed for d in everything if d.metrics["CSR"] == 1]
 
 
+def test_time_limits_are_in_cpu_time(tmp_path, monkeypatch):
+    clocks = []
+
+    class Timed(PIBT):
+        def decide(self, simulator, b=0):
+            clocks.append(self.clock)
+            return super().decide(simulator, b)
+
+    monkeypatch.setitem(PLANNERS, "timed", Timed)
+    make_dataset(small(planner="timed", episodes=1), tmp_path)
+    assert set(clocks) == {time.thread_time}
+
+
 def test_groups_have_the_same_number_of_agents(tmp_path):
     data = made(tmp_path, small(solved_only=False))
     assert [(len(group), {d.num_agents for d in group}) for group in data.groups()] == [(5, {2}), (5, {4})]
@@ -203,19 +217,20 @@ def test_files_are_small(tmp_path):
 
 
 def test_the_card(tmp_path):
-    data = made(tmp_path, small(episodes=2, license="CC-BY-4.0"))
+    data = made(tmp_path, small(episodes=2, license="CC-BY-4.0", solved_only=False))
     card = (tmp_path / "README.md").read_text()
     assert card.startswith("---\nlicense: cc-by-4.0\n")
     assert "# Demonstrations of `pibt`" in card
     of_two = [d for d in data if d.num_agents == 2]
     steps, solved = sum(d.actions.size for d in of_two), np.mean([d.metrics["CSR"] for d in of_two])
     assert f"| 2 | 2 | {len(of_two)} | {steps} | {solved:.4g} |" in card
+    assert "avg_throughput" not in card
     settings = json.loads((tmp_path / "dataset.json").read_text())
     assert all(f"| {name} | `{json.dumps(value)}` |" in card for name, value in settings.items() if name != "rules")
 
 
 def test_keywords_of_other_rules(tmp_path):
-    data = made(tmp_path, small(episodes=1, solved_only=False))
+    data = made(tmp_path, small(episodes=1, num_agents=(2,), solved_only=False))
     with pytest.raises(ValueError, match="action_model='cardinal': the demonstrations have action_model='rotate'"):
         next(data.batches({"action_model": "cardinal"}))
     with pytest.raises(TypeError, match="unknown keyword 'chanels'"):
