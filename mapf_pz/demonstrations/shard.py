@@ -35,6 +35,7 @@ from mapf_pz.errors import FormatError
 from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances.place import components
 from mapf_pz.io.npz import read_npz, write_npz
+from mapf_pz.io.text import MAX_FILE_BYTES
 
 FORMAT = 1
 """Version of the format."""
@@ -83,7 +84,7 @@ class Shard:
         return np.column_stack([same, np.diff(self.step_ends)])
 
     def demonstration(self, k: int) -> Demonstration:
-        """Return demonstration k; raises `ValueError` if its instance is not possible."""
+        """Return demonstration k."""
         grid = self.grids[self.grid[k]]
         goals = _coordinates(self.goals[self.goal_ends[k] : self.goal_ends[k + 1]].T, grid)
         scenario = Scenario(_coordinates(self.starts[k], grid), goals[:, 0] if goals.shape[1] == 1 else goals)
@@ -93,7 +94,10 @@ class Shard:
 
 
 def write_shard(path: Path, demonstrations: Sequence[Demonstration], shape: tuple[int, int], num_agents: int) -> None:
-    """Write demonstrations of `num_agents` agents on maps of `shape` (H, W); the file is replaced atomically."""
+    """Write demonstrations of `num_agents` agents on maps of `shape` (H, W); the file is replaced atomically.
+
+    Raises `ValueError` if they are too many for one file.
+    """
     instances = [demonstration.instance for demonstration in demonstrations]
     grids = {(instance.grid.free.tobytes(), instance.grid.name): instance.grid for instance in instances}
     index = {key: number for number, key in enumerate(grids)}
@@ -119,6 +123,9 @@ def write_shard(path: Path, demonstrations: Sequence[Demonstration], shape: tupl
             [[d.metrics.get(name, np.nan) for name in METRICS] for d in demonstrations], np.float64
         ).reshape(-1, len(METRICS)),
     }
+    size, num_cells = sum(array.nbytes for array in arrays.values()), len(grids) * shape[0] * shape[1]
+    if size > MAX_FILE_BYTES or num_cells > MAX_CELLS:
+        raise ValueError(f"{path}: a shard of {size} bytes and {num_cells} cells; expected a smaller shard_size")
     write_npz(path, arrays)
 
 

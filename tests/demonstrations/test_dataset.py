@@ -235,6 +235,8 @@ def test_keywords_of_other_rules(tmp_path):
         next(data.batches({"action_model": "cardinal"}))
     with pytest.raises(TypeError, match="unknown keyword 'chanels'"):
         next(data.replay({"chanels": ("view",)}))
+    everything = EnvConfig(map="empty-8-8", max_steps=9).keywords()
+    assert next(data.batches(everything, num_envs=2)).image.shape == (2, 2, 7, 5, 5)
     others = {"map": "empty-8-8", "num_agents": 7, "max_steps": 5, "channels": ("goal",), "initial_heading": "east"}
     assert next(data.batches(others, num_envs=2)).image.shape == (2, 2, 1, 5, 5)
 

@@ -17,6 +17,7 @@ from mapf_pz.instances.place import place
 from mapf_pz.io.npz import read_npz, write_npz
 from tests.demonstrations.small_dataset import small
 from tests.helpers.corrupt_files import Case, bounded, changed, fuzzed, outcome, refused
+from tests.helpers.text_instances import drawn
 
 NAMES = (
     *("format", "shape", "grids", "names", "grid", "seeds", "starts", "headings", "num_goals", "goals"),
@@ -112,6 +113,17 @@ def test_arrays_that_do_not_fit(tmp_path, arrays, name, change, message):
     file = tmp_path / "shard.npz"
     write_npz(file, arrays | {name: change(arrays[name])})
     refused(lambda: read_shard(file, "rotate"), f"shard.npz: expected demonstrations: {message}")
+
+
+def test_a_shard_that_is_too_large_is_not_written(tmp_path, monkeypatch):
+    file = tmp_path / "shard.npz"
+    instance = drawn("a.A")
+    demonstrations = [Demonstration(instance, np.zeros((500, 1), np.uint8))]
+    monkeypatch.setattr("mapf_pz.demonstrations.shard.MAX_FILE_BYTES", 2000)
+    write_shard(file, demonstrations, (1, 3), 1)
+    with pytest.raises(ValueError, match="expected a smaller shard_size"):
+        write_shard(file, demonstrations * 4, (1, 3), 1)
+    assert len(read_shard(file, "cardinal")) == 1
 
 
 def test_cardinal_actions_are_read_as_such(tmp_path, arrays):
