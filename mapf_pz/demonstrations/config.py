@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from mapf_pz.config import DEFAULT_NUM_AGENTS, EnvConfig
 from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.instance import InstanceSource
 from mapf_pz.instances.configured import goals_per_agent, make_source
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.planners import Planner, planner_of
@@ -35,7 +37,6 @@ class DatasetConfig:
     """Whether episodes that end while an agent is not at its goal are omitted; does not apply to lifelong episodes."""
     seed: int = 0
     """Random seed. Episode k of the dataset has the seed `seed + k`; evaluations use seeds from 1,000,000."""
-
     license: str = "MIT"
     """License of the dataset, for its card."""
 
@@ -54,26 +55,20 @@ class DatasetConfig:
         if isinstance(weights, GuidanceGraph) or weights == "random":
             raise ValueError("edge_weights: expected a name or a file, since guidance graphs are not stored")
 
+    @cached_property
     def agent_counts(self) -> tuple[int, ...]:
-        """Return the numbers of agents; reads the files of the map or the scenario if nothing else determines them."""
-        return self.num_agents or (self.env_with(None).num_agents or DEFAULT_NUM_AGENTS,)
+        """The numbers of agents; reads the file of the scenario if nothing else determines them."""
+        return self.num_agents or (self.source(self.env.num_agents).num_agents,)
 
-    def env_with(self, num_agents: int | None) -> EnvConfig:
-        """Return the environment with this number of agents, or its own one, and with observations that cost little.
-
-        Raises as `make_source` and `MapMixture.source`.
-        """
-        env = replace(self.env, num_agents=num_agents or self.env.num_agents)
+    def source(self, num_agents: int | None) -> InstanceSource:
+        """Return the source of episodes with this number of agents; raises as `make_source` and `MapMixture.source`."""
+        env = replace(self.env, num_agents=num_agents)
         if (env.map, env.scenario, env.source) == (None, None, None):
-            source = self.mixture.source(env.num_agents or DEFAULT_NUM_AGENTS, goals_per_agent(env))
-        else:
-            source = make_source(env)
-        rules = {name: getattr(env, name) for name in RULES}
-        return EnvConfig(
-            **rules,
-            **Planner.env_kwargs,
-            source=source,
-            num_agents=source.num_agents,
-            initial_heading=env.initial_heading,
-            distance_bytes=env.distance_bytes,
-        )
+            return self.mixture.source(num_agents or DEFAULT_NUM_AGENTS, goals_per_agent(env))
+        return make_source(env)
+
+    def env_config(self, num_agents: int) -> EnvConfig:
+        """Return the environment with this number of agents, and with observations that cost little."""
+        names = (*RULES, "initial_heading", "distance_bytes")
+        kept = {name: getattr(self.env, name) for name in names}
+        return EnvConfig(**kept, **Planner.env_kwargs, source=self.source(num_agents))

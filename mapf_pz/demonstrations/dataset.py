@@ -115,12 +115,14 @@ class Dataset:
             env: keywords of an environment, for the observations and the reward.
             num_threads: number of threads of the kernels.
         """
+        simulators: dict[object, Simulator] = {}
         for group in self.groups():
-            source = ReplaySource(group)
-            simulator = Simulator(replay_config(self.rules, env, source), num_threads=num_threads)
-            for demonstration in group:
-                simulator.reset(seeds={0: demonstration.seed}, instances={0: demonstration.instance})
-                yield simulator, demonstration.actions[:, None].astype(np.int64)
+            simulator = Simulator(replay_config(self.rules, env, ReplaySource(group)), num_threads=num_threads)
+            simulators[simulator.shape, simulator.num_agents] = simulator
+        for demonstration in self:
+            simulator = simulators[demonstration.instance.grid.shape, demonstration.num_agents]
+            simulator.reset(seeds={0: demonstration.seed}, instances={0: demonstration.instance})
+            yield simulator, demonstration.actions[:, None].astype(np.int64)
 
     def batches(
         self, env: Mapping[str, Any] = NOTHING, num_envs: int = 32, seed: int = 0, num_threads: int = 1

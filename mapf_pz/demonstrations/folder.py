@@ -16,7 +16,6 @@ from mapf_pz.demonstrations.config import RULES, DatasetConfig
 from mapf_pz.demonstrations.shard import FORMAT
 from mapf_pz.errors import FormatError
 from mapf_pz.instance import Grid, Scenario
-from mapf_pz.instances.configured import make_source
 from mapf_pz.io.atomic import naming, write_whole
 from mapf_pz.io.json import JsonObject, parse_object
 from mapf_pz.io.text import read_text
@@ -47,7 +46,7 @@ def shard_jobs(config: DatasetConfig) -> list[ShardJob]:
     """Return the shards of a dataset; its episodes are numbered from 0, and grouped by the number of agents."""
     return [
         ShardJob(config, num_agents, k * config.episodes + first, min(config.shard_size, config.episodes - first))
-        for k, num_agents in enumerate(config.agent_counts())
+        for k, num_agents in enumerate(config.agent_counts)
         for first in range(0, config.episodes, config.shard_size)
     ]
 
@@ -101,7 +100,7 @@ def _settings(config: DatasetConfig) -> JsonObject:
         "maps": _maps(config),
         "goals": env.goals,
         "initial_heading": _plain(env.initial_heading),
-        "num_agents": list(config.agent_counts()),
+        "num_agents": list(config.agent_counts),
         "episodes": config.episodes,
         "shard_size": config.shard_size,
         "solved_only": config.solved_only,
@@ -131,8 +130,8 @@ def _plain(value: Any) -> Any:
 def _digest(config: DatasetConfig) -> str:
     """Return a hash of an instance for each number of agents, which depends on the content of the files."""
     digest = sha256()
-    for num_agents in config.agent_counts():
-        instance = make_source(config.env_with(num_agents)).sample(np.random.default_rng(config.seed))
+    for num_agents in config.agent_counts:
+        instance = config.source(num_agents).sample(np.random.default_rng(config.seed))
         for array in (instance.grid.free, instance.scenario.starts, instance.scenario.goals):
             digest.update(str(array.shape).encode() + array.tobytes())
     return digest.hexdigest()

@@ -70,7 +70,7 @@ def make_dataset(
 def make_shard(job: ShardJob) -> FinishedShard:
     """Run the planner in the episodes of a shard."""
     config = job.config
-    simulator = Simulator(config.env_with(job.num_agents))
+    simulator = Simulator(config.env_config(job.num_agents))
     planner = planner_of(config.planner, config.seed)
     planner.clock = time.thread_time
     planner.compile(config.env.action_model)

@@ -149,6 +149,8 @@ def _shard(arrays: Mapping[str, Any], action_model: ActionModel) -> Shard:
         raise ValueError(f"format: expected {FORMAT}, got {arrays['format']}")
     actions = CardinalAction if action_model == "cardinal" else Action
     count, num_agents = arrays["starts"].shape
+    if not num_agents:
+        raise ValueError("starts: expected at least one agent")
     grids = _grids(arrays)
     cells = grids[0].free.size if grids else 0
     grid = _numbers(arrays, "grid", (count,), len(grids))
@@ -227,4 +229,4 @@ def _headings(instance: Instance) -> Ints:
 
 
 def _coordinates(cells: Ints, grid: Grid) -> Ints:
-    return coordinates(cells, grid.shape[1])
+    return coordinates(cells.astype(np.int64), grid.shape[1])  # small types may not hold the width

@@ -36,8 +36,9 @@ def export_demonstrations(
     """Replay demonstrations, and write their steps to memory-mapped TensorDicts, one for each number of agents.
 
     A TensorDict of S steps has the entries of `BatchedMapfEnv` before each step and the actions, each (S, N, ...); in
-    `next`, the rewards, `done`, `terminated` and `truncated`; and `episode` (S,) int64, the number of the
-    demonstration. Steps are in order. Next observations are not stored: they are those of the next step.
+    `next`, the rewards, `done`, `terminated` and `truncated`; and `episode` (S,) int64, which numbers the
+    demonstrations. The steps of a demonstration are in order. Next observations are not stored: they are those of the
+    next step.
 
     Args:
         demonstrations: a dataset.
@@ -46,8 +47,10 @@ def export_demonstrations(
 
     Raises:
         FileExistsError: the folder exists.
-        ValueError: a keyword is invalid, or the demonstrations were made with other rules.
+        ValueError: there are no demonstrations, a keyword is invalid, or the demonstrations were made with other rules.
     """
+    if not len(demonstrations):
+        raise ValueError("expected at least one demonstration, got none")
     folder = Path(folder)
     folder.mkdir(parents=True)
     by_agents: dict[int, list[Dataset]] = {}

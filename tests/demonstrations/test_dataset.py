@@ -62,7 +62,7 @@ def test_replays_repeat_the_episodes(tmp_path, model, on_target, collisions):
 def test_demonstrations_are_episodes_of_the_planner(tmp_path, planner, env):
     config = small(planner=planner, env=env, num_agents=(5,), solved_only=False)
     data = made(tmp_path, config)
-    simulator, expected = Simulator(config.env_with(5)), planner_of(planner, config.seed)
+    simulator, expected = Simulator(config.env_config(5)), planner_of(planner, config.seed)
     expected.compile(env.action_model)
     for seed, demonstration in enumerate(data, config.seed):
         simulator.reset(seeds={0: seed})
@@ -185,6 +185,13 @@ def test_time_limits_are_in_cpu_time(tmp_path, monkeypatch):
     monkeypatch.setitem(PLANNERS, "timed", Timed)
     make_dataset(small(planner="timed", episodes=1), tmp_path)
     assert set(clocks) == {time.thread_time}
+
+
+def test_a_subset_is_replayed_in_its_order(tmp_path):
+    data = made(tmp_path, small(solved_only=False)).subset(np.array([9, 0, 5, 1]))
+    replayed = [(simulator.num_agents, actions[:, 0].tolist()) for simulator, actions in data.replay()]
+    assert replayed == [(d.num_agents, d.actions.tolist()) for d in data]
+    assert [n for n, _ in replayed] == [4, 2, 4, 2]
 
 
 def test_groups_have_the_same_number_of_agents(tmp_path):

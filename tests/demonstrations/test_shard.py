@@ -28,7 +28,10 @@ NAMES = (
 @st.composite
 def drawn_demonstrations(draw, model):
     """Return the size of maps, a number of agents, and demonstrations of it."""
-    shape, num_agents = (draw(st.integers(2, 5)), draw(st.integers(2, 70))), draw(st.integers(1, 4))
+    shape, num_agents = (
+        (draw(st.integers(2, 5)), draw(st.integers(2, 9) | st.integers(255, 300))),
+        draw(st.integers(1, 4)),
+    )
     grids = [Grid(np.ones(shape), draw(st.text("ab\n", max_size=3))) for _ in range(2)]
     rng = np.random.default_rng(draw(st.integers(0, 99)))
     num_actions = 5 if model == "cardinal" else 4
@@ -96,6 +99,7 @@ def blocked(packed):
         ("starts", lambda a: with_first(a, -1), "starts: expected whole numbers"),
         ("starts", lambda a: with_first(a, a.flat[1]), "starts: expected different cells"),
         ("starts", lambda a: a[0], "not enough values"),
+        ("starts", lambda a: a[:, :0], "starts: expected at least one agent"),
         ("starts", lambda a: a[:-1], "grid: expected whole numbers"),
         ("headings", lambda a: with_first(a, 4), "headings: expected whole numbers from 0 to 3"),
         ("num_goals", lambda a: with_first(a, 2), "goals: expected whole numbers"),
