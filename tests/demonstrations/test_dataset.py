@@ -112,9 +112,10 @@ def test_batches_contain_all_demonstrations_equally_often(tmp_path):
 
 
 def test_batches_have_one_number_of_agents_in_proportion_to_the_steps(tmp_path):
-    data = made(tmp_path, small(episodes=3))
-    counts = [batch.actions.shape for batch in islice(data.batches(num_envs=3), 200)]
+    data = made(tmp_path, small(solved_only=False)).subset(np.array([0, 5, 6, 7, 8, 9]))
+    counts = [batch.actions.shape for batch in islice(data.batches(num_envs=3), 1000)]
     assert set(counts) == {(3, 2), (3, 4)}
+    assert np.isclose(counts.count((3, 2)) / 1000, data.num_steps[0] / data.num_steps.sum(), atol=0.05)
 
 
 def test_the_seed_determines_the_batches(tmp_path):
