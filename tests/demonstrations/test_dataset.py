@@ -94,6 +94,7 @@ def test_batches_are_the_observations_of_the_episodes(tmp_path):
                 assert np.array_equal(batch.features[b], observation.features[0])
                 assert np.array_equal(batch.action_mask[b], observation.action_mask[0])
                 assert np.array_equal(batch.active[b], simulator.agents["active"][0])
+                assert np.array_equal(batch.at_goal[b], simulator.agents["at_goal"][0])
                 assert batch.actions[b].tolist() == demonstration.actions[step].tolist()
             simulator.step(batch.actions[:1])
 
@@ -251,7 +252,7 @@ def test_the_card(tmp_path):
 def test_keywords_of_other_rules(tmp_path):
     data = made(tmp_path, small(episodes=1, num_agents=(2,), solved_only=False))
     with pytest.raises(ValueError, match="action_model='cardinal': the demonstrations have action_model='rotate'"):
-        next(data.batches({"action_model": "cardinal"}))
+        data.batches({"action_model": "cardinal"})
     with pytest.raises(TypeError, match="unknown keyword 'chanels'"):
         next(data.replay({"chanels": ("view",)}))
     everything = EnvConfig(map="empty-8-8", max_steps=9).keywords()
@@ -266,7 +267,7 @@ def test_no_demonstrations(tmp_path):
     assert data.groups() == []
     assert list(data.replay()) == []
     with pytest.raises(ValueError, match="expected at least one demonstration"):
-        next(data.batches())
+        data.batches()
 
 
 @pytest.mark.parametrize(
