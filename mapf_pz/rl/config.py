@@ -128,7 +128,10 @@ class ModelConfig:
 
 @dataclass(frozen=True)
 class PPOConfig:
-    """Proximal policy optimization (Schulman et al., 2017), for many agents (Yu et al., 2022)."""
+    """Proximal policy optimization (Schulman et al., 2017), for many agents (Yu et al., 2022).
+
+    The sizes of batches and the learning rate also apply to `dagger`.
+    """
 
     num_envs: int = 64
     """Number of environments that are stepped as one batch."""
@@ -201,7 +204,7 @@ class CuriosityConfig:
 
 @dataclass(frozen=True)
 class ImitationConfig:
-    """Imitation of a planner, the expert (`dagger`)."""
+    """Imitation of a planner, the expert, by the algorithm `dagger`."""
 
     expert: str = "windowed"
     """The planner that is imitated, with options such as `epibt:depth=3`."""
