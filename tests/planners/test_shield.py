@@ -199,12 +199,14 @@ def test_a_batch_is_many_single_environments(model):
             shields[1] = BatchShield(singles[1])
 
 
-def test_after_a_reset_it_decides_the_same_again():
-    simulator = simulator_of(drawn("Ba..bA ##.###"), 40, "uniform", 0)
-    shield, preferences = BatchShield(simulator), np.random.default_rng(0).random((30, 1, 2, 5))
+@pytest.mark.parametrize("model", list(MODELS))
+def test_after_a_reset_it_decides_the_same_again(model):
+    simulator = Simulator(EnvConfig(source=RandomObstacles(8, 8, 0.2, 20), action_model=model, view_size=(1, 1)))
+    shape = 30, 1, simulator.num_agents, simulator.num_actions
+    shield, preferences = BatchShield(simulator), np.random.default_rng(0).random(shape)
     runs = []
     for _ in range(2):
-        simulator.reset()
+        simulator.reset(seeds={0: 0})
         shield.reset()
         runs.append([])
         for preferred in preferences:
