@@ -46,6 +46,7 @@ ORDER = [
     "plans",
     "planners",
     "scheduling",
+    "demonstrations",
     "wrappers",
     "rl",
     "evaluation",

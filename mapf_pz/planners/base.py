@@ -17,6 +17,7 @@ from mapf_pz.environment import MapfEnv
 from mapf_pz.guidance.library import EdgeWeights
 from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances.sources import InstanceList
+from mapf_pz.planners.deadline import Clock, Deadline
 from mapf_pz.planners.problem import Path, Problem, problem_of
 from mapf_pz.plans.plan import Plan
 from mapf_pz.simulator import Simulator
@@ -41,6 +42,8 @@ class Planner(ABC):
         """
         self._env = None if env is None else cast("MapfEnv", env.unwrapped)
         self._seed = seed
+        self.clock: Clock = time.perf_counter
+        """The clock of time limits; `time.thread_time` excludes the time of other processes and threads."""
         self._compiled: set[ActionModel] = set()
         self.reset_states()
 
@@ -98,19 +101,19 @@ class Planner(ABC):
             distance_bytes: maximum memory for cost-to-go tables, as in `EnvConfig`.
         """
         self.compile(action_model_of(instance))
-        deadline = time.perf_counter() + time_limit
+        deadline = Deadline(time_limit, self.clock)
         self.reset_states()
         return self._solve(simulator_of(instance, max_steps, edge_weights, self._seed, distance_bytes), deadline)
 
     @abstractmethod
-    def _solve(self, simulator: Simulator, deadline: float) -> Plan | None:
-        """Return a plan of the episode, or None if none was found; `deadline` is a time of `time.perf_counter()`."""
+    def _solve(self, simulator: Simulator, deadline: Deadline) -> Plan | None:
+        """Return a plan of the episode, or None if none was found in time."""
 
 
 class StepPlanner(Planner):
     """Base class of planners that plan one step at a time, for all agents at once."""
 
-    def _solve(self, simulator: Simulator, deadline: float) -> Plan | None:
+    def _solve(self, simulator: Simulator, deadline: Deadline) -> Plan | None:
         return _run_episode(simulator, self.decide, deadline)
 
 
@@ -175,11 +178,11 @@ class PlanFollower(Planner):
             self._cells[:, active] = path.cells
             self._actions[:, active] = path.actions(simulator.leads_to(b))
 
-    def _solve(self, simulator: Simulator, deadline: float) -> Plan | None:
+    def _solve(self, simulator: Simulator, deadline: Deadline) -> Plan | None:
         problem = problem_of(simulator)
         if len(np.unique(problem.goals)) < len(problem.goals):
             return None  # agents with the same goal cannot all be there
-        path = self.plan(problem, deadline - time.perf_counter())
+        path = self.plan(problem, deadline.seconds_left)
         if path is None or len(path.cells) > simulator.config.max_steps + 1:
             return None
         return Plan(simulator.coordinates(path.cells), path.headings)
@@ -229,15 +232,15 @@ def _simulator_of_corridors(action_model: ActionModel) -> Simulator:
     return simulator_of(Instance(grid, scenario, headings), max_steps=10, edge_weights="crisscross", seed=0)
 
 
-def _run_episode(simulator: Simulator, decide: Callable[[Simulator], Ints], deadline: float) -> Plan | None:
+def _run_episode(simulator: Simulator, decide: Callable[[Simulator], Ints], deadline: Deadline) -> Plan | None:
     """Run the current episode. Return it as a plan if all agents reach their goals, else None.
 
-    It stops when the episode is truncated, or when `time.perf_counter()` reaches the deadline.
+    It stops when the episode is truncated, or at the deadline.
     """
     agents = simulator.agents[0]
     cells, headings = [simulator.positions(0)], [agents["heading"].copy()]
     while not agents["at_goal"].all():
-        if agents["truncated"].any() or time.perf_counter() > deadline:
+        if agents["truncated"].any() or deadline.has_passed:
             return None
         simulator.step(decide(simulator)[None])
         cells.append(simulator.positions(0))

@@ -13,6 +13,7 @@ import mapf_pz
 from mapf_pz.instance import Instance
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import EPIBT, PIBT, LaCAM, PrioritizedSIPP, Shield
+from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.sipp.refine import NeighborhoodSearch
 from tests.helpers.text_instances import drawn, problem
 
@@ -84,7 +85,7 @@ def refined(model, weights, seed):
     """Return the numbers of missing paths, costs and complete paths during a search, and the final cost."""
     instance = obstacles(model, seed)
     search = NeighborhoodSearch(problem(instance, weights), np.random.default_rng(seed))
-    search.plan_all(np.arange(instance.num_agents), deadline=np.inf)
+    search.plan_all(np.arange(instance.num_agents), Deadline(np.inf))
     seen = []
     for _ in range(8):
         search.improve(work=70)

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.sipp.improve import allocate_lns, plan_and_improve
 from mapf_pz.planners.sipp.neighborhood import (
     AGENT_BASED,
@@ -142,7 +143,7 @@ def in_the_way(chooser, agent):
 def search_in_order(text):
     """Plan the agents sequentially; the last one finds no path."""
     search = NeighborhoodSearch(problem(drawn(text)), np.random.default_rng(0))
-    search.plan_all(np.array([0, 1]), deadline=np.inf)
+    search.plan_all(np.array([0, 1]), Deadline(np.inf))
     assert search.missing == 1
     return search
 

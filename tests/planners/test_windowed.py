@@ -10,6 +10,7 @@ from mapf_pz.config import EnvConfig
 from mapf_pz.core.cost_lookup import cost_at, num_headings
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import PIBT, WindowedLNS
+from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.problem import problem_of
 from mapf_pz.planners.windowed.improve import allocate_neighborhood, improve
 from mapf_pz.planners.windowed.paths import allocate_paths, continue_paths, release
@@ -173,7 +174,7 @@ def test_no_move_is_blocked(model, seed, weights, on_target, num_agents, time_li
 @given(seed=st.integers(0, 2**31), weights=st.sampled_from(WEIGHTS))
 def test_walks_are_free_of_collisions(model, seed, weights):
     problem = problem_of(simulator_of(model, weights, seed, num_agents=12))
-    path = walk(problem, np.random.default_rng(seed), np.inf)
+    path = walk(problem, np.random.default_rng(seed), Deadline(np.inf))
     simulator = simulator_of(model, weights, seed, num_agents=12)
     for actions in path.actions(simulator.leads_to(0)):
         simulator.step(actions[None])
@@ -186,7 +187,7 @@ def test_walks_are_free_of_collisions(model, seed, weights):
 
 def test_a_walk_ends_at_the_deadline():
     problem = problem_of(simulator_of("cardinal", "uniform", 0))
-    assert np.array_equal(walk(problem, np.random.default_rng(0), 0.0).cells, problem.starts[None])
+    assert np.array_equal(walk(problem, np.random.default_rng(0), Deadline(0)).cells, problem.starts[None])
 
 
 def arrivals(planner_in, model, num_agents, max_steps=256, **options):

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 
 from mapf_pz.arrays import Ints
 from mapf_pz.core.jit import numba_config
 from mapf_pz.environment import MapfEnv
 from mapf_pz.planners.base import StepPlanner
+from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.epibt.improve import cut_regions, improve
 from mapf_pz.planners.epibt.kernels import first_actions, plan
 from mapf_pz.planners.epibt.operations import operations
@@ -70,7 +69,7 @@ class EPIBT(StepPlanner):
 
     def decide(self, simulator: Simulator, b: int = 0) -> Ints:
         """Return the actions (N,) int64 of all agents in the current state of environment `b`."""
-        start = time.perf_counter()
+        deadline = Deadline(self._time_limit, self.clock)
         planning_view = simulator.planning_view(b)
         tree = operations(self._depth, simulator.config.action_model == "cardinal")
         if self._state is None:
@@ -79,7 +78,7 @@ class EPIBT(StepPlanner):
         plan(planning_view, passing, tree, self._state)
         rounds = 0
         # If agents must stay, the lowest sum of costs would keep agents at their goals even where others must pass.
-        while passing and (rounds < self._rounds or time.perf_counter() - start < self._time_limit):
+        while passing and (rounds < self._rounds or not deadline.has_passed):
             self._improve(simulator, b, self._state)
             rounds += 1
         actions = np.empty(planning_view.agents.size, np.int64)

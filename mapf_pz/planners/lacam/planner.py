@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from typing import TypeVar
 
 import numpy as np
@@ -14,6 +13,7 @@ from mapf_pz.core.cost_tables import CostTables
 from mapf_pz.core.state import CostToGo
 from mapf_pz.core.world import allocate
 from mapf_pz.planners.base import PlanFollower
+from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.lacam import schedule
 from mapf_pz.planners.lacam import search as lacam
 from mapf_pz.planners.lacam.step import allocate_scratch
@@ -26,7 +26,7 @@ MAX_BYTES = 1 << 30
 """Maximum memory of a search, which fails if it needs more."""
 
 WALK_SHARE = 0.9
-"""Share of the time after the first solution in which to find a shorter one that starts with a walk."""
+"""Share of the time after the first solution in which to walk."""
 REPAIR = 2.0
 """Time to plan the agents again that have not arrived at the end of the walk, as a multiple of the time of the walk."""
 
@@ -55,7 +55,7 @@ class LaCAM(PlanFollower):
         search = ConfigurationSearch(_without_turns(problem)._replace(goals=claimed), self._rng)
         improving = self._anytime and (claimed != lacam.NONE).all()
         refinement = NeighborhoodSearch(problem, self._rng) if improving else None
-        deadline = time.perf_counter() + time_limit
+        deadline = Deadline(time_limit, self.clock)
         cells = search.run(deadline)
         if cells is None:
             return None
@@ -64,30 +64,28 @@ class LaCAM(PlanFollower):
             return path
         return refine(refinement, self._shorten(path, problem, refinement, deadline), deadline)
 
-    def _shorten(self, path: Path, problem: Problem, search: NeighborhoodSearch, deadline: float) -> Path:
+    def _shorten(self, path: Path, problem: Problem, search: NeighborhoodSearch, deadline: Deadline) -> Path:
         """Return the solution `path`, or a shorter one that starts with a walk: see `mapf_pz.planners.windowed.walk`.
 
         The agents that have not arrived at the end of the walk are planned again from their starts, by `search`. If
         there is no time for this, the search over configurations continues from the end of the walk.
         """
-        start = time.perf_counter()
+        seconds = deadline.seconds_left
         search.set_paths(path)
-        if start >= deadline or search.is_shortest:
+        if seconds <= 0 or search.is_shortest:
             return path
         cost = search.sum_of_costs
-        until = start + WALK_SHARE * (deadline - start)
-        walked = walk(problem, self._rng, until)
+        walked = walk(problem, self._rng, Deadline(WALK_SHARE * seconds, self.clock))
         completed = self._complete(walked, problem, deadline)
         if completed is not None:
             search.set_paths(completed)
             if search.sum_of_costs < cost:
                 path, cost = completed, search.sum_of_costs
         search.set_arriving_paths(walked)
-        now = time.perf_counter()
-        search.plan_missing(min(until, now + REPAIR * (now - start)))
+        search.plan_missing(deadline.earlier(REPAIR * (seconds - deadline.seconds_left)))
         return path if search.missing or search.sum_of_costs >= cost else search.path()
 
-    def _complete(self, path: Path, problem: Problem, deadline: float) -> Path | None:
+    def _complete(self, path: Path, problem: Problem, deadline: Deadline) -> Path | None:
         """Return `path`, continued until all agents are at their goals, or None if that is not possible in time."""
         headings = problem.headings if path.headings is None else path.headings[-1].astype(np.int32)
         rest = problem._replace(starts=path.cells[-1].copy(), headings=headings)
@@ -108,11 +106,12 @@ class LaCAM(PlanFollower):
         ConfigurationSearch(_without_turns(problem), self._rng).double_nodes()
         if self._anytime:
             search = NeighborhoodSearch(problem, self._rng)
-            search.plan_all(np.arange(len(problem.goals)), math.inf)
+            never = Deadline(math.inf)
+            search.plan_all(np.arange(len(problem.goals)), never)
             path = search.path()
             search.set_arriving_paths(path._replace(cells=path.cells[:1]))
-            search.plan_missing(math.inf)
-            walk(problem, self._rng, math.inf)
+            search.plan_missing(never)
+            walk(problem, self._rng, never)
 
 
 def _claimed_goals(problem: Problem) -> Ints:
@@ -141,10 +140,10 @@ class ConfigurationSearch:
             problem, farthest_first, self._nodes, self._constraints, self._scratch, self._counters
         )
 
-    def run(self, deadline: float) -> Ints | None:
+    def run(self, deadline: Deadline) -> Ints | None:
         """Return the cells (T + 1, N) of the configurations from the start to the goals, or None."""
         iterations = 1 + _AGENT_STEPS // len(self._problem.goals)
-        while self._status in (lacam.RUNNING, lacam.FULL) and time.perf_counter() < deadline:
+        while self._status in (lacam.RUNNING, lacam.FULL) and not deadline.has_passed:
             if self._status == lacam.FULL and not self._grow():
                 return None
             self._status = lacam.search(

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 
 from mapf_pz.planners.base import PlanFollower
+from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.problem import Path, Problem, starting_costs
 from mapf_pz.planners.sipp.refine import NeighborhoodSearch
 
@@ -28,18 +27,18 @@ class PrioritizedSIPP(PlanFollower):
         if np.isinf(shortest).any() or len(np.unique(problem.goals)) < len(problem.goals):
             return None
         search = NeighborhoodSearch(problem, self._rng)
-        deadline = time.perf_counter() + time_limit
+        deadline = Deadline(time_limit, self.clock)
         order = np.argsort(-shortest, kind="stable")
-        while search.missing and time.perf_counter() < deadline:
+        while search.missing and not deadline.has_passed:
             search.plan_all(order, deadline)
             fewest, since = search.missing, 0
-            while search.missing and since < PATIENCE and time.perf_counter() < deadline:
+            while search.missing and since < PATIENCE and not deadline.has_passed:
                 search.improve()
                 since = 0 if search.missing < fewest else since + 1
                 fewest = min(fewest, search.missing)
             order = self._rng.permutation(len(order))
         if search.missing:
             return None
-        while self._anytime and not search.is_shortest and time.perf_counter() < deadline:
+        while self._anytime and not search.is_shortest and not deadline.has_passed:
             search.improve()
         return search.path()

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 
 from mapf_pz.arrays import Ints
 from mapf_pz.core.cost_lookup import UNREACHABLE, num_headings
 from mapf_pz.core.cost_to_go import count_steps
+from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.problem import Path, Problem
 from mapf_pz.planners.sipp.improve import allocate_lns, plan_and_improve
 from mapf_pz.planners.sipp.neighborhood import allocate_neighborhood, sum_of_shortest
@@ -22,7 +21,7 @@ BATCH_SIZE = 16
 NO_AGENTS = np.zeros(0, np.int64)
 
 
-def refine(search: NeighborhoodSearch, path: Path, deadline: float) -> Path:
+def refine(search: NeighborhoodSearch, path: Path, deadline: Deadline) -> Path:
     """Return the solution with the lowest sum of costs found in time, or `path` itself if none is better.
 
     It uses large neighborhood search: see `mapf_pz.planners.sipp.improve`.
@@ -30,13 +29,13 @@ def refine(search: NeighborhoodSearch, path: Path, deadline: float) -> Path:
     Args:
         search: a search for the problem that `path` solves.
         path: a valid solution, which ends with all agents at their goals.
-        deadline: when to stop, by `time.perf_counter`, which is checked every few milliseconds.
+        deadline: when to stop, which is checked every few milliseconds.
     """
-    if time.perf_counter() >= deadline:
+    if deadline.has_passed:
         return path
     search.set_paths(path)
     before = search.sum_of_costs
-    while not search.is_shortest and time.perf_counter() < deadline:
+    while not search.is_shortest and not deadline.has_passed:
         search.improve()
     return search.path() if search.sum_of_costs < before else path
 
@@ -89,20 +88,20 @@ class NeighborhoodSearch:
             discard(self._reservations, withdraw(self._reservations, agent))
             self._lns.missing[0] += 1
 
-    def plan_missing(self, deadline: float) -> None:
+    def plan_missing(self, deadline: Deadline) -> None:
         """Plan the agents without paths, and those in their way, until there are none, or until `deadline`."""
         self._plan(np.flatnonzero(self._reservations.first == NONE), deadline)
-        while self.missing and time.perf_counter() < deadline:
+        while self.missing and not deadline.has_passed:
             self.improve()
 
-    def plan_all(self, order: Ints, deadline: float) -> None:
+    def plan_all(self, order: Ints, deadline: Deadline) -> None:
         """Plan all agents from scratch in this order, until `deadline`; some may be left without a path."""
         self._allocate(self._shortest)
         self._plan(order, deadline)
 
-    def _plan(self, order: Ints, deadline: float) -> None:
+    def _plan(self, order: Ints, deadline: Deadline) -> None:
         for batch in np.array_split(order, len(order) // BATCH_SIZE + 1):
-            if time.perf_counter() < deadline:
+            if not deadline.has_passed:
                 self.improve(batch, work=0)
 
     def improve(self, order: Ints = NO_AGENTS, work: int = WORK) -> None:

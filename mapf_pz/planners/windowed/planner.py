@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import NamedTuple
 
 from mapf_pz.arrays import Ints
@@ -10,6 +9,7 @@ from mapf_pz.core.cost_lookup import num_headings
 from mapf_pz.core.state import PlanningView
 from mapf_pz.environment import MapfEnv
 from mapf_pz.planners.base import StepPlanner
+from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.problem import Path
 from mapf_pz.planners.windowed.improve import Neighborhood, allocate_neighborhood, improve
 from mapf_pz.planners.windowed.paths import Paths, allocate_paths, continue_paths
@@ -73,7 +73,7 @@ class WindowedLNS(StepPlanner):
 
     def decide(self, simulator: Simulator, b: int = 0) -> Ints:
         """Return the actions (N,) int64 of all agents in the current state of environment `b`."""
-        deadline = time.perf_counter() + self._time_limit
+        deadline = Deadline(self._time_limit, self.clock)
         planning_view = simulator.planning_view(b)
         if self._state is None:
             self._state = self._allocate(planning_view)
@@ -87,7 +87,7 @@ class WindowedLNS(StepPlanner):
             if roll_out(planning_view, passing, neighborhood.random, rollout) < paths.cost[active].sum():
                 take_rollout(rollout, paths)
                 improve(planning_view, passing, mean_weight, attempts, paths, scratch, neighborhood)
-        while time.perf_counter() < deadline:
+        while not deadline.has_passed:
             improve(planning_view, passing, mean_weight, BATCH_SIZE, paths, scratch, neighborhood)
         return self._first_actions(simulator, b, paths)
 

@@ -5,12 +5,13 @@ The paths are short, but agents that have arrived may stay in the way of others,
 
 from __future__ import annotations
 
-import time
+import math
 
 import numpy as np
 
 from mapf_pz.core.cost_lookup import num_headings
 from mapf_pz.core.state import AGENT, PlanningView
+from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.problem import Path, Problem
 from mapf_pz.planners.windowed.improve import allocate_neighborhood, improve
 from mapf_pz.planners.windowed.paths import allocate_paths, continue_paths
@@ -18,13 +19,15 @@ from mapf_pz.planners.windowed.search import allocate_search
 
 WINDOW = 20
 """Number of steps to plan."""
+ROUNDS = 0.5
+"""Mean number of attempts to improve the path of each agent in a step. More of them take longer than they are worth."""
 
 
-def walk(problem: Problem, rng: np.random.Generator, deadline: float) -> Path:
+def walk(problem: Problem, rng: np.random.Generator, deadline: Deadline) -> Path:
     """Return paths without collisions; agents may end away from their goals.
 
     The walk ends when all agents are at their goals, when for `WINDOW` steps no more of them were than before, or at
-    the deadline, by `time.perf_counter`.
+    the deadline.
     """
     num_agents, num_cells = len(problem.goals), problem.leads_to.shape[1]
     agents = np.zeros(num_agents, AGENT)
@@ -38,10 +41,11 @@ def walk(problem: Problem, rng: np.random.Generator, deadline: float) -> Path:
     neighborhood = allocate_neighborhood(WINDOW, int(rng.integers(1, 2**63)))
     mean_weight = float(problem.weight[np.isfinite(problem.weight)].mean())
     cells, headings = [agents["cell"].copy()], [agents["heading"].astype(np.int8)]
+    attempts = math.ceil(ROUNDS * num_agents)
     most, since = 0, 0
-    while most < num_agents and since < WINDOW and time.perf_counter() < deadline:
+    while most < num_agents and since < WINDOW and not deadline.has_passed:
         continue_paths(view, False, paths)
-        improve(view, False, mean_weight, num_agents, paths, scratch, neighborhood)
+        improve(view, False, mean_weight, attempts, paths, scratch, neighborhood)
         agents["cell"], agents["heading"] = paths.cell[:, 1], paths.heading[:, 1]
         cells.append(paths.cell[:, 1].copy())
         headings.append(paths.heading[:, 1].astype(np.int8))

@@ -1,0 +1,162 @@
+"""The command `mapf-pz dataset`: make demonstrations with a planner, and export them for TorchRL."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from tyro.conf import Positional, arg, subcommand
+
+from mapf_pz.commands.env_flags import EnvKeywords
+from mapf_pz.config import EnvConfig
+from mapf_pz.demonstrations import DatasetConfig, load_dataset, make_dataset
+from mapf_pz.evaluation.parallel import job_runner
+from mapf_pz.instances.mixture import MapMixture
+from mapf_pz.interrupts import interruptible
+
+
+@dataclass(frozen=True)
+class EpisodeKeywords(EnvKeywords):
+    """The fields of an environment that determine the episodes."""
+
+    FIELDS: ClassVar[tuple[str, ...]] = (
+        *("map", "scenario", "source", "max_steps", "action_model", "collision_system", "on_target", "goals"),
+        *("initial_heading", "edge_weights", "distance_bytes"),
+    )
+
+
+EPISODES = EpisodeKeywords.of(EnvConfig())
+"""The default episodes."""
+
+
+@dataclass(frozen=True)
+class ObservationKeywords(EnvKeywords):
+    """The fields of an environment that determine observations."""
+
+    FIELDS: ClassVar[tuple[str, ...]] = (
+        *("view_size", "view", "frame", "see_through_walls", "channels", "features", "num_last_actions"),
+        *("num_frames", "num_neighbors", "neighbor_radius"),
+    )
+
+
+@dataclass(frozen=True)
+class MakeOptions:
+    """Make demonstrations. Finished files in the folder are kept, so an interrupted command can be repeated."""
+
+    output: Positional[Path]
+    """Folder of the dataset."""
+    planner: str = DatasetConfig.planner
+    """Name of the planner, with options as in `lacam:time_limit=5`. Time limits are in seconds of CPU time."""
+    env: EpisodeKeywords = EPISODES
+    """The environment. Without a map, scenario or source, episodes use the maps of the mixture."""
+    mixture: MapMixture = field(default_factory=MapMixture)
+    """The maps, if there is no map, scenario or source."""
+    agent_counts: Annotated[tuple[int, ...] | None, arg(name="num-agents")] = None
+    """Number of agents, or several numbers. Default: all agents of the scenario or source, otherwise 4."""
+    episodes: int = DatasetConfig.episodes
+    """Number of episodes for each number of agents."""
+    shard_size: int = DatasetConfig.shard_size
+    """Number of episodes in a file, which one process makes."""
+    solved_only: bool = DatasetConfig.solved_only
+    """Whether episodes that end while an agent is not at its goal are omitted; does not apply to lifelong episodes."""
+    seed: int = DatasetConfig.seed
+    """Random seed. Episode k of the dataset has the seed `seed + k`; evaluations use seeds from 1,000,000."""
+    license: str = DatasetConfig.license
+    """License of the dataset, for its card."""
+    jobs: int | Literal["ray"] = 1
+    """Number of processes; `ray`: run on a Ray cluster."""
+
+    def config(self) -> DatasetConfig:
+        """Return the settings of the dataset."""
+        return DatasetConfig(
+            planner=self.planner,
+            env=self.env.config(),
+            mixture=self.mixture,
+            num_agents=self.agent_counts,
+            episodes=self.episodes,
+            shard_size=self.shard_size,
+            solved_only=self.solved_only,
+            seed=self.seed,
+            license=self.license,
+        )
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """Export demonstrations with observations as a memory-mapped TensorDict, for TorchRL."""
+
+    dataset: Positional[Path]
+    """Folder of the dataset."""
+    output: Positional[Path]
+    """Folder of the TensorDict; it must not exist."""
+    env: ObservationKeywords = ObservationKeywords()
+    """Observations. Default: those of the environment."""
+    reward_name: Annotated[str, arg(name="reward")] = "report"
+    """Reward by name (`report`, `progress`) or as `package.module:name`."""
+
+
+def dataset(task: Annotated[MakeOptions, subcommand("make")] | Annotated[ExportOptions, subcommand("export")]) -> None:
+    """Make demonstrations with a planner, or export them for TorchRL."""
+    with interruptible() as check:
+        match task:
+            case MakeOptions():
+                _make(task, check)
+            case ExportOptions():
+                _export(task)
+
+
+def _make(options: MakeOptions, check: Callable[[], None]) -> None:
+    with job_runner(options.jobs) as run, _progress_bar(check) as show:
+        make_dataset(options.config(), options.output, run, show, command_of(options))
+    made = load_dataset(options.output)
+    print(f"{options.output}: {len(made)} demonstrations, {made.num_agent_steps} agent steps")
+
+
+def command_of(options: MakeOptions) -> str:
+    """Return the command with these options, without the number of processes and without default values."""
+    default = MakeOptions(options.output)
+    names = ("planner", "episodes", "shard_size", "solved_only", "seed", "license")
+    values = {name: getattr(options, name) for name in names if getattr(options, name) != getattr(default, name)}
+    defaults = default.env.keywords | vars(default.mixture)
+    given = options.env.keywords | vars(options.mixture)
+    values |= {name: value for name, value in given.items() if value != defaults.get(name)}
+    values |= {} if options.agent_counts is None else {"num_agents": options.agent_counts}
+    words = ["mapf-pz", "dataset", "make", str(options.output)]
+    for name, value in values.items():
+        flag = name.replace("_", "-")
+        if isinstance(value, bool):
+            words.append(f"--{flag}" if value else f"--no-{flag}")
+        else:
+            words += [f"--{flag}", *map(str, value if isinstance(value, tuple) else (value,))]
+    return shlex.join(words)
+
+
+def _export(options: ExportOptions) -> None:
+    from mapf_pz.rl.demonstrations import export_demonstrations  # import torch only when it is needed
+
+    env = options.env.keywords | {"reward": options.reward_name}
+    exported = export_demonstrations(load_dataset(options.dataset), options.output, env)
+    for num_agents, steps in exported.items():
+        print(f"{options.output / f'agents-{num_agents}'}: {len(steps)} steps")
+
+
+@contextmanager
+def _progress_bar(check: Callable[[], None]) -> Generator[Callable[[int], None]]:
+    """Show a progress bar; yield the function that updates it with the number of files left, and calls `check`."""
+    columns = (TextColumn("making files"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=None)
+
+        def show(left: int) -> None:
+            check()
+            total = bar.tasks[task].total
+            bar.update(task, total=left if total is None else total, completed=0 if total is None else total - left)
+
+        yield show
