@@ -31,7 +31,7 @@ class DatasetConfig:
     """Numbers of agents. None: that of the environment."""
     episodes: int = 1000
     """Number of episodes for each number of agents."""
-    shard_size: int = 250
+    shard_size: int = 100
     """Number of episodes in a file, which one process makes."""
     solved_only: bool = True
     """Whether episodes that end while an agent is not at its goal are omitted; does not apply to lifelong episodes."""

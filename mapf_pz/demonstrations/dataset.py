@@ -146,10 +146,9 @@ class Dataset:
             raise ValueError("expected at least one demonstration, got none")
         rng = np.random.default_rng(seed)
         replays = [Replay(group, env, num_envs, rng.spawn(1)[0], num_threads) for group in groups]
-        share = np.array([group.num_steps.sum() for group in groups], np.float64)
-        share /= share.sum()
+        ends = np.cumsum([group.num_steps.sum() for group in groups])
         while True:
-            yield replays[int(rng.choice(len(replays), p=share))].step()
+            yield replays[int(np.searchsorted(ends, rng.integers(ends[-1]), side="right"))].step()
 
     def _sizes(self) -> Ints:
         """Return the map size, number of agents and number of steps of each demonstration: (K, 4) int64, H, W, N, T."""

@@ -147,6 +147,17 @@ def test_interruptions_and_processes_do_not_change_the_result(tmp_path):
     assert contents(tmp_path / "resumed") == contents(tmp_path / "at once")
 
 
+def test_the_size_of_shards_does_not_change_the_demonstrations(tmp_path):
+    for size in (1, 10):
+        config = small(planner="windowed", env=EnvConfig(max_steps=15, on_target="restart"), shard_size=size)
+        make_dataset(config, tmp_path / str(size))
+    one, other = (load_dataset(tmp_path / str(size)) for size in (1, 10))
+    assert len(one) == len(other) == 10
+    for a, b in zip(one, other, strict=True):
+        assert (a.instance, a.seed, a.metrics) == (b.instance, b.seed, b.metrics)
+        assert np.array_equal(a.actions, b.actions)
+
+
 def test_another_dataset_in_the_folder(tmp_path):
     make_dataset(small(episodes=1), tmp_path)
     with pytest.raises(ValueError, match="contains demonstrations with other settings"):
