@@ -44,12 +44,17 @@ def random_preferences(rng, shape, kind):
 @given(
     seed=st.integers(0, 2**31),
     on_target=st.sampled_from(["nothing", "restart", "finish"]),
+    weights=st.sampled_from(["uniform", "crisscross", "random"]),
     patience=st.sampled_from([0, 1, 4]),
     kind=st.sampled_from(["random", "constant", "masked"]),
 )
-def test_no_move_is_blocked(model, seed, on_target, patience, kind):
+def test_no_move_is_blocked(model, seed, on_target, weights, patience, kind):
     env = mapf_pz.parallel_env(
-        source=RandomObstacles(6, 6, 0.2, 10), action_model=model, on_target=on_target, max_steps=30
+        source=RandomObstacles(6, 6, 0.2, 10),
+        action_model=model,
+        on_target=on_target,
+        edge_weights=weights,
+        max_steps=30,
     )
     observations, _ = env.reset(seed=seed)
     rng = np.random.default_rng(seed)
