@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
@@ -103,6 +103,7 @@ def test_it_resets_its_policy():
 @given(
     seed=st.integers(0, 2**31), num_agents=st.sampled_from([4, 12, 24]), patience=st.integers(0, 4), ties=st.booleans()
 )
+@example(seed=218, num_agents=24, patience=3, ties=False)  # an agent gets the goal again where it has arrived
 def test_it_decides_as_in_plain_python(model, depth, seed, num_agents, patience, ties):
     env = mapf_pz.parallel_env(
         source=RandomObstacles(8, 8, 0.2, num_agents), on_target="restart", max_steps=30, action_model=model
