@@ -127,7 +127,7 @@ class Dataset:
     def batches(
         self, env: Mapping[str, Any] = NOTHING, num_envs: int = 32, seed: int = 0, num_threads: int = 1
     ) -> Iterator[Batch]:
-        """Yield one step of B demonstrations at a time, without end; the order of demonstrations is random.
+        """Return an iterator over single steps of B demonstrations, without end; the order of demonstrations is random.
 
         The demonstrations of a batch have the same map size and number of agents; these are sampled for each batch, in
         proportion to the number of steps.
@@ -146,10 +146,14 @@ class Dataset:
             raise ValueError("expected at least one demonstration, got none")
         rng = np.random.default_rng(seed)
         replays = [Replay(group, env, num_envs, rng.spawn(1)[0], num_threads) for group in groups]
-        ends = np.cumsum([group.num_steps.sum() for group in groups])
-        while True:
-            yield replays[int(np.searchsorted(ends, rng.integers(ends[-1]), side="right"))].step()
+        return _alternating(replays, np.cumsum([group.num_steps.sum() for group in groups]), rng)
 
     def _sizes(self) -> Ints:
         """Return the map size, number of agents and number of steps of each demonstration: (K, 4) int64, H, W, N, T."""
         return np.concatenate([np.zeros((0, 4), np.int64), *(shard.sizes() for shard in self._shards)])[self._numbers]
+
+
+def _alternating(replays: Sequence[Replay], ends: Ints, rng: np.random.Generator) -> Iterator[Batch]:
+    """Yield steps of sampled replays; `ends` are the sums of the first 1, 2, ... replays' numbers of steps."""
+    while True:
+        yield replays[int(np.searchsorted(ends, rng.integers(ends[-1]), side="right"))].step()

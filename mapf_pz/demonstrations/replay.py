@@ -30,6 +30,7 @@ class Batch(NamedTuple):
     action_mask: Ints  # (B, N, A) int8
     actions: Ints  # (B, N) int64: the actions in this step
     active: Bools  # (B, N): False for agents that have disappeared
+    at_goal: Bools  # (B, N): whether the last step ended on the agent's goal
     is_first: Bools  # (B,): whether this is the first step of a demonstration
 
 
@@ -88,8 +89,8 @@ class Replay:
         simulator = self._simulator
         steps = simulator.steps
         actions = self._actions[steps, np.arange(simulator.num_envs)]
-        active = simulator.agents["active"].copy()
-        batch = Batch(*simulator.observe(), actions, active, steps == 0)
+        active, at_goal = simulator.agents["active"].copy(), simulator.agents["at_goal"].copy()
+        batch = Batch(*simulator.observe(), actions, active, at_goal, steps == 0)
         simulator.step(actions)
         finished = np.flatnonzero(simulator.steps == self._lengths)
         if len(finished):

@@ -6,15 +6,19 @@ The training loop is in `mapf_pz.rl.train`, and is the same for all algorithms.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from typing import ClassVar
 
 import torch
-from tensordict import NestedKey
+from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictModuleBase
 from torch import nn
+from torchrl.collectors import BaseCollector
 from torchrl.data import Unbounded
 from torchrl.envs import InitTracker, TensorDictPrimer, Transform
 
+from mapf_pz.rl.collect import collecting
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.networks import Actor, add_recurrence
@@ -90,9 +94,25 @@ class Algorithm(ABC):
         """Return the transforms of the environments that training data is collected in: by default `transforms`."""
         return self.transforms(seed)
 
+    @contextmanager
+    def batches(self, seed: int, updates: int) -> Generator[Iterator[TensorDictBase]]:
+        """Yield an iterator over at least `updates` batches for the learner, which `seed` determines.
+
+        By default they are those of `collecting`. Statistics of episodes are not reported for batches without `next`.
+        """
+        with collecting(self, self.config, seed, updates) as collector:
+            yield _latest(collector)
+
     def network_module(self) -> TensorDictModule:
         """Return the network with its input and output keys; a hidden state is carried from step to step."""
         if self.config.model.recurrent == 0:
             return TensorDictModule(self.network, in_keys=self.observation_keys(), out_keys=self.parameters)
         in_keys: list[NestedKey] = ["hidden_state", "is_init", *self.observation_keys()]
         return TensorDictModule(self.network, in_keys=in_keys, out_keys=[*self.parameters, ("next", "hidden_state")])
+
+
+def _latest(collector: BaseCollector) -> Iterator[TensorDictBase]:
+    """Yield the batches of a collector, which is given the current weights after each of them."""
+    for batch in collector:
+        yield batch
+        collector.update_policy_weights_()  # pyright: ignore[reportCallIssue] (annotated without the usual call)

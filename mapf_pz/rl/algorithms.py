@@ -6,6 +6,7 @@ from typing import cast
 
 from mapf_pz.plugins import import_subclass
 from mapf_pz.rl.algorithm import Algorithm
+from mapf_pz.rl.behavior_cloning import BehaviorCloning
 from mapf_pz.rl.config import AlgorithmName
 from mapf_pz.rl.imitation import Dagger
 from mapf_pz.rl.ppo import IPPO, MAPPO, CentralPPO
@@ -15,6 +16,7 @@ ALGORITHMS: dict[AlgorithmName, type[Algorithm]] = {
     "ippo": IPPO,
     "central-ppo": CentralPPO,
     "dagger": Dagger,
+    "bc": BehaviorCloning,
 }
 """The built-in algorithms by name."""
 

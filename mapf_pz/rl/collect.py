@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from pettingzoo import ParallelEnv
@@ -16,10 +16,12 @@ from torchrl.collectors import BaseCollector, Collector, MultiSyncCollector
 from torchrl.envs import Compose, EnvBase, PettingZooWrapper, RewardSum, TransformedEnv
 
 from mapf_pz.interrupts import unheard_by_children
-from mapf_pz.rl.algorithm import Algorithm
 from mapf_pz.rl.batched_env import BatchedMapfEnv
 from mapf_pz.rl.config import CollectorName, TrainConfig
 from mapf_pz.simulator import Simulator
+
+if TYPE_CHECKING:
+    from mapf_pz.rl.algorithm import Algorithm
 
 
 @dataclass(frozen=True)

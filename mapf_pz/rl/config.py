@@ -18,7 +18,7 @@ from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl.checks import check_counts, check_from_zero, check_names, check_part, check_positive
 from mapf_pz.rl.saved_env import dump_env, load_env
 
-AlgorithmName = Literal["mappo", "ippo", "central-ppo", "dagger"]
+AlgorithmName = Literal["mappo", "ippo", "central-ppo", "dagger", "bc"]
 CollectorName = Literal["single", "processes", "ray"]
 Credit = Literal["team", "agent"]
 CuriosityName = Literal["none", "rnd", "random-features", "inverse-dynamics"]
@@ -130,7 +130,7 @@ class ModelConfig:
 class PPOConfig:
     """Proximal policy optimization (Schulman et al., 2017), for many agents (Yu et al., 2022).
 
-    The sizes of batches and the learning rate also apply to `dagger`.
+    The sizes of batches and the learning rate also apply to imitation.
     """
 
     num_envs: int = 64
@@ -204,10 +204,10 @@ class CuriosityConfig:
 
 @dataclass(frozen=True)
 class ImitationConfig:
-    """Imitation of a planner, the expert, by the algorithm `dagger`."""
+    """Imitation of a planner, the expert: by its labels (`dagger`) or from its demonstrations (`bc`)."""
 
     expert: str = "windowed"
-    """The planner that is imitated, with options such as `epibt:depth=3`."""
+    """The planner that `dagger` imitates, with options such as `epibt:depth=3`."""
     expert_share: float = 0.1
     """Probability that the expert instead of the policy controls an environment in a segment."""
     segment_steps: int = 16
@@ -218,6 +218,8 @@ class ImitationConfig:
     """Fraction of the expert's waits at goals that are learned from."""
     buffer_size: int = 400_000
     """Number of agent steps in the replay buffer, which replaces the oldest ones."""
+    dataset: str | None = None
+    """The folder of demonstrations that `bc` learns from; other algorithms ignore it."""
 
     def __post_init__(self) -> None:
         """Check numbers."""
@@ -235,8 +237,8 @@ class TrainConfig:
     """The training task."""
     algorithm: str = "mappo"
     """Training algorithm: `mappo` (the critic observes the team), `ippo` (the critic observes what the agent observes),
-    `central-ppo` (the report's single policy for all agents), `dagger` (imitation of a planner), or
-    `package.module:Class`, a subclass of `Algorithm`."""
+    `central-ppo` (the report's single policy for all agents), `dagger` (imitation of a planner), `bc` (behavior cloning
+    from demonstrations), or `package.module:Class`, a subclass of `Algorithm`."""
     model: ModelConfig = field(default_factory=ModelConfig)
     """Configuration of the networks."""
     ppo: PPOConfig = field(default_factory=PPOConfig)
@@ -244,7 +246,7 @@ class TrainConfig:
     curiosity: CuriosityConfig = field(default_factory=CuriosityConfig)
     """Configuration of the curiosity reward."""
     imitation: ImitationConfig = field(default_factory=ImitationConfig)
-    """Configuration of the algorithm `dagger`."""
+    """Configuration of the algorithms `dagger` and `bc`."""
     initial_policy: str | None = None
     """A trained policy to start from, the name of a bundled one or the folder of a run, with the same observations and
     the same networks. None: newly initialized networks."""

@@ -15,8 +15,8 @@ from mapf_pz.rl.expert import ExpertActions
 from mapf_pz.rl.imitation_learner import ImitationLearner
 
 
-class Dagger(Algorithm):
-    """DAgger: a planner labels the states that the policy visits (Ross, Gordon and Bagnell, AISTATS 2011).
+class Imitation(Algorithm):
+    """Base class of algorithms that learn a planner's actions.
 
     The policy acts by itself, or under the safety layer, as it will be used.
     """
@@ -24,7 +24,8 @@ class Dagger(Algorithm):
     def __init__(self, config: TrainConfig) -> None:
         """Build the network; raises `ValueError` with `recurrent`."""
         if config.model.recurrent:
-            raise ValueError(f"recurrent={config.model.recurrent}: expected 0 with dagger, which uses single steps")
+            expected = f"0 with {config.algorithm}, which uses single steps"
+            raise ValueError(f"recurrent={config.model.recurrent}: expected {expected}")
         super().__init__(config)
 
     @staticmethod
@@ -46,6 +47,10 @@ class Dagger(Algorithm):
     def transforms(self, seed: int) -> list[Transform]:
         """Return the transform that executes the policy's preferences."""
         return [ExecutePreferences(self.config.task.shield)]
+
+
+class Dagger(Imitation):
+    """DAgger: a planner labels the states that the policy visits (Ross, Gordon and Bagnell, AISTATS 2011)."""
 
     def training_transforms(self, seed: int) -> list[Transform]:
         """Return the same, and before it the transform that adds the expert's actions."""

@@ -43,10 +43,11 @@ class ImitationLearner(Learner):
         The number of gradient steps is that of `num_epochs` passes over the batch; their samples are from the buffer.
         """
         self.anneal(done)
+        agent_steps = batch.get(("agents", "expert_action")).numel()
         samples = self._samples(batch)
         agreement = self._agreement(samples)
         self._buffer.extend(samples)
-        steps = max(1, self.config.ppo.num_epochs * batch.numel() // self.config.ppo.minibatch_size)
+        steps = max(1, self.config.ppo.num_epochs * agent_steps // self._minibatch_size)
         losses = torch.stack([self._improve(self._buffer.sample().to(self._device)) for _ in range(steps)])
         return {"loss": float(losses.mean()), "agreement": agreement, "buffer": float(len(self._buffer))}
 

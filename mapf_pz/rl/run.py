@@ -28,6 +28,7 @@ CURVES = {
     "CSR": "all agents at their goals (CSR)",
     "ISR": "agents at their goals (ISR)",
     "throughput": "goals per step (throughput)",
+    "agreement": "actions of the planner (agreement)",
 }
 """Columns of the progress file that are plotted as learning curves if present, and their labels."""
 
@@ -123,7 +124,7 @@ class RunFolder:
         """Return the mean CSR or throughput over the rows with the latest episodes, or 0 if no episode has ended."""
         episodes = total = 0.0
         for row in reversed(self._rows):
-            if row["episodes"]:
+            if row.get("episodes"):
                 score = row["throughput"] if "throughput" in row else row["CSR"]
                 episodes, total = episodes + row["episodes"], total + score * row["episodes"]
             if episodes >= RECENT_EPISODES:
@@ -139,11 +140,12 @@ class RunFolder:
         curves = {key: label for key, label in CURVES.items() if key in self._rows[0]}
         for key, label in curves.items():
             rates.plot(steps, [row[key] for row in self._rows], label=label)
-        returns = rates.twinx()
-        returns.plot(steps, [row["return"] for row in self._rows], color="0.7", zorder=0)
-        returns.set_ylabel("mean episode return per agent", color="0.5")
+        if "return" in self._rows[0]:
+            returns = rates.twinx()
+            returns.plot(steps, [row["return"] for row in self._rows], color="0.7", zorder=0)
+            returns.set_ylabel("mean episode return per agent", color="0.5")
         lifelong = "throughput" in curves
-        rates.set(xlabel="million agent steps", ylabel="training episodes", ylim=(0, None if lifelong else 1.02))
+        rates.set(xlabel="million agent steps", ylabel="training data", ylim=(0, None if lifelong else 1.02))
         rates.legend(loc="lower right")
         with replacing(self.path / CURVE) as temporary:
             figure.savefig(temporary, dpi=150)

@@ -1,4 +1,4 @@
-"""The training loop, shared by all algorithms: collect, learn, log."""
+"""The training loop, shared by all algorithms: collect or replay a batch, learn, log."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from torchrl.collectors import BaseCollector
+from tensordict import TensorDictBase
 
 from mapf_pz.errors import FormatError
 from mapf_pz.interrupts import interrupts_deferred
@@ -18,7 +18,6 @@ from mapf_pz.io.atomic import naming
 from mapf_pz.rl.algorithm import Algorithm
 from mapf_pz.rl.algorithms import algorithm_of
 from mapf_pz.rl.checkpoint import read_position
-from mapf_pz.rl.collect import collecting
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG, config_files, load_config
 from mapf_pz.rl.learner import Learner
@@ -120,11 +119,11 @@ def _run(
             _start_from(config.initial_policy, config.initial_temperature, algorithm)
     learner = algorithm.make_learner()
     done = 0 if checkpoint is None else run.restore(checkpoint, learner)
-    with interrupts_deferred() as check, _collecting(config, algorithm, done) as collector:
+    with interrupts_deferred() as check, _batches(config, algorithm, done) as batches:
         with naming(run.path):
             run.prepare(config)
         try:
-            for row in _updates(config, algorithm, learner, collector, done, run.seconds):
+            for row in _updates(config, algorithm, learner, batches, done, run.seconds):
                 with naming(run.path):
                     run.log(row)
                     run.save(learner, config.checkpoint_interval)
@@ -161,45 +160,47 @@ def _device(config: TrainConfig) -> torch.device:
     return torch.device("cuda" if present and config.device != "cpu" else "cpu")
 
 
-def _collecting(config: TrainConfig, algorithm: Algorithm, done: int) -> AbstractContextManager[BaseCollector | None]:
-    """Return the collector for the updates from `done` on; it yields None if no updates are left."""
+def _batches(config: TrainConfig, algorithm: Algorithm, done: int) -> AbstractContextManager[Iterator[TensorDictBase]]:
+    """Return the context of the batches for the updates from `done` on."""
     left = config.num_updates - done
     if left <= 0:
-        return nullcontext()
+        return nullcontext(iter(()))
     seed = config.seed if done == 0 else int(np.random.SeedSequence([config.seed, done]).generate_state(1)[0])
-    return collecting(algorithm, config, seed, left)
+    return algorithm.batches(seed, left)
 
 
 def _updates(
     config: TrainConfig,
     algorithm: Algorithm,
     learner: Learner,
-    collector: BaseCollector | None,
+    batches: Iterator[TensorDictBase],
     done: int,
     seconds_before: float,
 ) -> Iterator[dict[str, float]]:
     """Run the training loop from update `done` on, and yield a row of progress after each update."""
-    if collector is None:
-        return
     watch, validation = Stopwatch(), Validation(algorithm, config)
-    batches = iter(collector)
     began = time.perf_counter() - seconds_before
     for update in range(done, config.num_updates):
         with watch.time("collecting"), watch.calls(algorithm.actor, "acting"):
             batch = next(batches)
         with watch.time("learning"):
             losses = learner.learn(batch, update / config.num_updates)
-            collector.update_policy_weights_()  # pyright: ignore[reportCallIssue] (annotated without the usual call)
         agent_steps, seconds = (update + 1) * config.steps_per_update, time.perf_counter() - began
         yield {
             "agent_steps": agent_steps,
             "seconds": seconds,
             "agent_steps_per_second": agent_steps / seconds,
             **_shares(watch.lap()),
-            **episode_means(config.task, batch.get("next"), batch.get(("next", "done"))),
+            **_episode_means(config, batch),
             **losses,
             **validation.after(agent_steps, last=update + 1 == config.num_updates),
         }
+
+
+def _episode_means(config: TrainConfig, batch: TensorDictBase) -> dict[str, float]:
+    """Return the statistics of the episodes that end in a batch; nothing for data without episodes."""
+    after = batch.get("next", None)
+    return {} if after is None else episode_means(config.task, after, after.get("done"))
 
 
 def _shares(seconds: dict[str, float]) -> dict[str, float]:
