@@ -16,10 +16,10 @@ from tyro.extras import subcommand_type_from_defaults
 
 from mapf_pz.commands.evaluate import report
 from mapf_pz.commands.render import save_episode
-from mapf_pz.evaluation import EvaluationTask, load_suite, make_env
+from mapf_pz.evaluation import EvaluationTask, load_suite
+from mapf_pz.evaluation.policies import SHIELD_SUFFIX, policy_factory
 from mapf_pz.evaluation.results import EPISODES_FILE, discard
 from mapf_pz.interrupts import interruptible
-from mapf_pz.rl import load_policy
 from mapf_pz.rl import train as train_policy
 from mapf_pz.rl.algorithms import algorithm_of
 from mapf_pz.rl.config import TrainConfig
@@ -92,10 +92,10 @@ def _train(run: Run) -> None:
     print(f"policy, configuration and progress written to {run.output}")
     if not tasks:
         return
-    policy = load_policy(run.output)
     discard(run.output)  # of the policy as it was before
+    policy = f"{run.output}{SHIELD_SUFFIX if config.task.shield else ''}"
     report({run.output.name: policy}, tasks, run.output)
-    env = make_env(policy, **tasks[-1].env_keywords(0))
+    env, policy = policy_factory(policy)(tasks[-1].env_keywords(0))
     save_episode(env, policy, tasks[-1].seed, run.output / EPISODE_FILE, fps=8, policy_name=run.output.name)
 
 

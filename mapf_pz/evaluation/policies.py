@@ -16,7 +16,7 @@ from mapf_pz.planners.pibt.shield import DEPTH, PATIENCE
 
 SHIELD_SUFFIX = "+pibt"
 """Suffix of a trained policy's name: PIBT executes its preferences without collisions."""
-_TRAINED_OPTIONS = {"temperature": 1.0}
+_TRAINED_OPTIONS = {"temperature": None}
 _SHIELD_OPTIONS = {"patience": PATIENCE, "depth": DEPTH}
 
 
@@ -106,7 +106,7 @@ def _trained_factory(
     deterministic: bool,
     keywords: dict[str, Any],
     *,
-    temperature: float,
+    temperature: float | None,
     **shield_options: Any,
 ) -> tuple[AnyEnv, Policy]:
     """Make a trained policy and its environment; with `shield_options`, PIBT executes its preferences."""

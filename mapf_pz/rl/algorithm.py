@@ -77,6 +77,11 @@ class Algorithm(ABC):
         """Return the number of hidden states per environment: one per agent."""
         return config.task.num_agents
 
+    @staticmethod
+    def acting_temperature(config: TrainConfig) -> float:
+        """Return the temperature at which the policy's actions are sampled in training."""
+        return 1.0
+
     def transforms(self, seed: int) -> list[Transform]:
         """Return the transforms that the actor needs to act; `seed` is the seed of those that sample."""
         size = self.config.model.recurrent

@@ -128,7 +128,10 @@ class ModelConfig:
 
 @dataclass(frozen=True)
 class PPOConfig:
-    """Proximal policy optimization (Schulman et al., 2017), for many agents (Yu et al., 2022)."""
+    """Proximal policy optimization (Schulman et al., 2017), for many agents (Yu et al., 2022).
+
+    The sizes of batches and the learning rate also apply to imitation.
+    """
 
     num_envs: int = 64
     """Number of environments that are stepped as one batch."""

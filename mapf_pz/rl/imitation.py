@@ -28,9 +28,14 @@ class Imitation(Algorithm):
             raise ValueError(f"recurrent={config.model.recurrent}: expected {expected}")
         super().__init__(config)
 
+    @staticmethod
+    def acting_temperature(config: TrainConfig) -> float:
+        """Return the temperature of the configuration."""
+        return config.imitation.temperature
+
     def make_actor(self) -> TensorDictModuleBase:
         """Return the network, followed by sampling."""
-        sampling = SamplePreferences(self.config.imitation.temperature)
+        sampling = SamplePreferences(self.acting_temperature(self.config))
         keys: list[NestedKey] = [("agents", "preferences")]
         modules: list[Any] = [self.network_module(), TensorDictModule(sampling, self.parameters, keys)]
         return TensorDictSequential(*modules)

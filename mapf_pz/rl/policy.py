@@ -214,7 +214,7 @@ def _bundled() -> Path:
 
 
 def load_policy(
-    policy: str | Path, seed: int = 0, deterministic: bool = False, temperature: float = 1.0
+    policy: str | Path, seed: int = 0, deterministic: bool = False, temperature: float | None = None
 ) -> LearnedPolicy:
     """Load a trained policy.
 
@@ -222,7 +222,8 @@ def load_policy(
         policy: one of `policy_names()`, the folder of a training run, or the weights file in it.
         seed: random seed of the policy.
         deterministic: always take the most likely action, as with temperature 0.
-        temperature: temperature of the sampling, 0 or more; below 1, likely actions are sampled more often.
+        temperature: temperature of the sampling, 0 or more; below 1, likely actions are sampled more often. None: the
+            temperature at which the policy acted in its training, `Algorithm.acting_temperature`.
 
     Raises:
         FileNotFoundError: There is no such policy.
@@ -242,7 +243,10 @@ def load_policy(
     except _DAMAGE as error:
         reason = " ".join(str(error).split())
         raise FormatError(folder / WEIGHTS, f"not the weights that {CONFIG} describes: {reason[:200]}") from None
-    kind = TeamPolicy if algorithm_of(config.algorithm).centralized else SharedPolicy
+    algorithm = algorithm_of(config.algorithm)
+    kind = TeamPolicy if algorithm.centralized else SharedPolicy
+    if temperature is None:
+        temperature = algorithm.acting_temperature(config)
     return kind(network, config, seed, deterministic, temperature)
 
 

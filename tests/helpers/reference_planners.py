@@ -216,7 +216,8 @@ class SlowPIBT:
             self.want, self.goals = [None] * len(states), [None] * len(states)
             self.away, self.first = [0] * len(states), [0] * len(states)
         for agent in agents:
-            begins = self.goals[agent] != goals[agent]
+            at_goal = states[agent][:2] == goals[agent]  # the next goal may be the same cell again
+            begins = at_goal or self.goals[agent] != goals[agent]
             self.away[agent] = 0 if begins else self.away[agent] + 1
             self.first[agent] = self.tables[agent][states[agent]] if begins else self.first[agent]
         self.states, self.goals = states, goals

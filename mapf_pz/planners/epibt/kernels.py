@@ -81,16 +81,16 @@ def evaluate(planning_view: PlanningView, passing: bool, tree: Operations, state
             for t in range(depth):
                 state.path[i, p, t + 1] = state.node_cell[tree.nodes[p, t]]
             state.cost[i, p] = state.node_cost[tree.nodes[p, depth - 1]] + p * early
-        state.num_options[i] = _sort_options(state.cost[i, :regular], tree.wait if passing else NONE, state.options[i])
+        state.num_options[i] = _sort_options(regular, state.cost[i], tree.wait if passing else NONE, state.options[i])
         state.used[0, agents[i].cell] = i
         mark(state.used, state.path[i, state.choice[i]], i)
 
 
 @jit
-def _sort_options(cost: Array, excluded: int, options: Array) -> int:
+def _sort_options(num_regular: int, cost: Array, excluded: int, options: Array) -> int:
     """Write the possible operations except `excluded` to `options` (P,), the cheapest first; return their number."""
     count = 0
-    for p in range(cost.size):
+    for p in range(num_regular):
         if p != excluded and cost[p] < np.inf:
             options[count] = pack_option(cost[p], p)
             count += 1

@@ -27,7 +27,7 @@ _ACTION_OF_CHOICE = np.array(CARDINAL_ACTIONS)
 
 
 class Progress(NamedTuple):
-    """The progress of N agents in B environments towards their goals."""
+    """The progress of N agents in B environments toward their goals."""
 
     nearest: Array  # (B, N) float32: the lowest cost to go to the current goal so far
     count: Array  # (B, N) int32: the steps without progress, up to the patience, then also those that follow PIBT
