@@ -12,6 +12,7 @@ Results = Mapping[str, Any]
 ONE_SHOT = ("pibt", "epibt", "lacam:anytime=False", "lacam:time_limit=1")
 LIFELONG = ("pibt", "epibt", "windowed")
 LEARNED = ("mappo-cardinal", "mappo-cardinal+pibt")
+IMITATED = ("lifelong-cardinal+pibt:temperature=0",)
 
 
 @dataclass(frozen=True)
@@ -36,9 +37,9 @@ class ResultTable:
 
 TABLES = (
     ResultTable("pogema-random", (*ONE_SHOT, *LEARNED), "01-random", figure=True),
-    ResultTable("pogema-random-lifelong", (*LIFELONG, "lacam:anytime=False", *LEARNED), "01-random", figure=True),
+    ResultTable("pogema-random-lifelong", (*LIFELONG, "lacam:anytime=False", *LEARNED, *IMITATED), "01-random", figure=True),
     ResultTable("pogema-mazes", (*ONE_SHOT, *LEARNED), "02-mazes"),
-    ResultTable("pogema-mazes-lifelong", ("pibt", "epibt", "lacam:anytime=False", *LEARNED), "02-mazes"),
+    ResultTable("pogema-mazes-lifelong", ("pibt", "epibt", "lacam:anytime=False", *LEARNED[:1], *IMITATED), "02-mazes"),
     ResultTable("pogema-warehouse", (*ONE_SHOT, *LEARNED), "03-warehouse"),
     ResultTable("pogema-warehouse-lifelong", ("pibt", "epibt", *LEARNED), "03-warehouse"),
     ResultTable("pogema-cities", (*ONE_SHOT, *LEARNED), "04-movingai"),

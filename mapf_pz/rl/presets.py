@@ -43,7 +43,7 @@ _CENTRAL = TrainConfig(
 _LIFELONG_CARDINAL = TrainConfig(
     task=TaskConfig(
         env=EnvConfig(
-            num_agents=48,
+            num_agents=40,
             max_steps=256,
             action_model="cardinal",
             on_target="restart",
@@ -66,8 +66,8 @@ _LIFELONG_CARDINAL = TrainConfig(
     algorithm="dagger",
     model=ModelConfig(conv_channels=(32, 32)),
     ppo=PPOConfig(num_envs=32, steps_per_batch=16, num_epochs=2, minibatch_size=16, learning_rate=1e-3),
-    imitation=ImitationConfig(expert="windowed:rounds=2", temperature=0.3),
-    agent_steps=5_000_000,
+    imitation=ImitationConfig(expert="windowed:rounds=1,window=12", temperature=0.3),
+    agent_steps=3_000_000,
     checkpoint_interval=500_000,
     validation_interval=500_000,
     validation_episodes=32,
