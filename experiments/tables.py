@@ -12,7 +12,7 @@ Results = Mapping[str, Any]
 ONE_SHOT = ("pibt", "epibt", "lacam:anytime=False", "lacam:time_limit=1")
 LIFELONG = ("pibt", "epibt", "windowed")
 LEARNED = ("mappo-cardinal", "mappo-cardinal+pibt")
-IMITATED = ("lifelong-cardinal+pibt:temperature=0",)
+IMITATED, IMITATED_ONE_SHOT = "lifelong-cardinal+pibt:temperature=0", "oneshot-cardinal+pibt"
 
 
 @dataclass(frozen=True)
@@ -36,14 +36,16 @@ class ResultTable:
 
 
 TABLES = (
-    ResultTable("pogema-random", (*ONE_SHOT, *LEARNED), "01-random", figure=True),
-    ResultTable("pogema-random-lifelong", (*LIFELONG, "lacam:anytime=False", *LEARNED, *IMITATED), "01-random", figure=True),
-    ResultTable("pogema-mazes", (*ONE_SHOT, *LEARNED), "02-mazes"),
-    ResultTable("pogema-mazes-lifelong", ("pibt", "epibt", "lacam:anytime=False", *LEARNED[:1], *IMITATED), "02-mazes"),
-    ResultTable("pogema-warehouse", (*ONE_SHOT, *LEARNED), "03-warehouse"),
-    ResultTable("pogema-warehouse-lifelong", ("pibt", "epibt", *LEARNED), "03-warehouse"),
-    ResultTable("pogema-cities", (*ONE_SHOT, *LEARNED), "04-movingai"),
-    ResultTable("pogema-cities-lifelong", ("pibt", "epibt", *LEARNED), "04-movingai"),
+    ResultTable("pogema-random", (*ONE_SHOT, *LEARNED, IMITATED_ONE_SHOT), "01-random", figure=True),
+    ResultTable(
+        "pogema-random-lifelong", (*LIFELONG, "lacam:anytime=False", *LEARNED, IMITATED), "01-random", figure=True
+    ),
+    ResultTable("pogema-mazes", (*ONE_SHOT, *LEARNED[:1], IMITATED_ONE_SHOT), "02-mazes"),
+    ResultTable("pogema-mazes-lifelong", ("pibt", "epibt", "lacam:anytime=False", *LEARNED[:1], IMITATED), "02-mazes"),
+    ResultTable("pogema-warehouse", (*ONE_SHOT, *LEARNED[:1]), "03-warehouse"),
+    ResultTable("pogema-warehouse-lifelong", ("pibt", "epibt", *LEARNED[:1]), "03-warehouse"),
+    ResultTable("pogema-cities", (*ONE_SHOT, *LEARNED[:1]), "04-movingai"),
+    ResultTable("pogema-cities-lifelong", ("pibt", "epibt", *LEARNED[:1]), "04-movingai"),
     # The maps of the puzzles are smaller than the views of the trained policies.
     ResultTable("pogema-puzzles", ONE_SHOT[:3], "05-puzzles"),
     ResultTable("pogema-puzzles-lifelong", (*LIFELONG, "lacam:anytime=False"), "05-puzzles"),

@@ -73,9 +73,17 @@ _LIFELONG_CARDINAL = TrainConfig(
     validation_episodes=32,
 )
 
+# Imitation of LaCAM, which plans from states that the policy has reached.
 _ONESHOT_CARDINAL = replace(
     _LIFELONG_CARDINAL,
-    task=replace(_LIFELONG_CARDINAL.task, env=replace(_LIFELONG_CARDINAL.task.env, max_steps=128, on_target="nothing")),
+    task=replace(
+        _LIFELONG_CARDINAL.task,
+        env=replace(_LIFELONG_CARDINAL.task.env, num_agents=48, max_steps=128, on_target="nothing"),
+    ),
+    ppo=replace(_LIFELONG_CARDINAL.ppo, learning_rate=5e-4),
+    imitation=ImitationConfig(expert="lacam:time_limit=0.15", expert_share=0.5, segment_steps=32, temperature=0.5),
+    agent_steps=6_000_000,
+    validation_interval=450_000,
 )
 
 PRESETS: dict[str, TrainConfig] = {
