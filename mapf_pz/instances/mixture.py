@@ -37,13 +37,13 @@ class MapMixture:
     """Fraction of the cells of a `random` map that are obstacles; two numbers are a range to sample from."""
     corridor: int | tuple[int, int] = 1
     """Width in cells of the corridors of a `maze` and the aisles of a `warehouse`; two numbers are a range."""
-    loops: float | tuple[float, float] = 0.0
-    """Fraction of the walls of a `maze` that are open in addition to those that make all cells reachable; two numbers
-    are a range to sample from."""
     room_size: int | tuple[int, int] = 5
     """Number of rows and columns of each room of a `room` map, one wall included; two numbers are a range."""
     shelf_length: int | tuple[int, int] = 5
     """Length in cells of the shelves of a `warehouse`; two numbers are a range."""
+    loops: float | tuple[float, float] = 0.0
+    """Fraction of the walls of a `maze` that are open in addition to those that make all cells reachable; two numbers
+    are a range to sample from."""
 
     def __post_init__(self) -> None:
         """Check every field, and turn lists into tuples."""
