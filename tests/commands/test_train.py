@@ -1,3 +1,4 @@
+import csv
 import json
 from dataclasses import replace
 
@@ -114,3 +115,28 @@ def test_help_shows_no_field_that_cannot_be_typed(capsys):
     told = capsys.readouterr().out
     assert "--on-target {nothing,finish,restart}" in told
     assert "--render-mode" not in told
+
+
+@pytest.mark.parametrize("shield", [False, True])
+def test_a_policy_is_evaluated_as_it_was_trained_with_or_without_the_safety_layer(tmp_path, shield):
+    crowd = {"random": [5, 5, 0.0], "num_agents": 12, "max_steps": 10, "episodes": 2, "env": {"action_model": "rotate"}}
+    file = tmp_path / "suite.json"
+    file.write_text(json.dumps({"tasks": [crowd]}))
+    flag = "--shield" if shield else "--no-shield"
+    words = [
+        "quickstart",
+        flag,
+        *SMALL.split(),
+        "--view-size",
+        "5",
+        "5",
+        "--evaluate",
+        file,
+        "--output",
+        tmp_path / "run",
+    ]
+    assert main(["train", *map(str, words)]) == 0
+    with (tmp_path / "run" / "episodes.csv").open() as episodes:
+        collisions = [float(row["collisions"]) for row in csv.DictReader(episodes)]
+    assert len(collisions) == 2
+    assert (sum(collisions) == 0) == shield

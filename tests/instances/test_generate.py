@@ -79,6 +79,15 @@ def test_mazes_are_connected_and_have_no_cycles(shape, corridor):
         assert sum(int(p.sum()) for p in passages) == rooms.size - 1
 
 
+def test_loops_open_a_fraction_of_the_other_walls_of_a_maze():
+    num_rooms, num_walls = 10 * 10, 2 * 10 * 9
+    opened = []
+    for seed in SEEDS:
+        free = generate.maze(21, 21, rng(seed), loops=0.5).free
+        opened.append(int(free.sum()) - num_rooms - (num_rooms - 1))  # rooms, then the passages of a tree
+    assert np.mean(opened) / (num_walls - (num_rooms - 1)) == pytest.approx(0.5, abs=0.05)
+
+
 def test_a_maze_as_drawn():
     grid = generate.maze(7, 7, rng(3), 2)
     rows = drawing(grid)

@@ -169,6 +169,12 @@ def test_a_run_is_trained_resumed_and_validated(tmp_path, shield):
     assert load_policy(folder).config.algorithm == "dagger"
 
 
+def test_the_policy_acts_at_the_temperature_of_its_training(tmp_path):
+    folder = train(imitating(dataclasses.replace(DAGGER, agent_steps=192), temperature=0.25), tmp_path)
+    assert load_policy(folder).temperature == 0.25
+    assert load_policy(folder, temperature=1.0).temperature == 1.0
+
+
 def test_validation_does_not_call_the_expert():
     algorithm = ALGORITHMS["dagger"](DAGGER)
     env = MakeEnv(algorithm, DAGGER, 0, 2, training=False)()
