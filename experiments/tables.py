@@ -43,7 +43,7 @@ TABLES = (
     ResultTable("pogema-mazes", (*ONE_SHOT, *LEARNED[:1], IMITATED_ONE_SHOT), "02-mazes"),
     ResultTable("pogema-mazes-lifelong", ("pibt", "epibt", "lacam:anytime=False", *LEARNED[:1], IMITATED), "02-mazes"),
     ResultTable("pogema-warehouse", (*ONE_SHOT, *LEARNED[:1], IMITATED_ONE_SHOT), "03-warehouse"),
-    ResultTable("pogema-warehouse-lifelong", ("pibt", "epibt", *LEARNED[:1]), "03-warehouse"),
+    ResultTable("pogema-warehouse-lifelong", ("pibt", "epibt", *LEARNED[:1], IMITATED), "03-warehouse"),
     ResultTable("pogema-cities", (*ONE_SHOT, *LEARNED[:1]), "04-movingai"),
     ResultTable("pogema-cities-lifelong", ("pibt", "epibt", *LEARNED[:1]), "04-movingai"),
     # The maps of the puzzles are smaller than the views of the trained policies.
