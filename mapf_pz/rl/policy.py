@@ -169,18 +169,6 @@ class SharedPolicy(LearnedPolicy):
 class TeamPolicy(LearnedPolicy):
     """One network acts for all agents, whose number is that of its training."""
 
-    def __init__(
-        self,
-        network: nn.Module,
-        config: TrainConfig,
-        seed: int = 0,
-        deterministic: bool = False,
-        temperature: float = 1.0,
-    ) -> None:
-        """Wrap a network; arguments as in `LearnedPolicy`."""
-        super().__init__(network, config, seed, deterministic, temperature)
-        self._decode = ACTION_MODES[config.task.action_mode]
-
     def reset_states(self) -> None:
         """Reset the policy for a new episode, as in `LearnedPolicy`."""
         super().reset_states()
@@ -196,7 +184,7 @@ class TeamPolicy(LearnedPolicy):
         return (mean + scale * noise).clamp(-1, 1).reshape(expected, -1)
 
     def _choose(self, preferences: Tensor) -> list[int]:
-        return self._decode(preferences.numpy().astype(np.float64), self._rng).tolist()
+        return ACTION_MODES[self.config.task.action_mode](preferences.numpy().astype(np.float64), self._rng).tolist()
 
 
 def save_weights(folder: Path, network: nn.Module) -> None:
