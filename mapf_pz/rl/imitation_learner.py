@@ -46,7 +46,7 @@ class ImitationLearner(Learner):
         agent_steps = batch.get(("agents", "expert_action")).numel()
         samples = self._samples(batch)
         agreement = self._agreement(samples)
-        self._buffer.extend(samples)
+        self._buffer.extend(samples.exclude("logits"))  # those of the policy as it was
         steps = max(1, self.config.ppo.num_epochs * agent_steps // self._minibatch_size)
         losses = torch.stack([self._improve(self._buffer.sample().to(self._device)) for _ in range(steps)])
         return {"loss": float(losses.mean()), "agreement": agreement, "buffer": float(len(self._buffer))}
