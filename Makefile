@@ -42,7 +42,7 @@ figures: .venv/installed
 	$(BIN)/python experiments/screenshots.py
 
 reproduction: .venv/installed
-	$(BIN)/python experiments/reproduction.py
+	$(BIN)/python -m experiments.reproduction
 
 # Hours; MAPF_PZ_BENCHMARK names the folders of benchmark data. Resumes where it was stopped.
 results: .venv/installed

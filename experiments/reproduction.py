@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 import tyro
-from flaws import AllGoals, Bytes, Flaw, FlawedPPO, Freeze
 from matplotlib.figure import Figure
 
+from experiments.flaws import AllGoals, Bytes, Flaw, FlawedPPO, Freeze
 from mapf_pz.config import REWARDS, RewardConfig
 from mapf_pz.rl.config import PPOConfig, TrainConfig
 from mapf_pz.rl.presets import PRESETS

@@ -1,19 +1,14 @@
 """The reproduction of the report: that its flaws are what they are said to be, and that it can be run."""
 
-import sys
-from pathlib import Path
-
 import pytest
 import torch
 
 pytest.importorskip("torchrl")
-sys.path.insert(0, str(Path(__file__).parents[1] / "docs"))
-flaws = pytest.importorskip("flaws")
-reproduction = pytest.importorskip("reproduction")
 
-from torchrl.envs import TransformedEnv  # noqa: E402
+from torchrl.envs import TransformedEnv
 
-from mapf_pz.rl import BatchedMapfEnv  # noqa: E402
+from experiments import flaws, reproduction
+from mapf_pz.rl import BatchedMapfEnv
 
 
 def make_env(*transforms, **keywords):
@@ -26,7 +21,7 @@ def make_env(*transforms, **keywords):
 
 
 def test_bytes_lose_all_fractions():
-    seen = flaws.Bytes().show(torch.tensor([0.0, 0.25, 0.99, 1.0, -0.5, -1.0]))
+    seen = flaws.Bytes().change_image(torch.tensor([0.0, 0.25, 0.99, 1.0, -0.5, -1.0]))
     assert torch.equal(seen * 255, torch.tensor([0.0, 0.0, 0.0, 1.0, 0.0, 255.0]))
 
 

@@ -80,6 +80,8 @@ class PPOLearner(Learner):
             )
         if self._agents_end:
             batch.set(LOSS_MASK, batch.get(("agents", "active")))
+        if self.curiosity is None:
+            batch = batch.exclude("next")  # large, and read by the advantage estimator and curiosity only
         self._buffer.empty()
         self._buffer.extend(
             batch.reshape(self.config.ppo.num_envs, -1) if self.config.model.recurrent else batch.reshape(-1)
