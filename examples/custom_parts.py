@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from mapf_pz import Channel, EnvConfig, Transition
 from mapf_pz.core.observation.inputs import ObservationInputs
 from mapf_pz.rl import load_policy, train
-from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
+from mapf_pz.rl.config import ModelConfig, OptimizationConfig, TaskConfig, TrainConfig
 from mapf_pz.rl.observation_shape import ObservationShape
 
 
@@ -54,7 +54,8 @@ def main(algorithm: str = "mappo", agent_steps: int = 200_000, output: Path = Pa
     channels = ("view", "cost_to_go", "custom_parts:congestion")
     env = EnvConfig(num_agents=4, view_size=(5, 5), view="centered", channels=channels, reward="custom_parts:pace")
     model = ModelConfig(encoder="custom_parts:Pooled")
-    train(TrainConfig(TaskConfig(env), algorithm, model, PPOConfig(num_envs=16), agent_steps=agent_steps), output)
+    config = TrainConfig(TaskConfig(env), algorithm, model, OptimizationConfig(num_envs=16), agent_steps=agent_steps)
+    train(config, output)
     print(load_policy(output).config.model.encoder)
 
 

@@ -7,6 +7,7 @@ import json
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -22,7 +23,7 @@ from mapf_pz.rl.presets import PRESETS
 from mapf_pz.wrappers import CentralizedEnv, CentralizedVectorEnv, centralized_env
 
 REPORT = PRESETS["report"]
-SETTING = REPORT.task.env.keywords() | {"action_mode": REPORT.task.action_mode}
+SETTING: dict[str, Any] = REPORT.task.env.keywords() | {"action_mode": REPORT.task.action_mode}
 NUM_AGENTS = REPORT.task.num_agents
 EVALUATION_SEED = 2_000_000  # that of the validation of `mapf-pz train`
 
@@ -70,20 +71,20 @@ def make_env() -> CentralizedEnv:
 
 def make_model(seed: int) -> PPO:
     """Return PPO with the report's network, and its environments."""
-    ppo, head = REPORT.ppo, list(REPORT.model.head)
+    optimization, ppo, head = REPORT.optimization, REPORT.ppo, list(REPORT.model.head)
     return PPO(
         "CnnPolicy",
-        make_vec_env(make_env, n_envs=ppo.num_envs, seed=seed),
-        learning_rate=lambda left: ppo.learning_rate * (0.1 + 0.9 * left),
-        n_steps=ppo.steps_per_batch,
-        batch_size=ppo.minibatch_size,
-        n_epochs=ppo.num_epochs,
+        make_vec_env(make_env, n_envs=optimization.num_envs, seed=seed),
+        learning_rate=lambda left: optimization.learning_rate * (0.1 + 0.9 * left),
+        n_steps=optimization.steps_per_batch,
+        batch_size=optimization.minibatch_size,
+        n_epochs=optimization.num_epochs,
         gamma=ppo.gamma,
         gae_lambda=ppo.lmbda,
         clip_range=ppo.clip_epsilon,
         ent_coef=ppo.entropy_coeff,
         vf_coef=ppo.critic_coeff,
-        max_grad_norm=ppo.max_grad_norm,
+        max_grad_norm=optimization.max_grad_norm,
         stats_window_size=16,
         policy_kwargs={
             "normalize_images": False,  # observations are not bytes
@@ -121,10 +122,11 @@ def main(example: Example) -> None:
     before, began = evaluate(model, example.episodes), time.process_time()
     model.learn(example.steps)
     seconds = time.process_time() - began
-    results = {"before": before, "after": evaluate(model, example.episodes), "cpu_seconds": seconds}
+    after = evaluate(model, example.episodes)
+    results = {"before": before, "after": after, "cpu_seconds": seconds}
     (example.output / "results.json").write_text(json.dumps(results, indent=2) + "\n")
-    for when in ("before", "after"):
-        print(f"{when} training:", ", ".join(f"{name} {value:.3f}" for name, value in results[when].items()))
+    for when, means in (("before", before), ("after", after)):
+        print(f"{when} training:", ", ".join(f"{name} {value:.3f}" for name, value in means.items()))
 
 
 if __name__ == "__main__":

@@ -144,8 +144,8 @@ def training(mode: str, setting: Setting, options: Options) -> TrainConfig:
         channels=("view", "goal", "cost_to_go", *weights, "others_next", "others_at_goal"),
         edge_weights=options.weights(setting.graph),
     )
-    ppo = replace(preset.ppo, num_envs=16, minibatch_size=64, num_epochs=3, learning_rate=1e-3)
-    return replace(preset, task=replace(preset.task, env=env), ppo=ppo)
+    optimization = replace(preset.optimization, num_envs=16, minibatch_size=64, num_epochs=3, learning_rate=1e-3)
+    return replace(preset, task=replace(preset.task, env=env), optimization=optimization)
 
 
 def length(run: Path) -> float:

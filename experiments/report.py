@@ -46,10 +46,10 @@ WINDOW = 16
 def changes() -> Iterator[Variation]:
     """Yield the changes of `central-ppo` in order; each row changes the row above it."""
     ours = PRESETS["central-ppo"]
-    settings = ("learning_rate", "gamma", "critic_coeff", "max_grad_norm")
     now = REPORT.with_(
         "+ learning rate, discount and coefficients of this project",
-        ppo={name: getattr(ours.ppo, name) for name in settings},
+        optimization={name: getattr(ours.optimization, name) for name in ("learning_rate", "max_grad_norm")},
+        ppo={name: getattr(ours.ppo, name) for name in ("gamma", "critic_coeff")},
     )
     yield now
     seen = now.config.task.env.channels

@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 
 from experiments.flaws import AllGoals, Bytes, Flaw, FlawedPPO, Freeze
 from mapf_pz.config import REWARDS, RewardConfig
-from mapf_pz.rl.config import PPOConfig, TrainConfig
+from mapf_pz.rl.config import OptimizationConfig, PPOConfig, TrainConfig
 from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.run import PROGRESS
 from mapf_pz.rl.train import train
@@ -46,16 +46,18 @@ AS_CODED = TrainConfig(
     algorithm="central-ppo",
     model=FULL.model,
     # As in its training script for Stable-Baselines3, except for batches (512 steps there) and minibatches (128 there).
-    ppo=PPOConfig(
+    optimization=OptimizationConfig(
         num_envs=64,
         steps_per_batch=32,
         num_epochs=10,
         minibatch_size=512,
         learning_rate=2.5e-4,
+        max_grad_norm=5.0,
+    ),
+    ppo=PPOConfig(
         gamma=0.9999,
         entropy_coeff=0.0,
         critic_coeff=0.19,
-        max_grad_norm=5.0,
         credit="team",
     ),
 )
@@ -92,7 +94,7 @@ def variations() -> Iterator[Variation]:
     yield (now := now.with_("- actions drawn from the matrix: argmax", task={"action_mode": "argmax"}))
     yield (now := now.with_("- agents that freeze", without=Freeze))
     yield (now := now.with_("- all goals alike", without=AllGoals))
-    ours = replace(now.config, ppo=replace(FULL.ppo, credit="team"))
+    ours = replace(now.config, optimization=FULL.optimization, ppo=replace(FULL.ppo, credit="team"))
     yield (now := Variation("+ PPO's settings of this project", ours))
     yield (now := now.with_("+ reward for progress", env={"reward": REWARDS["progress"], "edge_weights": "uniform"}))
     yield (now := now.with_("+ credit for each agent", ppo={"credit": "agent"}))
@@ -102,7 +104,7 @@ def variations() -> Iterator[Variation]:
     yield (now := now.with_("+ idea 2: cost to go", env=known))
     past = {"features": (*now.config.task.env.features, "last_actions"), "num_last_actions": 2}
     yield (now := now.with_("+ idea 5: past actions", env=past))
-    full = Variation("central-ppo", replace(AS_CODED, task=FULL.task, model=FULL.model, ppo=FULL.ppo))
+    full = Variation("central-ppo", FULL)
     yield full
     yield from ideas(full)
     yield full.with_("central-ppo: credit for the team", ppo={"credit": "team"})

@@ -24,7 +24,8 @@ def configs() -> dict[str, TrainConfig]:
     preset = PRESETS["mappo"]
 
     def changed(model: ModelConfig, minibatch_size: int, num_envs: int) -> TrainConfig:
-        return replace(preset, model=model, ppo=replace(preset.ppo, minibatch_size=minibatch_size, num_envs=num_envs))
+        optimization = replace(preset.optimization, minibatch_size=minibatch_size, num_envs=num_envs)
+        return replace(preset, model=model, optimization=optimization)
 
     return {
         "preset": preset,

@@ -14,7 +14,7 @@ from mapf_pz.commands.render import EpisodeOptions, render
 from mapf_pz.evaluation import EvaluationTask, evaluate, make_env
 from mapf_pz.instances.sources import RandomObstacles
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
-from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
+from mapf_pz.rl.config import ModelConfig, OptimizationConfig, TaskConfig, TrainConfig
 from mapf_pz.rl.config_file import CONFIG, config_files, load_config
 from mapf_pz.rl.observation_shape import ObservationShape
 from mapf_pz.simulator import Simulator
@@ -403,7 +403,7 @@ def test_train_then_play(tmp_path, algorithm):
         task=changed(TASK, **options),
         algorithm=algorithm,
         model=ModelConfig(conv_channels=(4,), hidden=16),
-        ppo=PPOConfig(num_envs=4, steps_per_batch=16, num_epochs=1, minibatch_size=32),
+        optimization=OptimizationConfig(num_envs=4, steps_per_batch=16, num_epochs=1, minibatch_size=32),
         agent_steps=600,
     )
     policy = load_policy(train(config, tmp_path))

@@ -42,7 +42,7 @@ class BehaviorCloning(Imitation):
             ValueError: the task has another `action_model`, `collision_system` or `on_target`.
         """
         config, dataset = self.config, load_dataset(self._folder)
-        steps = dataset.batches(config.task.env.keywords(), config.ppo.num_envs, seed, config.num_threads)
+        steps = dataset.batches(config.task.env.keywords(), config.optimization.num_envs, seed, config.num_threads)
         yield of_size(config.steps_per_update, map(self._agent_steps, steps))
 
     def _agent_steps(self, step: Batch) -> TensorDictBase:

@@ -80,7 +80,7 @@ def collecting(algorithm: Algorithm, config: TrainConfig, seed: int, updates: in
 
 
 def _in_this_process(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int, _: ExitStack) -> BaseCollector:
-    env = MakeEnv(algorithm, config, seed, config.ppo.num_envs)()
+    env = MakeEnv(algorithm, config, seed, config.optimization.num_envs)()
     return Collector(
         env, algorithm.actor, **_keywords(algorithm, config, updates), auto_register_policy_transforms=False
     )
@@ -131,13 +131,13 @@ _COLLECTORS: dict[CollectorName, Callable[[Algorithm, TrainConfig, int, int, Exi
 
 def _shares(algorithm: Algorithm, config: TrainConfig, seed: int) -> list[MakeWorkerEnv]:
     """Divide the environments evenly among the workers."""
-    number = config.ppo.num_envs // config.num_workers
+    number = config.optimization.num_envs // config.num_workers
     MakeEnv(algorithm, config, seed, 1)().reset()  # errors are raised here, not as a worker's traceback
     return [MakeWorkerEnv(algorithm, config, seed + w * number, number) for w in range(config.num_workers)]
 
 
 def _keywords(algorithm: Algorithm, config: TrainConfig, updates: int) -> dict[str, Any]:
-    frames = config.ppo.num_envs * config.ppo.steps_per_batch
+    frames = config.optimization.num_envs * config.optimization.steps_per_batch
     policy_device = next(algorithm.actor.parameters()).device
     return {
         "frames_per_batch": frames,

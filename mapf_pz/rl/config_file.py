@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
+from typing import Annotated, Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import BeforeValidator, TypeAdapter, ValidationError
 
 from mapf_pz.errors import FormatError
 from mapf_pz.io.atomic import write_whole
 from mapf_pz.io.text import read_text
-from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.config import OptimizationConfig, TrainConfig
 from mapf_pz.rl.saved_env import OBJECT_FIELDS, complaint, object_file, object_files
 
 CONFIG = "config.json"
 CONFIG_FILES = (CONFIG, *map(object_file, OBJECT_FIELDS))
 """All files that a configuration may consist of."""
-_ADAPTER = TypeAdapter(TrainConfig)
+
+
+def _with_optimization(saved: Any) -> Any:
+    """Move the fields of `optimization` out of `ppo`, which held them in earlier runs."""
+    if not isinstance(saved, dict) or "optimization" in saved or not isinstance(ppo := saved.get("ppo"), dict):
+        return saved
+    moved = {field.name: ppo.pop(field.name) for field in fields(OptimizationConfig) if field.name in ppo}
+    return saved | {"optimization": moved}
+
+
+_ADAPTER = TypeAdapter(Annotated[TrainConfig, BeforeValidator(_with_optimization)])
 
 
 def config_files(config: TrainConfig) -> dict[str, bytes]:

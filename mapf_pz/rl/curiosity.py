@@ -17,7 +17,8 @@ from torch.nn.functional import cross_entropy, one_hot
 from torchrl.envs.transforms.rnd import RunningMeanStd
 from torchrl.objectives import RNDLoss
 
-from mapf_pz.rl.config import CuriosityConfig, CuriosityName, ModelConfig, TrainConfig
+from mapf_pz.rl.algorithm_config import CuriosityConfig, CuriosityName
+from mapf_pz.rl.config import ModelConfig, TrainConfig
 from mapf_pz.rl.encoders import make_encoder, scaled
 from mapf_pz.rl.observation_shape import ObservationShape
 
@@ -81,7 +82,7 @@ class Curiosity(nn.Module, ABC):
         super().__init__()
         self.action_key = action_key
         self.config: CuriosityConfig = config.curiosity
-        self.scale = RewardScale(config.ppo.num_envs, config.task.num_agents, config.curiosity.gamma)
+        self.scale = RewardScale(config.optimization.num_envs, config.task.num_agents, config.curiosity.gamma)
 
     @abstractmethod
     def surprise(self, steps: TensorDictBase) -> Tensor:

@@ -29,10 +29,10 @@ class ImitationLearner(Learner):
         self._network, self._keys = network, keys
         parameters = list(network.parameters())
         self._device = parameters[0].device
-        rate = config.ppo.learning_rate
+        rate = config.optimization.learning_rate
         self.optimizer = torch.optim.Adam([{"params": parameters, "initial_lr": rate}], lr=rate)
         self._wait = int(CardinalAction.WAIT if config.task.env.action_model == "cardinal" else Action.WAIT)
-        self._minibatch_size = config.ppo.minibatch_size * config.task.num_agents
+        self._minibatch_size = config.optimization.minibatch_size * config.task.num_agents
         self._buffer = TensorDictReplayBuffer(
             storage=LazyTensorStorage(config.imitation.buffer_size), batch_size=self._minibatch_size
         )
@@ -47,7 +47,7 @@ class ImitationLearner(Learner):
         samples = self._samples(batch)
         agreement = self._agreement(samples)
         self._buffer.extend(samples.exclude("logits"))  # those of the policy as it was
-        steps = max(1, self.config.ppo.num_epochs * agent_steps // self._minibatch_size)
+        steps = max(1, self.config.optimization.num_epochs * agent_steps // self._minibatch_size)
         losses = torch.stack([self._improve(self._buffer.sample().to(self._device)) for _ in range(steps)])
         return {"loss": float(losses.mean()), "agreement": agreement, "buffer": float(len(self._buffer))}
 
@@ -71,5 +71,5 @@ class ImitationLearner(Learner):
         """Take one gradient step, and return the loss."""
         (logits,) = self._network(*(samples.get(str(number)) for number in range(len(self._keys))))
         loss = cross_entropy(logits, samples.get("label"))
-        self.step(loss, self.config.ppo.max_grad_norm)
+        self.step(loss, self.config.optimization.max_grad_norm)
         return loss.detach()

@@ -9,7 +9,8 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 from torchrl.modules import GRUModule
 
-from mapf_pz.rl.config import Credit, ModelConfig
+from mapf_pz.rl.algorithm_config import Credit
+from mapf_pz.rl.config import ModelConfig
 from mapf_pz.rl.encoders import make_encoder, scaled
 from mapf_pz.rl.observation_shape import ObservationShape
 

@@ -53,7 +53,7 @@ class PPOLearner(Learner):
         self._agents_end = agents_end
         self._device = next(self.loss.parameters()).device
         self.modules = {"loss": self.loss}
-        groups = [{"params": list(self.loss.parameters()), "initial_lr": config.ppo.learning_rate}]
+        groups = [{"params": list(self.loss.parameters()), "initial_lr": config.optimization.learning_rate}]
         if self.curiosity is not None:
             self.modules["curiosity"] = self.curiosity.to(self._device)
             trained = [parameter for parameter in self.curiosity.parameters() if parameter.requires_grad]
@@ -84,10 +84,11 @@ class PPOLearner(Learner):
             batch = batch.exclude("next")  # large, and read by the advantage estimator and curiosity only
         self._buffer.empty()
         self._buffer.extend(
-            batch.reshape(self.config.ppo.num_envs, -1) if self.config.model.recurrent else batch.reshape(-1)
+            batch.reshape(self.config.optimization.num_envs, -1) if self.config.model.recurrent else batch.reshape(-1)
         )
         warmup = round(done * self.config.num_updates) < self.config.ppo.warmup_updates
-        losses = [self._improve(part, warmup) for _ in range(self.config.ppo.num_epochs) for part in self._buffer]
+        num_epochs = self.config.optimization.num_epochs
+        losses = [self._improve(part, warmup) for _ in range(num_epochs) for part in self._buffer]
         means |= {name: torch.stack([part[name] for part in losses]).mean() for name in losses[0]}
         return {name: float(value) for name, value in means.items()}
 
@@ -118,7 +119,7 @@ class PPOLearner(Learner):
         if self.curiosity is not None:
             surprise = self.curiosity.loss(part)
             total, reported["loss_curiosity"] = total + surprise, surprise.detach()
-        self.step(total, self.config.ppo.max_grad_norm)
+        self.step(total, self.config.optimization.max_grad_norm)
         return reported
 
 
@@ -140,9 +141,10 @@ def _make_buffer(config: TrainConfig, device: torch.device) -> TensorDictReplayB
 
     It stores the batch on `device`, the device of the networks.
     """
-    row_steps = config.ppo.steps_per_batch if config.model.recurrent else 1
+    optimization = config.optimization
+    row_steps = optimization.steps_per_batch if config.model.recurrent else 1
     return TensorDictReplayBuffer(
-        storage=LazyTensorStorage(config.ppo.num_envs * config.ppo.steps_per_batch // row_steps, device=device),
+        storage=LazyTensorStorage(optimization.num_envs * optimization.steps_per_batch // row_steps, device=device),
         sampler=SamplerWithoutReplacement(),
-        batch_size=max(1, config.ppo.minibatch_size // row_steps),
+        batch_size=max(1, optimization.minibatch_size // row_steps),
     )

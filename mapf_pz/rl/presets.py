@@ -6,7 +6,15 @@ from dataclasses import replace
 
 from mapf_pz.config import REWARDS, EnvConfig
 from mapf_pz.instances.mixture import MapMixture
-from mapf_pz.rl.config import TRAINING_ENV, ImitationConfig, ModelConfig, PPOConfig, TaskConfig, TrainConfig
+from mapf_pz.rl.config import (
+    TRAINING_ENV,
+    ImitationConfig,
+    ModelConfig,
+    OptimizationConfig,
+    PPOConfig,
+    TaskConfig,
+    TrainConfig,
+)
 
 # Maps that are denser than in the evaluation teach agents to give way to each other in narrow passages.
 _QUICKSTART = TrainConfig(task=TaskConfig(mixture=MapMixture(density=0.3)), agent_steps=2_000_000)
@@ -16,7 +24,7 @@ _CROWD = TrainConfig(
         env=replace(TRAINING_ENV, num_agents=32, max_steps=160),
         mixture=MapMixture(height=20, width=20, density=0.2),
     ),
-    ppo=PPOConfig(num_envs=32, minibatch_size=128),
+    optimization=OptimizationConfig(num_envs=32, minibatch_size=128),
     agent_steps=3_000_000,
 )
 
@@ -35,7 +43,8 @@ _CENTRAL = TrainConfig(
     ),
     algorithm="central-ppo",
     model=ModelConfig(encoder="report", conv_channels=(32, 64), hidden=128, head=(64, 64)),
-    ppo=PPOConfig(learning_rate=5e-4, num_epochs=6, minibatch_size=512, entropy_coeff=0.0),
+    optimization=OptimizationConfig(num_epochs=6, minibatch_size=512, learning_rate=5e-4),
+    ppo=PPOConfig(entropy_coeff=0.0),
     agent_steps=2_000_000,
 )
 
@@ -54,17 +63,10 @@ _REPORT = TrainConfig(
     ),
     algorithm="central-ppo",
     model=ModelConfig(encoder="report", conv_channels=(32, 64), hidden=128, head=(64, 64)),
-    ppo=PPOConfig(
-        num_envs=8,
-        steps_per_batch=64,
-        minibatch_size=128,
-        learning_rate=2.5e-4,
-        gamma=0.9999,
-        entropy_coeff=0.0,
-        critic_coeff=0.19,
-        max_grad_norm=5.0,
-        credit="team",
+    optimization=OptimizationConfig(
+        num_envs=8, steps_per_batch=64, minibatch_size=128, learning_rate=2.5e-4, max_grad_norm=5.0
     ),
+    ppo=PPOConfig(gamma=0.9999, entropy_coeff=0.0, critic_coeff=0.19, credit="team"),
     agent_steps=5_000_000,
     validation_interval=500_000,
     validation_episodes=32,
@@ -96,7 +98,9 @@ _LIFELONG_CARDINAL = TrainConfig(
     ),
     algorithm="dagger",
     model=ModelConfig(conv_channels=(32, 32)),
-    ppo=PPOConfig(num_envs=32, steps_per_batch=16, num_epochs=2, minibatch_size=16, learning_rate=1e-3),
+    optimization=OptimizationConfig(
+        num_envs=32, steps_per_batch=16, num_epochs=2, minibatch_size=16, learning_rate=1e-3
+    ),
     imitation=ImitationConfig(expert="windowed:rounds=1,window=12", temperature=0.3),
     agent_steps=3_000_000,
     checkpoint_interval=500_000,
@@ -111,7 +115,7 @@ _ONESHOT_CARDINAL = replace(
         _LIFELONG_CARDINAL.task,
         env=replace(_LIFELONG_CARDINAL.task.env, num_agents=48, max_steps=128, on_target="nothing"),
     ),
-    ppo=replace(_LIFELONG_CARDINAL.ppo, learning_rate=5e-4),
+    optimization=replace(_LIFELONG_CARDINAL.optimization, learning_rate=5e-4),
     imitation=ImitationConfig(expert="lacam:time_limit=0.15", expert_share=0.5, segment_steps=32, temperature=0.5),
     agent_steps=6_000_000,
     validation_interval=450_000,
@@ -131,7 +135,7 @@ PRESETS: dict[str, TrainConfig] = {
             mixture=MapMixture(height=10, width=10, density=0.1),
         ),
         model=ModelConfig(encoder="report", conv_channels=(64, 64), hidden=384, head=(192,)),
-        ppo=replace(_CENTRAL.ppo, learning_rate=7e-4, num_epochs=4),
+        optimization=replace(_CENTRAL.optimization, learning_rate=7e-4, num_epochs=4),
         agent_steps=8_000_000,
     ),
     "report": _REPORT,

@@ -59,9 +59,9 @@ def recurrent_distribution(network, observation, memory, is_init):
 
 
 class ReferencePPO:
-    """Updates an actor and a critic; the settings are those of `PPOConfig`."""
+    """Updates an actor and a critic; the settings are those of a `TrainConfig`."""
 
-    def __init__(self, distribution, log_prob_and_entropy, critic, weights, settings, masked=False):
+    def __init__(self, distribution, log_prob_and_entropy, critic, weights, config, masked=False):
         """Begin with Adam's moments at 0.
 
         Args:
@@ -69,48 +69,49 @@ class ReferencePPO:
             log_prob_and_entropy: function of actions and those parameters, each result (..., U).
             critic: function of observations to values (..., U).
             weights: tensors to optimize.
-            settings: a `PPOConfig`.
+            config: a `TrainConfig`.
             masked: whether steps may be inactive.
         """
         self.distribution, self.log_prob_and_entropy, self.critic = distribution, log_prob_and_entropy, critic
-        self.weights, self.settings, self.masked = weights, settings, masked
+        self.weights, self.masked = weights, masked
+        self.ppo, self.optimization = config.ppo, config.optimization
         self.moments = [(torch.zeros_like(weight), torch.zeros_like(weight)) for weight in weights]
         self.num_steps = 0
         self.ratios = []
 
     def update(self, batch, by_sequence, progress):
         """Optimize on a batch (B, T, ...); minibatch rows are single steps, or whole sequences if `by_sequence`."""
-        s, annealing = self.settings, 1 - 0.9 * progress
+        ppo, optimization, annealing = self.ppo, self.optimization, 1 - 0.9 * progress
         with torch.no_grad():
             value, next_value = self.critic(batch["observation"]), self.critic(batch["next_observation"])
             signals = batch["reward"], value, next_value, batch["done"], batch["terminated"]
-            advantage = generalized_advantages(*signals, s.gamma, s.lmbda)
+            advantage = generalized_advantages(*signals, ppo.gamma, ppo.lmbda)
         rows = {**batch, "advantage": advantage, "target": advantage + value}
         if not by_sequence:
             rows = _select(rows, lambda tensor: tensor.flatten(0, 1))
-        size = s.minibatch_size // s.steps_per_batch if by_sequence else s.minibatch_size
-        for _ in range(s.num_epochs):
+        size = optimization.minibatch_size // (optimization.steps_per_batch if by_sequence else 1)
+        for _ in range(optimization.num_epochs):
             for index in torch.randperm(len(rows["advantage"])).split(size):
                 part = _select(rows, lambda tensor, index=index: tensor[index])
-                self._descend(self._loss(part, s.entropy_coeff * annealing), s.learning_rate * annealing)
+                self._descend(self._loss(part, ppo.entropy_coeff * annealing), optimization.learning_rate * annealing)
 
     def _loss(self, part, entropy_coeff):
-        s = self.settings
+        ppo = self.ppo
         log_prob, entropy = self.log_prob_and_entropy(part["action"], *self.distribution(part))
         # The papers do not say which deviation: TorchRL takes the sample's, and with a mask the population's.
         active, correction = part["active"], 1 - self.masked
         advantage = normalized(part["advantage"], active, correction)
         ratio = (log_prob - part["log_prob"]).exp()
         self.ratios.append(ratio.detach())
-        clipped = ratio.clamp(1 - s.clip_epsilon, 1 + s.clip_epsilon)
+        clipped = ratio.clamp(1 - ppo.clip_epsilon, 1 + ppo.clip_epsilon)
         gain = torch.minimum(ratio * advantage, clipped * advantage)[active].mean()
         value_loss = smooth_l1_loss(self.critic(part["observation"])[active], part["target"][active])
-        return -gain + s.critic_coeff * value_loss - entropy_coeff * entropy[active].mean()
+        return -gain + ppo.critic_coeff * value_loss - entropy_coeff * entropy[active].mean()
 
     def _descend(self, loss, learning_rate, beta1=0.9, beta2=0.999, eps=1e-5):
         gradients = torch.autograd.grad(loss, self.weights)
         norm = torch.cat([gradient.flatten() for gradient in gradients]).norm()
-        scale = (self.settings.max_grad_norm / norm).clamp(max=1)
+        scale = (self.optimization.max_grad_norm / norm).clamp(max=1)
         self.num_steps += 1
         with torch.no_grad():
             for weight, gradient, (first, second) in zip(self.weights, gradients, self.moments, strict=True):

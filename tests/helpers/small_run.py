@@ -5,7 +5,7 @@ import dataclasses
 
 from mapf_pz.config import EnvConfig
 from mapf_pz.instances import MapMixture
-from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
+from mapf_pz.rl.config import ModelConfig, OptimizationConfig, TaskConfig, TrainConfig
 
 ENV_FIELDS = {field.name for field in dataclasses.fields(EnvConfig)}
 MIXTURE_FIELDS = {field.name for field in dataclasses.fields(MapMixture)}
@@ -21,7 +21,7 @@ def changed(task, **fields):
 TINY = TrainConfig(
     task=changed(TaskConfig(), height=6, width=6, num_agents=3, max_steps=12, view_size=(3, 3)),
     model=ModelConfig(conv_channels=(4,), hidden=16),
-    ppo=PPOConfig(num_envs=4, steps_per_batch=16, num_epochs=1, minibatch_size=32),
+    optimization=OptimizationConfig(num_envs=4, steps_per_batch=16, num_epochs=1, minibatch_size=32),
     agent_steps=576,
 )
 TIMINGS = {"seconds", "agent_steps_per_second", "collecting_share", "acting_share", "learning_share"}

@@ -12,7 +12,7 @@ import numpy as np
 
 from mapf_pz.config import RewardConfig
 from mapf_pz.rl import train
-from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
+from mapf_pz.rl.config import ModelConfig, OptimizationConfig, PPOConfig, TaskConfig, TrainConfig
 from tests.helpers.small_run import changed
 
 # Two agents on an empty map are rewarded for each step closer to the goal, and observe which moves lead there. The
@@ -29,7 +29,8 @@ ENV = {
 MAPPO = TrainConfig(
     task=changed(TaskConfig(), height=8, width=8, density=0, **ENV),
     model=ModelConfig(conv_channels=(4,), hidden=16, head=(16,)),
-    ppo=PPOConfig(num_envs=32, steps_per_batch=16, minibatch_size=128, learning_rate=0.01, entropy_coeff=0.3),
+    optimization=OptimizationConfig(num_envs=32, steps_per_batch=16, minibatch_size=128, learning_rate=0.01),
+    ppo=PPOConfig(entropy_coeff=0.3),
     agent_steps=6 * 32 * 16 * 2,
 )
 TASKS = {

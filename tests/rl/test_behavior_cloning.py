@@ -56,8 +56,8 @@ def agreement(network, dataset):
 
 
 def test_a_policy_learns_the_actions_of_the_demonstrations(tmp_path, dataset):
-    ppo = dataclasses.replace(TINY.ppo, learning_rate=5e-3, num_epochs=4)
-    config = cloning(dataset, ppo=ppo, agent_steps=20 * TINY.steps_per_update)
+    optimization = dataclasses.replace(TINY.optimization, learning_rate=5e-3, num_epochs=4)
+    config = cloning(dataset, optimization=optimization, agent_steps=20 * TINY.steps_per_update)
     torch.manual_seed(0)
     before = agreement(ALGORITHMS["bc"](config).network, dataset)
     folder = train(config, tmp_path / "run")
@@ -100,7 +100,7 @@ def entries(config, seed, number):
 def test_batches_are_the_agent_steps_of_the_demonstrations_in_order(dataset):
     config = cloning(dataset)
     batches = entries(config, 5, 4)
-    steps = load_dataset(dataset).batches(SHIELDED.env.keywords(), num_envs=config.ppo.num_envs, seed=5)
+    steps = load_dataset(dataset).batches(SHIELDED.env.keywords(), num_envs=config.optimization.num_envs, seed=5)
     steps = [*islice(steps, 100)]
     for name, key in [("actions", "expert_action"), ("at_goal", "at_goal"), ("active", "active")]:
         expected = np.concatenate([getattr(step, name).ravel() for step in steps])[: len(batches)]

@@ -30,7 +30,7 @@ def collected(config, folder):
             layer.bias.fill_(-50.0).view(-1, 4)[:, 3] = 50.0
 
     train(config, folder, always_wait, make_algorithm)
-    steps = [batch.reshape(config.ppo.num_envs, -1) for batch in batches]
+    steps = [batch.reshape(config.optimization.num_envs, -1) for batch in batches]
     return [(batch[algorithms[0].action_key], batch["agents", "position"], batch["agents"]) for batch in steps]
 
 

@@ -47,8 +47,8 @@ def test_worker_processes_collect_for_it(tmp_path):
 
 def test_losses_are_those_of_the_cpu():
     # One minibatch of all steps: permutations are drawn on each device.
-    ppo = dataclasses.replace(TINY.ppo, minibatch_size=64)
-    config = dataclasses.replace(TINY, ppo=ppo, curiosity=CuriosityConfig("rnd", update_fraction=1.0))
+    optimization = dataclasses.replace(TINY.optimization, minibatch_size=64)
+    config = dataclasses.replace(TINY, optimization=optimization, curiosity=CuriosityConfig("rnd", update_fraction=1.0))
     algorithms = []
     for device in ("cpu", "cuda"):
         with torch.device(device):

@@ -53,7 +53,9 @@ def rollout(config, steps, max_steps=None):
     torch.manual_seed(0)
     algorithm = ALGORITHMS[config.algorithm](config)
     keywords = config.task.env_keywords() | {"max_steps": max_steps or config.task.env.max_steps}
-    env = TransformedEnv(BatchedMapfEnv(config.ppo.num_envs, **keywords), Compose(*algorithm.transforms(config.seed)))
+    env = TransformedEnv(
+        BatchedMapfEnv(config.optimization.num_envs, **keywords), Compose(*algorithm.transforms(config.seed))
+    )
     env.set_seed(0)
     torch.manual_seed(1)
     with torch.no_grad():

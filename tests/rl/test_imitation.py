@@ -116,7 +116,7 @@ def learner_of(config):
 
 
 def test_the_policy_learns_the_labels():
-    fast = dataclasses.replace(DAGGER, ppo=dataclasses.replace(DAGGER.ppo, learning_rate=5e-3))
+    fast = dataclasses.replace(DAGGER, optimization=dataclasses.replace(DAGGER.optimization, learning_rate=5e-3))
     algorithm, learner = learner_of(imitating(fast, buffer_size=2000))
     shape = algorithm.observation_shape
     generator = torch.Generator().manual_seed(0)

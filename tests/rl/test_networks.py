@@ -6,7 +6,7 @@ import torch
 
 import mapf_pz
 from mapf_pz.rl import load_policy, train
-from mapf_pz.rl.config import ModelConfig, PPOConfig, TrainConfig
+from mapf_pz.rl.config import ModelConfig, OptimizationConfig, TrainConfig
 from mapf_pz.rl.encoders import IMAGE_LAYERS
 from mapf_pz.rl.networks import Actor, LocalCritic, TeamActor, TeamCritic, TeamValue
 from mapf_pz.rl.observation_shape import ObservationShape
@@ -104,7 +104,7 @@ def test_a_trained_policy_acts_as_its_network(tmp_path, name):
     config = TrainConfig(
         task=TINY.task,
         model=MODELS[name],
-        ppo=PPOConfig(num_envs=4, steps_per_batch=8, num_epochs=1, minibatch_size=16),
+        optimization=OptimizationConfig(num_envs=4, steps_per_batch=8, num_epochs=1, minibatch_size=16),
         agent_steps=192,
     )
     policy = load_policy(train(config, tmp_path), deterministic=True)

@@ -94,7 +94,9 @@ def collect(config, steps=40):
 def test_steps_after_an_agent_has_disappeared_are_not_learned_from(algorithm):
     """Whatever is in those steps, the update is the same."""
     config = on("finish", algorithm=algorithm)
-    config = dataclasses.replace(config, ppo=dataclasses.replace(config.ppo, steps_per_batch=40, minibatch_size=64))
+    config = dataclasses.replace(
+        config, optimization=dataclasses.replace(config.optimization, steps_per_batch=40, minibatch_size=64)
+    )
     weights = []
     for spoil in (False, True):
         made, batch = collect(config)
@@ -110,7 +112,7 @@ def test_steps_after_an_agent_has_disappeared_are_not_learned_from(algorithm):
 
 
 def test_the_value_of_disappearing_is_the_last_reward():
-    config = dataclasses.replace(on("finish"), ppo=dataclasses.replace(TINY.ppo, steps_per_batch=40))
+    config = dataclasses.replace(on("finish"), optimization=dataclasses.replace(TINY.optimization, steps_per_batch=40))
     made, batch = collect(config)
     left = batch["agents", "active"] & ~batch["next", "agents", "active"]
     made.make_learner().learn(batch, 0)

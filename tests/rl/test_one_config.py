@@ -54,7 +54,7 @@ def with_env(**fields):
 
 def test_no_field_of_an_environment_is_declared_twice():
     for name, kind in inspect.getmembers(rl_config, dataclasses.is_dataclass):
-        if isinstance(kind, type) and kind.__module__ == rl_config.__name__:
+        if isinstance(kind, type) and kind.__module__.startswith("mapf_pz.rl"):
             assert not ENV_FIELDS & {field.name for field in dataclasses.fields(kind)}, name
 
 
@@ -155,3 +155,12 @@ def test_random_maps_have_the_size_and_the_agents_of_the_task():
     task = TaskConfig(mixture=MapMixture(height=9, width=10, density=0.1))
     env = mapf_pz.MapfEnv(task.env_config())
     assert (env.simulator.shape, len(env.possible_agents)) == ((9, 10), 8)
+
+
+def test_a_run_from_before_optimization_had_a_part_of_its_own_is_read(tmp_path):
+    config = dataclasses.replace(TINY, ppo=dataclasses.replace(TINY.ppo, gamma=0.5))
+    save_config(tmp_path, config)
+    saved = json.loads((tmp_path / CONFIG).read_text())
+    saved["ppo"] |= saved.pop("optimization")
+    (tmp_path / CONFIG).write_text(json.dumps(saved))
+    assert load_config(tmp_path / CONFIG) == config

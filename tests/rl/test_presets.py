@@ -8,7 +8,7 @@ from mapf_pz.rl.presets import PRESETS
 
 def described(config):
     """Return the agents, maps, episodes, networks, optimization and length of a run."""
-    task, model, ppo = config.task, config.model, config.ppo
+    task, model, optimization = config.task, config.model, config.optimization
     return (
         (
             task.num_agents,
@@ -19,7 +19,14 @@ def described(config):
             task.env.view_size,
         ),
         (model.encoder, model.conv_channels, model.hidden, model.head),
-        (ppo.num_envs, ppo.steps_per_batch, ppo.num_epochs, ppo.minibatch_size, ppo.learning_rate, ppo.entropy_coeff),
+        (
+            optimization.num_envs,
+            optimization.steps_per_batch,
+            optimization.num_epochs,
+            optimization.minibatch_size,
+            optimization.learning_rate,
+            config.ppo.entropy_coeff,
+        ),
         config.agent_steps,
     )
 

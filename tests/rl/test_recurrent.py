@@ -17,7 +17,7 @@ TINY = dataclasses.replace(
     tiny.TINY,
     task=tiny.changed(tiny.TINY.task, max_steps=5),
     model=dataclasses.replace(tiny.TINY.model, recurrent=12),
-    ppo=dataclasses.replace(tiny.TINY.ppo, num_epochs=2),
+    optimization=dataclasses.replace(tiny.TINY.optimization, num_epochs=2),
 )
 NAMES = ["mappo", "ippo", "central-ppo"]
 GROUPS = {"mappo": "agents", "ippo": "agents", "central-ppo": "team"}
@@ -26,9 +26,9 @@ GROUPS = {"mappo": "agents", "ippo": "agents", "central-ppo": "team"}
 def batches(algorithm, number):
     """Return the algorithm's first batches, with its first weights."""
     config = algorithm.config
-    env = BatchedMapfEnv(config.ppo.num_envs, **config.task.env_keywords())
+    env = BatchedMapfEnv(config.optimization.num_envs, **config.task.env_keywords())
     env.set_seed(0)
-    frames = config.ppo.num_envs * config.ppo.steps_per_batch
+    frames = config.optimization.num_envs * config.optimization.steps_per_batch
     collector = Collector(
         TransformedEnv(env, Compose(*algorithm.transforms(0))),
         algorithm.actor,
@@ -186,9 +186,9 @@ def test_same_seed_same_actions(tmp_path):
 
 @pytest.mark.parametrize("minibatch_size", [64, 3])
 def test_training_updates_from_whole_sequences(tmp_path, minibatch_size):
-    ppo = dataclasses.replace(TINY.ppo, num_epochs=1, minibatch_size=minibatch_size, learning_rate=0.03)
+    steps = dataclasses.replace(TINY.optimization, num_epochs=1, minibatch_size=minibatch_size, learning_rate=0.03)
     drifts = []
-    train(dataclasses.replace(TINY, ppo=ppo), tmp_path, lambda row: drifts.append(abs(row["kl_approx"])))
+    train(dataclasses.replace(TINY, optimization=steps), tmp_path, lambda row: drifts.append(abs(row["kl_approx"])))
     if minibatch_size == 64:  # the whole batch: the loss comes before the only change
         assert max(drifts) < 1e-5
     else:  # less than a sequence: still one sequence a minibatch

@@ -110,7 +110,7 @@ def test_values_that_are_not_allowed_are_refused(part, name, values):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"learning_rate": 0.0}, "learning_rate=0.0: expected a number greater than 0"),
+        ({"clip_epsilon": 0.0}, "clip_epsilon=0.0: expected a number greater than 0"),
         ({"gamma": 1.5}, "gamma=1.5: expected a number, 0 or greater, at most 1"),
         ({"critic_coeff": -1.0}, "critic_coeff=-1.0: expected a number, 0 or greater"),
     ],
@@ -121,7 +121,8 @@ def test_a_refusal_names_the_bounds(change, message):
 
 
 @pytest.mark.parametrize(
-    "config", [TINY, TINY.task, TINY.model, TINY.ppo, TINY.curiosity, ObservationShape((5, 3, 3), 7, 4)]
+    "config",
+    [TINY, TINY.task, TINY.model, TINY.optimization, TINY.ppo, TINY.curiosity, ObservationShape((5, 3, 3), 7, 4)],
 )
 def test_configurations_do_not_change(config):
     name = dataclasses.fields(config)[0].name

@@ -9,7 +9,7 @@ import torch
 from mapf_pz.rl import train
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.collect import collecting
-from mapf_pz.rl.config import ModelConfig, PPOConfig, TaskConfig, TrainConfig
+from mapf_pz.rl.config import ModelConfig, OptimizationConfig, TaskConfig, TrainConfig
 from mapf_pz.rl.networks import LocalCritic, TeamCritic, TeamValue
 from mapf_pz.rl.observation_shape import ObservationShape
 from tests.helpers.reference_ppo import ReferencePPO, categorical, normal, recurrent_distribution
@@ -20,7 +20,9 @@ FIELDS = {"num_agents": 2, "max_steps": 7, "view_size": (1, 1), "action_model": 
 SMALL = TrainConfig(
     task=changed(TaskConfig(), height=2, width=2, density=0, **FIELDS),
     model=ModelConfig(conv_channels=(4,), hidden=16, head=(16,)),
-    ppo=PPOConfig(num_envs=6, steps_per_batch=32, num_epochs=2, minibatch_size=64, learning_rate=3e-3),
+    optimization=OptimizationConfig(
+        num_envs=6, steps_per_batch=32, num_epochs=2, minibatch_size=64, learning_rate=3e-3
+    ),
     agent_steps=6 * 32 * 2 * 4,
 )
 ALL = [
@@ -31,13 +33,14 @@ ALL = [
 ]
 
 
-def configured(algorithm="mappo", recurrent=0, on_target="nothing", mask_actions=False, **ppo):
+def configured(algorithm="mappo", recurrent=0, on_target="nothing", mask_actions=False, ppo=None, **optimization):
     return dataclasses.replace(
         SMALL,
         task=changed(SMALL.task, on_target=on_target),
         algorithm=algorithm,
         model=dataclasses.replace(SMALL.model, recurrent=recurrent, mask_actions=mask_actions),
-        ppo=dataclasses.replace(SMALL.ppo, **ppo),
+        optimization=dataclasses.replace(SMALL.optimization, **optimization),
+        ppo=dataclasses.replace(SMALL.ppo, **(ppo or {})),
     )
 
 
@@ -128,7 +131,7 @@ def make_reference(algorithm):
         return critic(*observation) if one else critic(*observation).squeeze(-1)
 
     weights = [*actor.parameters(), *critic.parameters()]
-    reference = ReferencePPO(distribution, log_prob_and_entropy, values, weights, config.ppo, masked(config))
+    reference = ReferencePPO(distribution, log_prob_and_entropy, values, weights, config, masked(config))
     return reference, actor, critic
 
 
@@ -165,7 +168,7 @@ def ratios_of_equal_updates(config):
 @pytest.mark.parametrize(("name", "credit"), ALL)
 @pytest.mark.filterwarnings("error")
 def test_updates_are_those_of_the_papers(name, credit, recurrent, on_target):
-    config = configured(name, recurrent, on_target, credit=credit, max_grad_norm=0.3)
+    config = configured(name, recurrent, on_target, ppo={"credit": credit}, max_grad_norm=0.3)
     assert ((ratios_of_equal_updates(config) - 1).abs() > config.ppo.clip_epsilon).any()
 
 
@@ -195,7 +198,7 @@ def test_the_entropy_bonus_raises_the_entropy(name, credit):
     """With zero rewards and values, only the bonus changes the policy."""
 
     def entropies(coefficient):
-        config = configured(name, credit=credit, entropy_coeff=coefficient)
+        config = configured(name, ppo={"credit": credit, "entropy_coeff": coefficient})
         algorithm, batch = make(config)
         for key in (("agents", "reward"), algorithm.reward_key):
             batch["next", key].zero_()
@@ -213,7 +216,7 @@ def test_the_entropy_bonus_raises_the_entropy(name, credit):
 @pytest.mark.parametrize("name", ["mappo", "central-ppo"])
 @pytest.mark.parametrize("progress", [0.0, 0.3, 0.9])
 def test_step_sizes_and_entropy_bonus_fall_linearly_to_a_tenth(name, progress):
-    config = configured(name, learning_rate=2e-3, entropy_coeff=0.05)
+    config = configured(name, ppo={"entropy_coeff": 0.05}, learning_rate=2e-3)
     algorithm, batch = make(config)
     learner = algorithm.make_learner()
     learner.learn(batch, progress)
