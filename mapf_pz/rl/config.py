@@ -25,6 +25,9 @@ CuriosityName = Literal["none", "rnd", "random-features", "inverse-dynamics"]
 DeviceName = Literal["auto", "cpu", "cuda"]
 EncoderName = Literal["conv", "report", "residual"]
 
+ATTENTION_HEADS = 4
+"""Number of attention heads of communication; each has `hidden` / 4 dimensions, a multiple of 8."""
+
 TRAINING_ENV = EnvConfig(
     num_agents=8,
     max_steps=96,
@@ -115,6 +118,11 @@ class ModelConfig:
     """Size of the hidden state of the policy's GRU; 0 disables recurrence. Critics are not recurrent."""
     head: tuple[int, ...] = (128,)
     """Widths of the hidden layers of the policy head and the value head."""
+    communication: int = 0
+    """Number of rounds of attention in which agents exchange their embeddings; 0 disables communication. It requires the
+    feature `pose`. With communication, `central-ppo` acts for any number of agents, also different from training."""
+    communication_radius: int | None = None
+    """Maximum distance of agents that exchange embeddings, in rows and in columns; None: all agents do."""
     mask_actions: bool = False
     """Whether agents sample only actions that their action mask allows (Huang and Ontañón, 2022); not available for
     `central-ppo`, whose action is a matrix of real numbers."""
@@ -123,7 +131,11 @@ class ModelConfig:
         """Check names and numbers."""
         check_part("encoder", self.encoder, get_args(EncoderName))
         check_counts(self, 1, "conv_channels", "hidden", "head")
-        check_counts(self, 0, "num_blocks", "recurrent")
+        check_counts(self, 0, "num_blocks", "recurrent", "communication")
+        if self.communication_radius is not None:
+            check_counts(self, 0, "communication_radius")
+        if self.communication and self.hidden % (8 * ATTENTION_HEADS):
+            raise ValueError(f"hidden={self.hidden}: expected a multiple of {8 * ATTENTION_HEADS} with communication")
 
 
 @dataclass(frozen=True)
