@@ -1,4 +1,4 @@
-"""Communication: agents exchange embeddings by attention, wherever they are and however many there are.
+"""Communication: agents exchange embeddings by attention, for any number of agents.
 
 Embeddings are relative to the agent's view: what is ahead of one agent may be to the right of another. Attention
 therefore takes place in the frame of the map, with vectors that are transformed there from each agent's frame and back.
@@ -18,11 +18,14 @@ from torch.nn.functional import scaled_dot_product_attention
 
 from mapf_pz.actions import HEADING_STEPS
 from mapf_pz.core.observation.features import POSE_UNIT
-from mapf_pz.rl.config import ATTENTION_HEADS, ModelConfig
+from mapf_pz.rl.config import ModelConfig
 from mapf_pz.rl.encoders import make_encoder, scaled
 from mapf_pz.rl.observation_shape import ObservationShape
 
+HEADS = 4
+"""Number of attention heads."""
 _DIRECTIONS = len(HEADING_STEPS)
+_WAVE_SIZE = 2 * _DIRECTIONS  # a complex number for each direction
 
 
 @dataclass(frozen=True)
@@ -41,8 +44,8 @@ class Team:
         """Return the team for the feature `pose` (B, N, 6).
 
         Each agent attends to itself and to the agents that are at most `radius` rows and columns away, None: to all.
-        Agents that have disappeared observe zeros, and nobody attends to them. In head h, the logit decreases by
-        2^-h per row or column, whichever are more (as in ALiBi: Press et al., 2022).
+        Agents that have disappeared observe zeros, and no other agent attends to them. In head h, the logit decreases
+        by 2^-h per row or column, whichever are more (as in ALiBi: Press et al., 2022).
         """
         position, headings = pose[..., :2] / POSE_UNIT, pose[..., 2:]
         distance = (position.unsqueeze(-2) - position.unsqueeze(-3)).abs().amax(-1)
@@ -50,7 +53,7 @@ class Team:
         if radius is not None:
             allowed = allowed & (distance <= radius)
         allowed = allowed | torch.eye(distance.shape[-1], dtype=torch.bool, device=pose.device)
-        slopes = 2.0 ** -torch.arange(ATTENTION_HEADS, device=pose.device).view(-1, 1, 1)
+        slopes = 2.0 ** -torch.arange(HEADS, device=pose.device).view(-1, 1, 1)
         bias = (-slopes * distance.unsqueeze(-3)).masked_fill(~allowed.unsqueeze(-3), -math.inf)
         return cls(position, headings.argmax(-1), bias)
 
@@ -76,9 +79,10 @@ class Team:
 
     def _phases(self, waves: Tensor) -> Tensor:
         """Return the phases (B, N, 1, W, 4) of waves of 4, 8, 16, ... cells at the agents' positions."""
-        steps = torch.as_tensor(HEADING_STEPS, dtype=torch.float32, device=self.position.device)
+        steps = torch.as_tensor(HEADING_STEPS, device=self.position.device)
+        along = (self.position.unsqueeze(-2) * steps).sum(-1)  # not a matrix product, which autocast would round
         frequencies = math.pi * 2.0 ** -torch.arange(1, waves.shape[-3] + 1, device=self.position.device)
-        return frequencies[:, None] * (self.position @ steps.T)[:, :, None, None, :]
+        return frequencies[:, None] * along[:, :, None, None, :]
 
 
 def _rotate(waves: Tensor, phases: Tensor) -> Tensor:
@@ -103,7 +107,7 @@ class CommunicationRound(nn.Module):
 
     def forward(self, embedding: Tensor, team: Team) -> Tensor:
         """Return the embeddings (B, N, hidden) after the round."""
-        parts = self.inputs(self.attention_norm(embedding)).unflatten(-1, (3, ATTENTION_HEADS, -1)).unbind(-3)
+        parts = self.inputs(self.attention_norm(embedding)).unflatten(-1, (3, HEADS, -1)).unbind(-3)
         query, key, value = (team.to_map(part).transpose(-3, -2) for part in parts)
         received = scaled_dot_product_attention(query, key, value, attn_mask=team.bias.to(query.dtype))
         embedding = embedding + self.output(team.from_map(received.transpose(-3, -2)).flatten(-2))
@@ -117,10 +121,13 @@ class CommunicatingEncoder(nn.Module):
     """
 
     def __init__(self, shape: ObservationShape, config: ModelConfig) -> None:
-        """Build the encoder and the rounds; raises `ValueError` if the pose is not observed."""
+        """Build the encoder and the rounds; raises `ValueError` if the pose is not observed, or for `hidden`."""
         super().__init__()
         if shape.pose is None:
             raise ValueError(f"communication={config.communication}: expected 'pose' among the environment's features")
+        if config.hidden % (HEADS * _WAVE_SIZE):
+            expected = f"a multiple of {HEADS * _WAVE_SIZE} with communication"
+            raise ValueError(f"hidden={config.hidden}: expected {expected}")
         self.encoder = make_encoder(shape, config)
         self.rounds = nn.ModuleList(CommunicationRound(config.hidden) for _ in range(config.communication))
         self._pose, self._radius = shape.pose, config.communication_radius

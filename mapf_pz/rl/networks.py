@@ -101,8 +101,8 @@ class MatrixActor(Actor):
 
     The agents share an encoder with communication, and each row's distribution depends on its agent's embedding. The
     mean is an actor's logits, divided by 20 because actions are clipped to [-1, 1]. The initial standard deviation is
-    that of Gumbel noise, pi / sqrt(6), divided by 20, so the largest number of a row is about as likely to be that of an
-    action as in the softmax distribution of the logits: an imitated policy acts almost as before.
+    that of Gumbel noise, pi / sqrt(6), divided by 20: the action with the largest number of a row is then distributed
+    almost as in the softmax distribution of the logits.
     """
 
     LOGIT_UNIT = 1 / 20

@@ -167,7 +167,7 @@ class SharedPolicy(LearnedPolicy):
 
 
 class TeamPolicy(LearnedPolicy):
-    """One network acts for all agents: for any number of them with communication, otherwise for that of its training."""
+    """One network acts for all agents: for any number with communication, otherwise for the number of its training."""
 
     def reset_states(self) -> None:
         """Reset the policy for a new episode, as in `LearnedPolicy`."""

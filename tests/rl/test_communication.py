@@ -7,15 +7,14 @@ import pytest
 import torch
 from tensordict import TensorDict
 from torch.nn.functional import one_hot
-from torchrl.envs.utils import set_exploration_type, ExplorationType
+from torchrl.modules import set_recurrent_mode
 
 import mapf_pz
 from mapf_pz.evaluation import EvaluationTask, evaluate
-from mapf_pz.instances.sources import RandomObstacles
 from mapf_pz.planners import Shield
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.algorithms import ALGORITHMS
-from mapf_pz.rl.collect import MakeEnv, collecting
+from mapf_pz.rl.collect import collecting
 from mapf_pz.rl.communication import CommunicatingEncoder
 from mapf_pz.rl.config import ImitationConfig, ModelConfig
 from mapf_pz.rl.expert import NO_LABEL
@@ -84,7 +83,7 @@ def test_only_relative_poses_matter(radius):
     assert not equal(network(*observations(turned, headings)), embedding)
     mirrored = positions.flip(-1)
     assert not equal(network(*observations(mirrored, headings)), embedding)
-    assert not equal(network(*observations(positions, (headings + 2) % 4)), embedding) or radius == 0
+    assert not equal(network(*observations(positions, (headings + 2) % 4)), embedding)
 
 
 def test_embeddings_are_permuted_with_the_agents():
@@ -184,3 +183,133 @@ def test_an_agent_acts_with_the_others(tmp_path, on_target):
         observed, *_ = env.step(shield.act(observed))
     task = EvaluationTask("empty-8-8", 4, {"map": "empty-8-8", "on_target": on_target, "max_steps": 16}, episodes=2)
     assert len(evaluate({"it": policy}, [task])) == 2
+
+
+@pytest.mark.parametrize("recurrent", [0, 12])
+@pytest.mark.parametrize("name", ["mappo", "central-ppo"])
+def test_the_loss_finds_the_log_probs_that_the_collector_acted_with(name, recurrent):
+    torch.manual_seed(0)
+    algorithm = ALGORITHMS[name](talking(name, recurrent=recurrent))
+    louder(algorithm.network)
+    group = "team" if name == "central-ppo" else "agents"
+    with collecting(algorithm, algorithm.config, 0, 1) as collector:
+        batch = next(iter(collector))
+    with torch.no_grad(), set_recurrent_mode(True):
+        found = algorithm.policy.get_dist(batch.clone()).log_prob(batch[group, "action"])
+    torch.testing.assert_close(found, batch[group, "action_log_prob"], rtol=1e-4, atol=1e-4)
+
+
+def imitated(labels, image, features):
+    """A batch of S environment steps of N agents, with the expert's actions (S, N)."""
+    size = labels.shape
+    agents = {
+        "observation": TensorDict({"image": image, "features": features}, batch_size=size),
+        "expert_action": labels,
+        "at_goal": torch.zeros(*size, 1, dtype=torch.bool),
+        "active": torch.ones(*size, 1, dtype=torch.bool),
+        "logits": torch.zeros(*size, 4),
+    }
+    return TensorDict({"agents": TensorDict(agents, batch_size=size)}, batch_size=size[:1])
+
+
+def labeled_by_the_other(algorithm, number, generator):
+    """Steps of two agents side by side, in which each agent's label depends only on what the other one observes."""
+    shape = algorithm.observation_shape
+    image = torch.zeros(number, 2, *shape.image)
+    features = torch.zeros(number, 2, shape.features)
+    signal = torch.rand(number, 2, generator=generator).round()
+    features[..., 0] = signal
+    features[..., shape.pose] = torch.tensor([[0.0, 0, 1, 0, 0, 0], [0.0, 1 / 32768, 0, 0, 1, 0]])
+    return imitated(signal.flip(-1).long(), image, features)
+
+
+@pytest.mark.parametrize(("radius", "least", "most"), [(1, 0, 0.1), (0, 0.5, 1)])
+def test_imitation_learns_from_what_others_observe(radius, least, most):
+    config = talking("dagger", communication_radius=radius)
+    ppo = dataclasses.replace(config.ppo, learning_rate=3e-3, minibatch_size=64)
+    algorithm = ALGORITHMS["dagger"](dataclasses.replace(config, task=changed(config.task, num_agents=2), ppo=ppo))
+    learner, generator = algorithm.make_learner(), torch.Generator().manual_seed(0)
+    torch.manual_seed(0)
+    losses = [learner.learn(labeled_by_the_other(algorithm, 256, generator), 0)["loss"] for _ in range(40)]
+    assert least <= losses[-1] <= most
+
+
+def test_labels_that_are_not_learned_from_have_no_gradient_but_their_agents_are_heard():
+    algorithm = ALGORITHMS["dagger"](talking("dagger", communication_radius=None))
+    shape, generator = algorithm.observation_shape, torch.Generator().manual_seed(0)
+    image = torch.rand(32, 3, *shape.image, generator=generator)
+    features = torch.rand(32, 3, shape.features, generator=generator)
+    labels = torch.zeros(32, 3, dtype=torch.int64)
+    labels[:, 1:] = NO_LABEL
+    labels[:8] = NO_LABEL
+
+    def learned(changes):
+        torch.manual_seed(0)
+        learner = ALGORITHMS["dagger"](algorithm.config).make_learner()
+        batch = imitated(labels, image, features)
+        batch.update(changes)
+        row = learner.learn(batch, 0)
+        assert row["buffer"] == 24 * 3  # environment steps without any label are not stored
+        return row["loss"]
+
+    once = learned({})
+    logits = torch.rand(32, 3, 4, generator=generator)
+    assert learned({("agents", "logits"): logits}) == once
+    assert learned({("agents", "observation", "image"): image * torch.tensor([1, 2, 1]).view(3, 1, 1, 1)}) != once
+
+
+def test_a_centralized_policy_starts_from_an_imitated_one(tmp_path):
+    start = train(dataclasses.replace(talking("dagger"), agent_steps=192), tmp_path / "start")
+    config = talking("central-ppo")
+    still = dataclasses.replace(config.ppo, warmup_updates=1)  # only the critic learns
+    config = dataclasses.replace(config, ppo=still, agent_steps=192, initial_policy=str(start), initial_temperature=0.5)
+    policy, before = load_policy(train(config, tmp_path / "run")), load_policy(start)
+    env = mapf_pz.parallel_env(**policy.env_kwargs, num_agents=5)
+    observed, _ = env.reset(seed=0)
+    seen = [torch.from_numpy(np.stack([o[key] for o in observed.values()])) for key in ("image", "features")]
+    with torch.no_grad():
+        (logits,), (mean, scale) = before.network(*seen), policy.network(*seen)
+    torch.testing.assert_close(20 * mean, logits / 0.5)
+    sampled = one_hot((mean + scale * torch.randn(20_000, *mean.shape)).argmax(-1), 4).float().mean(0)
+    assert (sampled - (logits / 0.5).softmax(-1)).abs().max() < 0.05
+
+
+@pytest.mark.parametrize("name", ["mappo", "central-ppo"])
+def test_a_policy_of_other_layers_is_refused(tmp_path, name):
+    start = train(dataclasses.replace(talking("dagger", communication=1), agent_steps=192), tmp_path / "start")
+    config = dataclasses.replace(talking(name), initial_policy=str(start))
+    with pytest.raises(ValueError, match="initial_policy: not the networks of this configuration"):
+        train(config, tmp_path / "run")
+
+
+def test_positions_are_exact_in_mixed_precision():
+    network = encoder()
+    seen = observations(*poses())
+    far = observations(poses()[0] + 1000, poses()[1])
+    with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
+        torch.testing.assert_close(network(*seen).float(), network(*far).float(), rtol=0.1, atol=0.5)
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "message"),
+    [
+        ("mappo", {"communication": -1}, "communication=-1: expected a whole number, 0 or more"),
+        ("mappo", {"communication_radius": -1}, "communication_radius=-1: expected a whole number, 0 or more"),
+        ("mappo", {"hidden": 48}, "hidden=48: expected a multiple of 32 with communication"),
+        ("bc", {}, "communication=2: expected 0 with bc, which uses separate agent steps"),
+    ],
+)
+def test_bad_settings(tmp_path, name, changes, message):
+    def run():
+        imitation = ImitationConfig(dataset=str(tmp_path / "nothing"))
+        train(dataclasses.replace(talking(name, **changes), imitation=imitation), tmp_path / "run")
+
+    with pytest.raises(ValueError, match=message):
+        run()
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_pose_must_be_observed(tmp_path):
+    config = dataclasses.replace(talking("mappo"), task=TINY.task)
+    with pytest.raises(ValueError, match="communication=2: expected 'pose' among the environment's features"):
+        train(config, tmp_path / "run")
