@@ -16,12 +16,12 @@ from mapf_pz.instance import InstanceSource
 from mapf_pz.instances.configured import goals_per_agent, make_source
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl.checks import check_counts, check_from_zero, check_names, check_part, check_positive
+from mapf_pz.rl.curiosity_config import CuriosityConfig
 from mapf_pz.rl.saved_env import dump_env, load_env
 
 AlgorithmName = Literal["mappo", "ippo", "central-ppo", "dagger", "bc"]
 CollectorName = Literal["single", "processes", "ray"]
 Credit = Literal["team", "agent"]
-CuriosityName = Literal["none", "rnd", "random-features", "inverse-dynamics"]
 DeviceName = Literal["auto", "cpu", "cuda"]
 EncoderName = Literal["conv", "report", "residual"]
 PrecisionName = Literal["float32", "bfloat16"]
@@ -116,6 +116,11 @@ class ModelConfig:
     """Size of the hidden state of the policy's GRU; 0 disables recurrence. Critics are not recurrent."""
     head: tuple[int, ...] = (128,)
     """Widths of the hidden layers of the policy head and the value head."""
+    communication: int = 0
+    """Number of rounds of attention in which agents exchange embeddings; 0 disables communication. It requires the
+    feature `pose`. With communication, `central-ppo` acts for any number of agents, also different from training."""
+    communication_radius: int | None = None
+    """Maximum distance of agents that exchange embeddings, in rows and in columns; None: all agents do."""
     mask_actions: bool = False
     """Whether agents sample only actions that their action mask allows (Huang and Ontañón, 2022); not available for
     `central-ppo`, whose action is a matrix of real numbers."""
@@ -124,7 +129,9 @@ class ModelConfig:
         """Check names and numbers."""
         check_part("encoder", self.encoder, get_args(EncoderName))
         check_counts(self, 1, "conv_channels", "hidden", "head")
-        check_counts(self, 0, "num_blocks", "recurrent")
+        check_counts(self, 0, "num_blocks", "recurrent", "communication")
+        if self.communication_radius is not None:
+            check_counts(self, 0, "communication_radius")
 
 
 @dataclass(frozen=True)
@@ -172,35 +179,6 @@ class PPOConfig:
         check_positive(self, math.inf, "learning_rate", "clip_epsilon", "max_grad_norm")
         check_from_zero(self, 1, "gamma", "lmbda")
         check_from_zero(self, math.inf, "entropy_coeff", "critic_coeff", "kl_coeff")
-
-
-@dataclass(frozen=True)
-class CuriosityConfig:
-    """An intrinsic reward for prediction errors, added to the task's reward; its encoders are like the policy's."""
-
-    kind: Annotated[CuriosityName, arg(name="curiosity")] = "none"
-    """Curiosity reward. `rnd`: error in predicting a random network's embedding of the next observation;
-    `random-features`, `inverse-dynamics`: error in predicting the effect of an action on the embedding."""
-    weight: Annotated[float, arg(name="curiosity-weight")] = 0.1
-    """Weight of the curiosity reward, which is normalized to about 0.03 per step (the task's reward: about 0.1).
-    Curiosity should dominate only where the task's reward is 0."""
-    gamma: Annotated[float, arg(name="curiosity-gamma")] = 0.99
-    """Discount factor of the curiosity return used for normalization."""
-    size: Annotated[int, arg(name="curiosity-size")] = 64
-    """Size of the embedding that is predicted for curiosity."""
-    learning_rate: Annotated[float, arg(name="curiosity-learning-rate")] = 1e-4
-    """Initial learning rate of the curiosity networks; it decays linearly to a tenth."""
-    update_fraction: Annotated[float, arg(name="curiosity-update-fraction")] = 0.25
-    """Fraction of each minibatch that the curiosity networks are trained on."""
-
-    def __post_init__(self) -> None:
-        """Check names and numbers."""
-        check_names(self)
-        check_counts(self, 1, "size")
-        check_positive(self, math.inf, "learning_rate")
-        check_positive(self, 1, "update_fraction")
-        check_from_zero(self, 1, "gamma")
-        check_from_zero(self, math.inf, "weight")
 
 
 @dataclass(frozen=True)

@@ -213,6 +213,10 @@ class Reference(Rules):
         row, col = self.positions[agent]
         return [row / self.height, col / self.width, *(float(self.headings[agent] == h) for h in range(4))]
 
+    def _pose(self, agent: int) -> list[float]:
+        row, col = self.positions[agent]
+        return [row / 32768, col / 32768, *(float(self.up(agent) % 4 == h) for h in range(4))]
+
     def _action_advantage(self, agent: int) -> list[float]:
         return [self._advantage(agent, action) for action in self.action_type]
 
