@@ -54,6 +54,18 @@ class ObservationLayout:
         first = (config.num_frames - 1) * (1 + config.num_neighbors) * num_planes
         return slice(first, first + num_planes)
 
+    def own_feature(self, name: str) -> slice | None:
+        """Return where the feature `name` of the agent itself and of the current step is in the whole observation.
+
+        None: it is not observed.
+        """
+        config = self._config
+        if name not in config.features:
+            return None
+        k = config.features.index(name)
+        start = (config.num_frames - 1) * (1 + config.num_neighbors) * self.num_own_features + sum(self._sizes[:k])
+        return slice(start, start + self._sizes[k])
+
     @property
     def needs_cost_to_go(self) -> bool:
         """Whether any channel or feature reads the cost to go."""

@@ -23,7 +23,10 @@ class BehaviorCloning(Imitation):
     """
 
     def __init__(self, config: TrainConfig) -> None:
-        """Build the network; raises `ValueError` with `recurrent` or without a dataset."""
+        """Build the network; raises `ValueError` with `recurrent` or `communication`, or without a dataset."""
+        if config.model.communication:
+            expected = f"0 with {config.algorithm}, which uses separate agent steps"
+            raise ValueError(f"communication={config.model.communication}: expected {expected}")
         if config.imitation.dataset is None:
             expected = f"the folder of a dataset with {config.algorithm} (`mapf-pz dataset make` makes one)"
             raise ValueError(f"dataset=None: expected {expected}")

@@ -15,8 +15,9 @@ from mapf_pz.config import DEFAULT_NUM_AGENTS, REWARDS, EnvConfig
 from mapf_pz.instance import InstanceSource
 from mapf_pz.instances.configured import goals_per_agent, make_source
 from mapf_pz.instances.mixture import MapMixture
-from mapf_pz.rl.algorithm_config import CuriosityConfig, ImitationConfig, OptimizationConfig, PPOConfig
+from mapf_pz.rl.algorithm_config import ImitationConfig, OptimizationConfig, PPOConfig
 from mapf_pz.rl.checks import check_counts, check_names, check_part, check_positive
+from mapf_pz.rl.curiosity_config import CuriosityConfig
 from mapf_pz.rl.saved_env import dump_env, load_env
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "ModelConfig",
     "OptimizationConfig",
     "PPOConfig",
+    "PrecisionName",
     "TaskConfig",
     "TrainConfig",
 ]
@@ -39,6 +41,7 @@ AlgorithmName = Literal["mappo", "ippo", "central-ppo", "dagger", "bc"]
 CollectorName = Literal["single", "processes", "ray"]
 DeviceName = Literal["auto", "cpu", "cuda"]
 EncoderName = Literal["conv", "report", "residual"]
+PrecisionName = Literal["float32", "bfloat16"]
 
 TRAINING_ENV = EnvConfig(
     num_agents=8,
@@ -130,6 +133,11 @@ class ModelConfig:
     """Size of the hidden state of the policy's GRU; 0 disables recurrence. Critics are not recurrent."""
     head: tuple[int, ...] = (128,)
     """Widths of the hidden layers of the policy head and the value head."""
+    communication: int = 0
+    """Number of rounds of attention in which agents exchange embeddings; 0 disables communication. It requires the
+    feature `pose`. With communication, `central-ppo` acts for any number of agents, also different from training."""
+    communication_radius: int | None = None
+    """Maximum distance of agents that exchange embeddings, in rows and in columns; None: all agents do."""
     mask_actions: bool = False
     """Whether agents sample only actions that their action mask allows (Huang and Ontañón, 2022); not available for
     `central-ppo`, whose action is a matrix of real numbers."""
@@ -138,7 +146,9 @@ class ModelConfig:
         """Check names and numbers."""
         check_part("encoder", self.encoder, get_args(EncoderName))
         check_counts(self, 1, "conv_channels", "hidden", "head")
-        check_counts(self, 0, "num_blocks", "recurrent")
+        check_counts(self, 0, "num_blocks", "recurrent", "communication")
+        if self.communication_radius is not None:
+            check_counts(self, 0, "communication_radius")
 
 
 @dataclass(frozen=True)
@@ -184,6 +194,9 @@ class TrainConfig:
     """Number of processes or Ray actors that share the environments; ignored by the collector `single`."""
     device: DeviceName = "auto"
     """Device of the networks; `auto` uses a GPU if one is available. Environments are always stepped on the CPU."""
+    precision: PrecisionName = "float32"
+    """Precision of the networks' products during learning. `bfloat16` (mixed precision) is about twice as fast on GPUs
+    and on CPUs with AVX512-BF16; weights and sums remain in float32, and so does acting."""
     num_threads: int = 1
     """Number of threads of torch and of the kernels in each process; more than 1 helps only on idle cores."""
 

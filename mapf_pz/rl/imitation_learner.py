@@ -10,6 +10,7 @@ from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
 from mapf_pz.actions import Action, CardinalAction
 from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.expert import NO_LABEL
 from mapf_pz.rl.learner import Learner
 
 
@@ -28,13 +29,15 @@ class ImitationLearner(Learner):
         self.modules = {"policy": network}
         self._network, self._keys = network, keys
         parameters = list(network.parameters())
-        self._device = parameters[0].device
+        self.device = parameters[0].device
         rate = config.optimization.learning_rate
         self.optimizer = torch.optim.Adam([{"params": parameters, "initial_lr": rate}], lr=rate)
         self._wait = int(CardinalAction.WAIT if config.task.env.action_model == "cardinal" else Action.WAIT)
         self._minibatch_size = config.optimization.minibatch_size * config.task.num_agents
+        self._sample_size = config.task.num_agents if config.model.communication else 1  # in agent steps
         self._buffer = TensorDictReplayBuffer(
-            storage=LazyTensorStorage(config.imitation.buffer_size), batch_size=self._minibatch_size
+            storage=LazyTensorStorage(config.imitation.buffer_size // self._sample_size),
+            batch_size=self._minibatch_size // self._sample_size,
         )
 
     def learn(self, batch: TensorDictBase, done: float) -> dict[str, float]:
@@ -48,28 +51,39 @@ class ImitationLearner(Learner):
         agreement = self._agreement(samples)
         self._buffer.extend(samples.exclude("logits"))  # those of the policy as it was
         steps = max(1, self.config.optimization.num_epochs * agent_steps // self._minibatch_size)
-        losses = torch.stack([self._improve(self._buffer.sample().to(self._device)) for _ in range(steps)])
-        return {"loss": float(losses.mean()), "agreement": agreement, "buffer": float(len(self._buffer))}
+        losses = torch.stack([self._improve(self._buffer.sample().to(self.device)) for _ in range(steps)])
+        return {
+            "loss": float(losses.mean()),
+            "agreement": agreement,
+            "buffer": float(len(self._buffer) * self._sample_size),
+        }
 
     def _samples(self, batch: TensorDictBase) -> TensorDictBase:
-        """Return the labeled agent steps of a batch; of waits at the goal only a part, since most are alike."""
+        """Return the labeled agent steps of a batch; of waits at the goal only a part, since most are alike.
+
+        With communication, they are the environment steps that have any, in which other labels are `NO_LABEL`.
+        """
         agents = batch.get("agents")
         label = agents.get("expert_action")
         rests = (label == self._wait) & agents.get("at_goal").squeeze(-1)
-        kept = (label >= 0) & agents.get("active").squeeze(-1)
-        kept &= ~rests | (torch.rand(label.shape) < self.config.imitation.wait_share)
+        learned = (label != NO_LABEL) & agents.get("active").squeeze(-1)
+        learned &= ~rests | (torch.rand(label.shape) < self.config.imitation.wait_share)
+        kept = learned.any(-1) if self.config.model.communication else learned
         entries = {str(number): batch.get(key)[kept] for number, key in enumerate(self._keys)}
+        label = label.masked_fill(~learned, NO_LABEL)[kept]
         logits = agents.get("logits")[kept]
-        return TensorDict({**entries, "label": label[kept], "logits": logits}, batch_size=[int(kept.sum())])
+        return TensorDict({**entries, "label": label, "logits": logits}, batch_size=[int(kept.sum())])
 
     @staticmethod
     def _agreement(samples: TensorDictBase) -> float:
         """Return the fraction of the samples in which the policy's most likely action was the expert's."""
-        return float((samples.get("logits").argmax(-1) == samples.get("label")).float().mean())
+        agrees, label = samples.get("logits").argmax(-1) == samples.get("label"), samples.get("label")
+        return float(agrees[label != NO_LABEL].float().mean())
 
     def _improve(self, samples: TensorDictBase) -> Tensor:
         """Take one gradient step, and return the loss."""
-        (logits,) = self._network(*(samples.get(str(number)) for number in range(len(self._keys))))
-        loss = cross_entropy(logits, samples.get("label"))
+        with self.autocast():
+            (logits,) = self._network(*(samples.get(str(number)) for number in range(len(self._keys))))
+            loss = cross_entropy(logits.flatten(0, -2), samples.get("label").flatten(), ignore_index=NO_LABEL)
         self.step(loss, self.config.optimization.max_grad_norm)
         return loss.detach()

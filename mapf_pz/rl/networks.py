@@ -10,26 +10,30 @@ from torch import Tensor, nn
 from torchrl.modules import GRUModule
 
 from mapf_pz.rl.algorithm_config import Credit
+from mapf_pz.rl.communication import make_team_encoder
 from mapf_pz.rl.config import ModelConfig
 from mapf_pz.rl.encoders import make_encoder, scaled
 from mapf_pz.rl.observation_shape import ObservationShape
 
 
 class Actor(nn.Module):
-    """Logits `(..., A)` from one agent's own observation; works with any number of agents."""
+    """Logits `(..., A)` from one agent's own observation, for any number of agents.
+
+    With communication, logits are `(..., N, A)`, and each agent also receives the embeddings of others.
+    """
 
     def __init__(self, shape: ObservationShape, config: ModelConfig) -> None:
         """Build the encoder and the head."""
         super().__init__()
-        self.encoder = make_encoder(shape, config)
+        self.encoder = make_team_encoder(shape, config)
         self.head = _head(config.recurrent or config.hidden, config.head, shape.actions, scale=0.01)
 
-    def forward(self, image: Tensor, features: Tensor | None = None) -> tuple[Tensor]:
-        """Return the logits of the action distribution."""
+    def forward(self, image: Tensor, features: Tensor | None = None) -> tuple[Tensor, ...]:
+        """Return the parameters of the action distribution, here the logits."""
         return self.act(self.encoder(image, features))
 
-    def act(self, embedding: Tensor) -> tuple[Tensor]:
-        """Return the logits for an embedding or a hidden state."""
+    def act(self, embedding: Tensor) -> tuple[Tensor, ...]:
+        """Return the same for an embedding or a hidden state."""
         return (self.head(embedding),)
 
     def divide_logits(self, temperature: float) -> None:
@@ -40,12 +44,12 @@ class Actor(nn.Module):
 
 
 class LocalCritic(nn.Module):
-    """Value `(..., N, 1)` of each agent from its own observation."""
+    """Value `(..., N, 1)` of each agent from its own observation, and with communication from those of others."""
 
     def __init__(self, shape: ObservationShape, config: ModelConfig) -> None:
         """Build the encoder and the head."""
         super().__init__()
-        self.encoder = make_encoder(shape, config)
+        self.encoder = make_team_encoder(shape, config)
         self.head = _head(config.hidden, config.head, 1, scale=1.0)
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> Tensor:
@@ -62,7 +66,7 @@ class TeamCritic(nn.Module):
     def __init__(self, shape: ObservationShape, config: ModelConfig) -> None:
         """Build the encoder and the head."""
         super().__init__()
-        self.encoder = make_encoder(shape, config)
+        self.encoder = make_team_encoder(shape, config)
         self.head = _head(2 * config.hidden, config.head, 1, scale=1.0)
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> Tensor:
@@ -91,6 +95,28 @@ class TeamActor(nn.Module):
         """Return the same for an embedding or a hidden state."""
         mean = self.head(embedding).unflatten(-1, self.log_scale.shape)
         return mean, self.log_scale.exp().expand_as(mean)
+
+
+class MatrixActor(Actor):
+    """Mean and standard deviation `(..., N, A)` of the action matrix from N agents' observations, for any N.
+
+    The agents share an encoder with communication, and each row's distribution depends on its agent's embedding. The
+    mean is an actor's logits, divided by 20 because actions are clipped to [-1, 1]. The initial standard deviation is
+    that of Gumbel noise, pi / sqrt(6), divided by 20: the action with the largest number of a row is then distributed
+    almost as in the softmax distribution of the logits.
+    """
+
+    LOGIT_UNIT = 1 / 20
+
+    def __init__(self, shape: ObservationShape, config: ModelConfig) -> None:
+        """Build the layers of `Actor`, and state-independent standard deviations."""
+        super().__init__(shape, config)
+        self.log_scale = nn.Parameter(torch.full((shape.actions,), math.log(math.pi / math.sqrt(6))))
+
+    def act(self, embedding: Tensor) -> tuple[Tensor, ...]:
+        """Return the mean and the standard deviation for embeddings or hidden states."""
+        mean = self.LOGIT_UNIT * self.head(embedding)
+        return mean, self.LOGIT_UNIT * self.log_scale.exp().expand_as(mean)
 
 
 class RecurrentActor(nn.Module):
@@ -161,6 +187,32 @@ class TeamValue(nn.Module):
     def forward(self, image: Tensor, features: Tensor | None = None) -> Tensor:
         """Return the values."""
         return self.head(self.encoder(image, features)).unflatten(-1, self.shape)
+
+
+class PooledValue(nn.Module):
+    """Value `(..., 1)` of the team from the mean of the agents' embeddings, for any number of agents."""
+
+    def __init__(self, shape: ObservationShape, config: ModelConfig) -> None:
+        """Build the encoder and the head."""
+        super().__init__()
+        self.encoder = make_team_encoder(shape, config)
+        self.head = _head(config.hidden, config.head, 1, scale=1.0)
+
+    def forward(self, image: Tensor, features: Tensor | None = None) -> Tensor:
+        """Return the values; the agents' dimension is the one before the image's three."""
+        return self.head(self.encoder(image, features).mean(-2))
+
+
+def make_matrix_actor(shape: ObservationShape, num_agents: int, config: ModelConfig) -> Actor | TeamActor:
+    """Return the actor of a centralized policy: with communication for any number of agents, otherwise the report's."""
+    return MatrixActor(shape, config) if config.communication else TeamActor(shape, num_agents, config)
+
+
+def make_team_value(shape: ObservationShape, num_agents: int, credit: Credit, config: ModelConfig) -> nn.Module:
+    """Return the critic of a centralized policy, with the inputs of its actor."""
+    if not config.communication:
+        return TeamValue(shape, num_agents, credit, config)
+    return LocalCritic(shape, config) if credit == "agent" else PooledValue(shape, config)
 
 
 def add_recurrence(actor: Actor | TeamActor, config: ModelConfig) -> nn.Module:

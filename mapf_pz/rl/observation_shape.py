@@ -18,12 +18,14 @@ class ObservationShape:
     """F, the number of features; with 0 the observation is the image alone."""
     actions: int
     """A, the number of actions."""
+    pose: slice | None = None
+    """Which features are the agent's pose, if it is observed."""
 
     @classmethod
     def of_task(cls, task: TaskConfig) -> ObservationShape:
         """Return the shapes for a task."""
         layout = ObservationLayout(task.env, task.env.view_size)
-        return cls(layout.image_shape, layout.num_features, layout.num_actions)
+        return cls(layout.image_shape, layout.num_features, layout.num_actions, layout.own_feature("pose"))
 
     def stacked(self, number: int) -> ObservationShape:
         """Return the shapes of `number` concatenated observations."""

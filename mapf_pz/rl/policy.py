@@ -167,7 +167,7 @@ class SharedPolicy(LearnedPolicy):
 
 
 class TeamPolicy(LearnedPolicy):
-    """One network acts for all agents, whose number is that of its training."""
+    """One network acts for all agents: for any number with communication, otherwise for the number of its training."""
 
     def reset_states(self) -> None:
         """Reset the policy for a new episode, as in `LearnedPolicy`."""
@@ -175,13 +175,19 @@ class TeamPolicy(LearnedPolicy):
         self._rng = np.random.default_rng(self._seed)
 
     def _prefer(self, names: list[str], mask: Tensor | None, image: Tensor, features: Tensor | None = None) -> Tensor:
+        mean, scale = self._parameters(names, image, features)
+        # A normal distribution to the power 1 / T is one with the scale multiplied by the square root of T.
+        noise = math.sqrt(self.temperature) * torch.randn(mean.shape, generator=self._generator)
+        return (mean + scale * noise).clamp(-1, 1)
+
+    def _parameters(self, names: list[str], image: Tensor, features: Tensor | None) -> tuple[Tensor, ...]:
+        """Return the mean and the standard deviation of the matrix, both (N, A)."""
+        if self.config.model.communication:
+            return self._run(names, image, features)
         expected = self.config.task.num_agents
         if len(image) != expected:
             raise ValueError(f"this policy acts for exactly {expected} agents, {len(image)} observe")
-        mean, scale = self._run(["team"], image.flatten(0, 1), None if features is None else features.flatten())
-        # A normal distribution to the power 1 / T is one with the scale multiplied by the square root of T.
-        noise = math.sqrt(self.temperature) * torch.randn(mean.shape, generator=self._generator)
-        return (mean + scale * noise).clamp(-1, 1).reshape(expected, -1)
+        return self._run(["team"], image.flatten(0, 1), None if features is None else features.flatten())
 
     def _choose(self, preferences: Tensor) -> list[int]:
         return ACTION_MODES[self.config.task.action_mode](preferences.numpy().astype(np.float64), self._rng).tolist()

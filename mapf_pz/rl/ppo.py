@@ -18,7 +18,15 @@ from mapf_pz.rl.algorithm import Algorithm
 from mapf_pz.rl.centralize import Centralize
 from mapf_pz.rl.config import PPOConfig, TrainConfig
 from mapf_pz.rl.execution import ExecutePreferences, OrderActions
-from mapf_pz.rl.networks import LocalCritic, TeamActor, TeamCritic, TeamValue, add_recurrence
+from mapf_pz.rl.networks import (
+    Actor,
+    LocalCritic,
+    MatrixActor,
+    TeamCritic,
+    add_recurrence,
+    make_matrix_actor,
+    make_team_value,
+)
 from mapf_pz.rl.observation_shape import ObservationShape
 from mapf_pz.rl.ppo_learner import PPOKeys, PPOLearner
 
@@ -141,7 +149,10 @@ class IPPO(MultiAgentPPO):
 
 
 class CentralPPO(PPOAlgorithm):
-    """The report's single policy: it observes all agents' stacked observations, and its action is an N x A matrix.
+    """The report's single policy: it observes all agents, and its action is an N x A matrix.
+
+    Without communication, it observes the agents' stacked observations, as in the report, so the size of its network
+    grows with N. With communication, it is one network for any N.
 
     With `credit="team"` the matrix is one action with one advantage, computed from the mean reward. With
     `credit="agent"` each row has a separate advantage, computed from its agent's reward: the policy is the same product
@@ -164,14 +175,20 @@ class CentralPPO(PPOAlgorithm):
 
     @staticmethod
     def make_network(config: TrainConfig) -> nn.Module:
-        """Return a network for exactly the number of agents in the configuration."""
-        actor = TeamActor(ObservationShape.of_task(config.task), config.task.num_agents, config.model)
-        return add_recurrence(actor, config.model)
+        """Return a network; without communication it is for exactly the number of agents in the configuration."""
+        shape = ObservationShape.of_task(config.task)
+        return add_recurrence(make_matrix_actor(shape, config.task.num_agents, config.model), config.model)
+
+    def start_from(self, network: nn.Module) -> None:
+        """Start from the weights of a network, as in `Algorithm`; with communication, also of one of logits."""
+        if isinstance(self.network, MatrixActor) and type(network) is Actor:
+            network.log_scale = self.network.log_scale
+        super().start_from(network)
 
     @staticmethod
     def num_hidden_states(config: TrainConfig) -> int:
-        """Return 1: the team has a single hidden state."""
-        return 1
+        """Return 1: the team has a single hidden state; with communication, each agent has its own."""
+        return config.task.num_agents if config.model.communication else 1
 
     def transforms(self, seed: int) -> list[Transform]:
         """Return the transforms, followed by the one that centralizes the environment."""
@@ -194,7 +211,7 @@ class CentralPPO(PPOAlgorithm):
     def make_loss(self) -> PPOLoss:
         """Return TorchRL's loss."""
         config = self.config
-        network = TeamValue(self.observation_shape, config.task.num_agents, config.ppo.credit, config.model)
+        network = make_team_value(self.observation_shape, config.task.num_agents, config.ppo.credit, config.model)
         critic = TensorDictModule(network, in_keys=self.observation_keys(), out_keys=[("team", "state_value")])
         loss_class = MAPPOLoss if self._each else ClipPPOLoss
         loss = loss_class(self.policy, critic, **_coefficients(config.ppo))
@@ -210,7 +227,9 @@ class CentralPPO(PPOAlgorithm):
         return loss
 
     def observation_keys(self) -> list[NestedKey]:
-        """Return the keys of the team's image and features."""
+        """Return the keys of the team's image and features; with communication, those of the agents'."""
+        if self.config.model.communication:
+            return super().observation_keys()
         keys: list[NestedKey] = [("team", "image"), ("team", "features")]
         return keys if self.observation_shape.features else keys[:1]
 

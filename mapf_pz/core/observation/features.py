@@ -21,6 +21,8 @@ from mapf_pz.core.world import STEPS
 from mapf_pz.plugins import resolve
 
 _NORTH = int(Heading.NORTH)
+POSE_UNIT = 2.0**-15
+"""The feature `pose` counts rows and columns in this unit: float32 represents its multiples up to 1 exactly."""
 
 
 @BatchKernel
@@ -58,6 +60,24 @@ def _write_location(height: int, width: int, agents: Array, values: Array, at: i
 def write_location(inputs: ObservationInputs, values: Array, at: int) -> None:
     """`row / H`, `col / W`, and the heading as one of four."""
     _write_location(inputs.num_threads, inputs.world.height, inputs.world.width, inputs.state.agents, values, at)
+
+
+@BatchKernel
+def _write_pose(width: int, agents: Array, egocentric: bool, unit: float, values: Array, at: int) -> None:
+    for b in prange(agents.shape[0]):
+        for i in range(agents.shape[1]):
+            agent = agents[b, i]
+            up = agent.heading if egocentric else _NORTH
+            values[b, i, at] = agent.cell // width * unit
+            values[b, i, at + 1] = agent.cell % width * unit
+            for heading in range(4):
+                values[b, i, at + 2 + heading] = 1.0 if up == heading else 0.0
+
+
+def write_pose(inputs: ObservationInputs, values: Array, at: int) -> None:
+    """`row / 32768`, `col / 32768`, and the direction that is up in the view, as one of four."""
+    egocentric = inputs.view_shape.num_turns > 1
+    _write_pose(inputs.num_threads, inputs.world.width, inputs.state.agents, egocentric, POSE_UNIT, values, at)
 
 
 @BatchKernel
@@ -133,6 +153,7 @@ class Feature:
 FEATURES: dict[str, Feature] = {
     "goal_vector": Feature(write_goal_vector, 4),
     "location": Feature(write_location, 6),
+    "pose": Feature(write_pose, 6),
     "action_advantage": Feature(write_action_advantage, lambda actions, _last: actions, needs_cost_to_go=True),
     "last_actions": Feature(write_last_actions, lambda actions, last: (actions + 1) * last),
     "time": Feature(write_time),
