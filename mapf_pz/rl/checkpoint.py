@@ -37,7 +37,8 @@ class Position:
     agent_steps: int
     """Total number of steps of all agents."""
     score: float
-    """Mean CSR, or throughput of lifelong episodes, over the latest training episodes; higher is better."""
+    """Mean CSR, or throughput of lifelong episodes, of the latest training episodes; without any (`bc`), of the latest
+    validation; 0 before the first one. The newest of equal checkpoints is the best."""
 
 
 class Checkpoints:

@@ -23,7 +23,8 @@ PROGRESS, CURVE, TENSORBOARD = "progress.csv", "learning_curve.png", "tensorboar
 RUN_FILES = (*CONFIG_FILES, WEIGHTS, PROGRESS, CURVE, FOLDER, TENSORBOARD)
 """All files and folders that a run writes into its folder."""
 RECENT_EPISODES = 100
-"""Number of latest training episodes whose mean CSR, or throughput, determines the best checkpoint."""
+"""Number of latest training episodes whose mean CSR, or throughput, determines the best checkpoint. Without training
+episodes (`bc`), the latest validation determines it."""
 CURVES = {
     "CSR": "all agents at their goals (CSR)",
     "ISR": "agents at their goals (ISR)",
@@ -95,7 +96,8 @@ class RunFolder:
         """Write a checkpoint if the latest is at least `interval` agent steps old."""
         if not self._rows or self._rows[-1]["agent_steps"] < self._saved_steps + interval:
             return
-        position = Position(len(self._rows), int(self._rows[-1]["agent_steps"]), self._recent_score())
+        score = self._recent_score() if "episodes" in self._rows[-1] else self._validation_score()
+        position = Position(len(self._rows), int(self._rows[-1]["agent_steps"]), score)
         self.checkpoints.save(learner, position)
         self._saved_steps = position.agent_steps
 
@@ -130,6 +132,14 @@ class RunFolder:
             if episodes >= RECENT_EPISODES:
                 break
         return total / episodes if episodes else 0.0
+
+    def _validation_score(self) -> float:
+        """Return the CSR or throughput of the latest validation, or 0 if there was none."""
+        for row in reversed(self._rows):
+            score = row.get("validation_throughput", row.get("validation_CSR", math.nan))
+            if not math.isnan(score):
+                return score
+        return 0.0
 
     def _draw_curve(self) -> None:
         from matplotlib.figure import Figure

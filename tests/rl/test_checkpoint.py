@@ -130,6 +130,28 @@ def test_a_checkpoint_is_as_good_as_the_last_hundred_episodes(tmp_path, name):
     assert scores == pytest.approx([0, 0.5, (0.5 * 50 + 40) / 90, (40 + 0.25 * 60) / 100, 0.75])
 
 
+@pytest.mark.parametrize("name", ["CSR", "throughput"])
+def test_without_training_episodes_a_checkpoint_is_as_good_as_the_latest_validation(tmp_path, name):
+    run, learner, scores = RunFolder(tmp_path), make_learner(), []
+    run.prepare(TINY)
+    for update, mean in enumerate([math.nan, 0.5, math.nan, 0.25], 1):
+        run.log({"agent_steps": update, "loss": 1.0, f"validation_{name}": mean})
+        run.save(learner)
+        scores.append(read_position(run.checkpoints.latest()).score)
+    assert scores == [0, 0.5, 0.5, 0.25]
+    kept = sorted(read_position(file).updates for file in run.checkpoints.folder.iterdir())
+    assert kept == [3, 4]  # of equal checkpoints, the newest is the best
+
+
+def test_without_any_score_the_last_two_checkpoints_are_kept(tmp_path):
+    run, learner = RunFolder(tmp_path), make_learner()
+    run.prepare(TINY)
+    for update in range(1, 4):
+        run.log({"agent_steps": update, "loss": 1.0})
+        run.save(learner)
+    assert sorted(read_position(file).updates for file in run.checkpoints.folder.iterdir()) == [2, 3]
+
+
 class RecordInstances(Transform):
     """Record the first observations and positions of each episode."""
 
