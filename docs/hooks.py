@@ -21,7 +21,7 @@ from mapf_pz.cli import COMMANDS, main
 LINK = re.compile(r"(?<!!)\[([^]]*)]\((\.\./[^)\s]*)\)")
 COMMAND_REFERENCE = "<!-- command reference -->"
 SAME_OPTIONS = {
-    *("mappo", "ippo", "mappo-cardinal", "central-ppo", "central-ppo-8"),
+    *("mappo", "ippo", "mappo-cardinal", "central-ppo", "central-ppo-8", "report"),
     *("lifelong-cardinal", "oneshot-cardinal"),
 }
 """Presets of `mapf-pz train` with the same options as `quickstart`, which are not listed again."""

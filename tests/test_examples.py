@@ -57,6 +57,16 @@ def test_stable_baselines():
     assert "CSR on 2 unseen maps" in run("centralized_sb3.py", "--steps", "2048", "--episodes", "2")
 
 
+def test_the_report_with_stable_baselines(tmp_path):
+    pytest.importorskip("torchrl")
+    pytest.importorskip("stable_baselines3")
+    told = run("report_sb3.py", "--steps", "512", "--episodes", "2", "--output", str(tmp_path))
+    assert re.fullmatch(
+        r"before training: CSR .*, ISR .*, reward .*\nafter training: CSR .*, ISR .*, reward .*\n", told
+    )
+    assert {"progress.csv", "results.json"} <= {file.name for file in tmp_path.iterdir()}
+
+
 def test_a_shared_policy_of_stable_baselines():
     pytest.importorskip("stable_baselines3")
     pytest.importorskip("supersuit")
