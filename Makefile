@@ -14,7 +14,7 @@ PLAIN_TESTS := tests/core $(addprefix tests/planners/test_, pibt.py epibt.py shi
 OUTSIDE_TESTS := tests/test_env.py tests/wrappers tests/instances/test_library.py tests/render
 KERNEL_TESTS := $(addprefix tests/core/test_, properties.py symmetry.py collision_table.py cost_to_go.py)
 
-.PHONY: train test lint format docs figures reproduction bench-peers soak faults coverage mutation mutation-sample record-pogema wheel clean results
+.PHONY: train test lint format docs figures reproduction report bench-peers soak faults coverage mutation mutation-sample record-pogema wheel clean results
 
 train: .venv/installed
 	$(BIN)/mapf-pz train quickstart --output runs/quickstart --overwrite
@@ -43,6 +43,9 @@ figures: .venv/installed
 
 reproduction: .venv/installed
 	$(BIN)/python -m experiments.reproduction
+
+report: .venv/installed
+	$(BIN)/python -m experiments.report
 
 # Hours; MAPF_PZ_BENCHMARK names the folders of benchmark data. Resumes where it was stopped.
 results: .venv/installed

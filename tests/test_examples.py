@@ -61,9 +61,7 @@ def test_the_report_with_stable_baselines(tmp_path):
     pytest.importorskip("torchrl")
     pytest.importorskip("stable_baselines3")
     told = run("report_sb3.py", "--steps", "512", "--episodes", "2", "--output", str(tmp_path))
-    assert re.fullmatch(
-        r"before training: CSR .*, ISR .*, reward .*\nafter training: CSR .*, ISR .*, reward .*\n", told
-    )
+    assert re.fullmatch(r"after training: CSR .*, ISR .*, reward .*", told.splitlines()[-1])
     assert {"progress.csv", "results.json"} <= {file.name for file in tmp_path.iterdir()}
 
 

@@ -1,7 +1,10 @@
 """The runs that have a name are those whose results are published."""
 
 import pytest
+import torch
+from torch import nn
 
+from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.presets import PRESETS
 
@@ -56,3 +59,18 @@ def test_the_default_run():
 )
 def test_presets_without_a_bundled_policy(name, expected):
     assert described(PRESETS[name]) == expected
+
+
+def test_the_report_has_the_sizes_of_its_figures():
+    """Stacked observations, two convolutions, 128 features, 2 x 64 for the matrix of ten agents and for the value."""
+    algorithm = ALGORITHMS["central-ppo"](PRESETS["report"])
+    network = algorithm.network
+    convolutions = [layer for layer in network.modules() if isinstance(layer, nn.Conv2d)]
+    assert [(layer.in_channels, layer.out_channels, layer.kernel_size, layer.stride) for layer in convolutions] == [
+        (10 * 7, 32, (8, 8), (4, 4)),
+        (32, 64, (4, 4), (2, 2)),
+    ]
+    linear = [layer.out_features for layer in network.modules() if isinstance(layer, nn.Linear)]
+    assert linear == [128, 64, 64, 10 * 4]
+    mean, deviation = network(torch.zeros(1, 10 * 7, 20, 20))
+    assert mean.shape == deviation.shape == (1, 10, 4)
