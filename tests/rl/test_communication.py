@@ -158,7 +158,7 @@ def test_a_run_is_trained_and_resumed_and_its_policy_acts_as_its_network(tmp_pat
         )
         batch = image[None], features[None]
         if recurrent:
-            batch = torch.zeros(1, num_agents, 12), torch.ones(1, 1, dtype=torch.bool), *batch
+            batch = torch.zeros(1, num_agents, 12), torch.zeros(1, 1, dtype=torch.bool), *batch
         with torch.no_grad():
             best, *_ = policy.network(*batch)
         found = np.stack(list(policy.preferences(observed).values()))
@@ -239,6 +239,7 @@ def test_labels_that_are_not_learned_from_have_no_gradient_but_their_agents_are_
     shape, generator = algorithm.observation_shape, torch.Generator().manual_seed(0)
     image = torch.rand(32, 3, *shape.image, generator=generator)
     features = torch.rand(32, 3, shape.features, generator=generator)
+    features[..., shape.pose] = torch.tensor([0.0, 0, 1, 0, 0, 0])
     labels = torch.zeros(32, 3, dtype=torch.int64)
     labels[:, 1:] = NO_LABEL
     labels[:8] = NO_LABEL
