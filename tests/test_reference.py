@@ -202,6 +202,15 @@ def test_map_frame_keeps_north_up():
     assert seen["others_at_goal"] == [[[0, 0, -1], [0, 0, 0], [0, 0, 0]]]
 
 
+def test_others_heuristic_shows_where_others_come_closer_to_their_goals():
+    game = Reference(
+        open_map(2, 3), [(0, 0), (0, 1)], [EAST, NORTH], [[(0, 2)], [(1, 2)]], view_size=(3, 3), view="centered",
+        frame="map", channels=("others_heuristic",),
+    )  # fmt: skip
+    none, there = [[0, 0, 0]] * 3, [[0, 0, 0], [0, 0, 1], [0, 0, 0]]
+    assert game.observe(0)["others_heuristic"] == [there, there, none, none]  # east, south
+
+
 def test_cost_to_go_and_heuristic():
     game = one_agent(
         open_map(1, 4, obstacles=[(0, 0)]), (0, 2), WEST, (0, 3), view_size=(1, 3), view="centered", frame="map",

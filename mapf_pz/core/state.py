@@ -42,6 +42,7 @@ AGENT = np.dtype(
         # Scratch:
         ("want", np.int32),  # the cell it wants, then the cell it gets
         ("next_cell", np.int32),  # the next cell on its own cheapest path; -1: none
+        ("closer", np.int32),  # bit `k`: a move in direction `k` leads closer to its goal
     ],
     align=True,
 )

@@ -24,6 +24,7 @@ CollectorName = Literal["single", "processes", "ray"]
 Credit = Literal["team", "agent"]
 DeviceName = Literal["auto", "cpu", "cuda"]
 EncoderName = Literal["conv", "report", "residual"]
+PrecisionName = Literal["float32", "bfloat16"]
 
 TRAINING_ENV = EnvConfig(
     num_agents=8,
@@ -247,6 +248,9 @@ class TrainConfig:
     """Number of processes or Ray actors that share the environments; ignored by the collector `single`."""
     device: DeviceName = "auto"
     """Device of the networks; `auto` uses a GPU if one is available. Environments are always stepped on the CPU."""
+    precision: PrecisionName = "float32"
+    """Precision of the networks' products during learning. `bfloat16` (mixed precision) is about twice as fast on GPUs
+    and on CPUs with AVX512-BF16; weights and sums remain in float32, and so does acting."""
     num_threads: int = 1
     """Number of threads of torch and of the kernels in each process; more than 1 helps only on idle cores."""
 

@@ -29,7 +29,7 @@ class ImitationLearner(Learner):
         self.modules = {"policy": network}
         self._network, self._keys = network, keys
         parameters = list(network.parameters())
-        self._device = parameters[0].device
+        self.device = parameters[0].device
         rate = config.ppo.learning_rate
         self.optimizer = torch.optim.Adam([{"params": parameters, "initial_lr": rate}], lr=rate)
         self._wait = int(CardinalAction.WAIT if config.task.env.action_model == "cardinal" else Action.WAIT)
@@ -51,7 +51,7 @@ class ImitationLearner(Learner):
         agreement = self._agreement(samples)
         self._buffer.extend(samples.exclude("logits"))  # those of the policy as it was
         steps = max(1, self.config.ppo.num_epochs * agent_steps // self._minibatch_size)
-        losses = torch.stack([self._improve(self._buffer.sample().to(self._device)) for _ in range(steps)])
+        losses = torch.stack([self._improve(self._buffer.sample().to(self.device)) for _ in range(steps)])
         return {
             "loss": float(losses.mean()),
             "agreement": agreement,
@@ -82,7 +82,8 @@ class ImitationLearner(Learner):
 
     def _improve(self, samples: TensorDictBase) -> Tensor:
         """Take one gradient step, and return the loss."""
-        (logits,) = self._network(*(samples.get(str(number)) for number in range(len(self._keys))))
-        loss = cross_entropy(logits.flatten(0, -2), samples.get("label").flatten(), ignore_index=NO_LABEL)
+        with self.autocast():
+            (logits,) = self._network(*(samples.get(str(number)) for number in range(len(self._keys))))
+            loss = cross_entropy(logits.flatten(0, -2), samples.get("label").flatten(), ignore_index=NO_LABEL)
         self.step(loss, self.config.ppo.max_grad_norm)
         return loss.detach()

@@ -9,10 +9,16 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor, nn
 
+from mapf_pz.rl.config import TrainConfig
+
 
 class Learner(ABC):
     """Networks and their optimizer; the state includes that of torch's random number generator."""
 
+    config: TrainConfig
+    """The configuration of the run."""
+    device: torch.device
+    """The device of the networks."""
     modules: dict[str, nn.Module]
     """The trained modules by name."""
     optimizer: torch.optim.Optimizer
@@ -63,6 +69,10 @@ class Learner(ABC):
         for group in self.optimizer.param_groups:
             group["lr"] = group["initial_lr"] * factor
         return factor
+
+    def autocast(self) -> torch.autocast:
+        """Return the context in which losses are computed with the precision of the configuration."""
+        return torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.precision == "bfloat16")
 
     def step(self, loss: Tensor, max_grad_norm: float) -> None:
         """Take one gradient step; the gradients of each module are scaled down to `max_grad_norm`."""

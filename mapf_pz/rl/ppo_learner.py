@@ -51,20 +51,20 @@ class PPOLearner(Learner):
         self._keys = keys
         self._initial = initial
         self._agents_end = agents_end
-        self._device = next(self.loss.parameters()).device
+        self.device = next(self.loss.parameters()).device
         self.modules = {"loss": self.loss}
         groups = [{"params": list(self.loss.parameters()), "initial_lr": config.ppo.learning_rate}]
         if self.curiosity is not None:
-            self.modules["curiosity"] = self.curiosity.to(self._device)
+            self.modules["curiosity"] = self.curiosity.to(self.device)
             trained = [parameter for parameter in self.curiosity.parameters() if parameter.requires_grad]
             groups.append({"params": trained, "initial_lr": config.curiosity.learning_rate})
         self.optimizer = torch.optim.Adam(groups, eps=1e-5)
-        self._buffer = _make_buffer(config, self._device)
+        self._buffer = _make_buffer(config, self.device)
 
     def learn(self, batch: TensorDictBase, done: float) -> dict[str, float]:
         """Update the networks with a batch, as in `Learner`."""
         self.anneal(done)
-        batch = batch.to(self._device)
+        batch = batch.to(self.device)
         if self._agents_end:
             _set_agent_ends(batch)
         means: dict[str, Tensor] = {}
@@ -108,13 +108,15 @@ class PPOLearner(Learner):
 
     def _improve(self, part: TensorDictBase, warmup: bool) -> dict[str, Tensor]:
         """Take one gradient step on a minibatch, in which only the critic learns if `warmup`; return the loss terms."""
-        terms = self.loss(part)
+        with self.autocast():
+            terms = self.loss(part)
         total: Tensor = terms["loss_critic"]
         if not warmup:
             total = total + terms["loss_objective"] + terms["loss_entropy"]
         reported = {name: terms[name].detach() for name in ("loss_objective", "loss_critic", "entropy", "kl_approx")}
         if self.curiosity is not None:
-            surprise = self.curiosity.loss(part)
+            with self.autocast():
+                surprise = self.curiosity.loss(part)
             total, reported["loss_curiosity"] = total + surprise, surprise.detach()
         self.step(total, self.config.ppo.max_grad_norm)
         return reported

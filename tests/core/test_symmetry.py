@@ -13,7 +13,7 @@ from mapf_pz.simulator import Simulator
 
 NUM_STEPS = 15
 EVERY_CHANNEL = ("view", "goal", "orientation", "edge_weights", "cost_to_go", "heuristic", "other_goals")
-NO_TIES = ("others_at_goal",)  # `others_next` prefers one of equal paths by its direction
+NO_TIES = ("others_heuristic", "others_at_goal")  # `others_next` prefers one of equal paths by its direction
 SEEDS = st.integers(0, 2**32 - 1)
 # A cardinal action and what it is once the map is turned a quarter to the left.
 TURNED = {"UP": "LEFT", "LEFT": "DOWN", "DOWN": "RIGHT", "RIGHT": "UP", "WAIT": "WAIT"}

@@ -163,6 +163,18 @@ class Reference(Rules):
         cells = [self.next_cell(other) for other in self.seen_others(agent) if not self.at_goal[other]]
         return [self._plane(agent, {cell: 1.0 for cell in cells if cell is not None})]
 
+    def _others_heuristic(self, agent: int) -> list[Plane]:
+        planes = []
+        for direction in self._directions(agent):
+            closer = {}
+            for other in self.seen_others(agent):
+                cell = self.positions[other]
+                next_cell = ahead(cell, direction)
+                here, there = (self.cost_to_go(self.goals[other], at) for at in (cell, next_cell))
+                closer[cell] = float(self.is_free(next_cell) and there < here)
+            planes.append(self._plane(agent, closer))
+        return planes
+
     def _others_at_goal(self, agent: int) -> list[Plane]:
         others = self.seen_others(agent)
         return [self._plane(agent, {self.positions[o]: 1.0 if self.at_goal[o] else -1.0 for o in others})]

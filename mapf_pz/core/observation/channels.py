@@ -62,6 +62,8 @@ CHANNELS: dict[str, Channel] = {
     "other_goals": Channel(lookup="other_goals"),
     # 1 on the cells that the other agents in view would enter next on their own cheapest paths
     "others_next": Channel(lookup="others_next", needs_cost_to_go=True),
+    # on each other agent in view, 1 where a move in each of four directions leads closer to that agent's goal
+    "others_heuristic": Channel(lookup="others_heuristic", planes=4, needs_cost_to_go=True),
     # on each other agent in view 1 if it is on its goal, otherwise -1
     "others_at_goal": Channel(lookup="others_at_goal", low=-1),
 }

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import prange
 
-from mapf_pz.core.cost_lookup import ALL_EXCESS, LEAST_BIT, cost_at, next_cell
+from mapf_pz.core.cost_lookup import ALL_EXCESS, LEAST_BIT, cost_at, least_cost_at, next_cell
 from mapf_pz.core.jit import BatchKernel, jit
 from mapf_pz.core.observation.inputs import NO_OTHERS, ObservationInputs
 from mapf_pz.core.observation.layers import clear, mark
@@ -25,13 +25,14 @@ class LookupPlanes(NamedTuple):
     heuristic: int
     other_goals: int
     others_next: int
+    others_heuristic: int
     others_at_goal: int
 
 
 def draw_lookups(inputs: ObservationInputs, planes: LookupPlanes, image: Array) -> None:
     """Draw the looked-up channels to `image` (B, N, K, V) float32."""
     shape, layers, world, state = inputs.view_shape, inputs.layers, inputs.world, inputs.state
-    shows_others = max(planes.other_goals, planes.others_next, planes.others_at_goal) >= 0
+    shows_others = max(planes.other_goals, planes.others_next, planes.others_heuristic, planes.others_at_goal) >= 0
     others = inputs.others if shows_others else NO_OTHERS
     # Single arrays, since a named tuple takes longer to pass to a kernel.
     geometry = (shape.height, shape.width, layers.corner, layers.own, layers.stride, *inputs.origins)
@@ -44,7 +45,7 @@ def _draw_lookups(
     height: int, width: int, corners: Array, own: Array, stride: Array, turn: Array, corner: Array, cells: Array,
     count: Array, spots: Array, others: Array, leads_to: Array, weight: Array, mean_weight: Array, slot: Array,
     packed: Array, exact: Array, least: Array, maps: Array, all_agents: Array, cost_to_go: int, heuristic: int,
-    other_goals: int, others_next: int, others_at_goal: int, all_images: Array
+    other_goals: int, others_next: int, others_heuristic: int, others_at_goal: int, all_images: Array
 ) -> None:  # fmt: skip
     to_go = CostToGo(packed, exact, least)
     for b in prange(maps.size):
@@ -60,6 +61,9 @@ def _draw_lookups(
         if others_next >= 0:
             _find_next_cells(leads_to[m], weight[m], slot[m], to_go, agents)
             _mark_cells(geometry, count[b], others[b], agents.next_cell, image, others_next)
+        if others_heuristic >= 0:
+            _find_closer_directions(leads_to[m], slot[m], to_go, agents)
+            _draw_others_heuristic(turn[b], count[b], spots[b], others[b], agents, image, others_heuristic)
         if others_at_goal >= 0:
             _draw_others_at_goal(count[b], spots[b], others[b], agents, image, others_at_goal)
 
@@ -132,6 +136,31 @@ def _find_next_cells(leads_to: Array, weight: Array, slot: Array, to_go: CostToG
         agents[i].next_cell = next_cell(
             leads_to, weight, to_go, slot[agents[i].goal], agents[i].cell, agents[i].heading
         )
+
+
+@jit
+def _find_closer_directions(leads_to: Array, slot: Array, to_go: CostToGo, agents: Array) -> None:
+    """Set each agent's bits of the directions that lead closer to its goal."""
+    for i in range(agents.size):
+        table, cell = slot[agents[i].goal], agents[i].cell
+        here, bits = least_cost_at(to_go, table, cell), 0
+        for towards in range(4):
+            if least_cost_at(to_go, table, leads_to[towards, cell]) < here:
+                bits |= 1 << towards
+        agents[i].closer = bits
+
+
+@jit
+def _draw_others_heuristic(
+    turn: Array, count: Array, spots: Array, others: Array, agents: Array, image: Array, plane: int
+) -> None:
+    """On each other agent in view, 1 where a move in that direction leads closer to that agent's goal."""
+    for i in range(image.shape[0]):
+        for k in range(4):
+            clear(image, i, plane + k)
+            towards = (turn[i] + k) % 4
+            for j in range(count[i]):
+                image[i, plane + k, spots[i, j]] = agents[others[i, j]].closer >> towards & 1
 
 
 @jit
