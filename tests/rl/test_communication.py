@@ -148,6 +148,7 @@ def test_a_run_is_trained_and_resumed_and_its_policy_acts_as_its_network(tmp_pat
     resume(folder, agent_steps=384)
     assert untimed(folder)[0] == untimed(once)[0]
     policy = load_policy(folder, deterministic=True)
+    assert policy.num_agents is None
     louder(policy.network)
     for num_agents in (3, 5):  # also for another number of agents
         env = mapf_pz.parallel_env(**policy.env_kwargs, num_agents=num_agents)
