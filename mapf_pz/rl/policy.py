@@ -258,8 +258,9 @@ def _network(config: TrainConfig, weights: dict[str, Tensor]) -> nn.Module:
     model = config.model
     encoder_layers = len(model.conv_channels) * (model.num_blocks if model.encoder == "residual" else 1)
     encoder_layers = 0 if ":" in model.encoder else encoder_layers  # unknown for a user's encoder
-    if encoder_layers + len(model.head) > len(weights):
-        raise ValueError(f"expected those of {encoder_layers} + {len(model.head)} layers, got {len(weights)} tensors")
+    num_layers = encoder_layers + model.communication + len(model.head)
+    if num_layers > len(weights):
+        raise ValueError(f"expected those of {num_layers} layers, got {len(weights)} tensors")
     if any(weight.dtype != torch.float32 for weight in weights.values()):
         raise ValueError("expected numbers of 32 bits")
     with torch.device("meta"):

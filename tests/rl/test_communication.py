@@ -1,6 +1,7 @@
 """Communication: which agents exchange embeddings, in what frame, and that every algorithm trains such a policy."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from torch.nn.functional import one_hot
 from torchrl.modules import set_recurrent_mode
 
 import mapf_pz
+from mapf_pz.errors import FormatError
 from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.planners import Shield
 from mapf_pz.rl import load_policy, train
@@ -17,6 +19,7 @@ from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.collect import collecting
 from mapf_pz.rl.communication import CommunicatingEncoder
 from mapf_pz.rl.config import ImitationConfig, ModelConfig
+from mapf_pz.rl.config_file import CONFIG
 from mapf_pz.rl.expert import NO_LABEL
 from mapf_pz.rl.observation_shape import ObservationShape
 from mapf_pz.rl.train import resume
@@ -290,6 +293,26 @@ def test_positions_are_exact_in_mixed_precision():
     far = observations(poses()[0] + 1000, poses()[1])
     with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
         torch.testing.assert_close(network(*seen).float(), network(*far).float(), rtol=0.1, atol=0.5)
+
+
+def test_a_saved_policy_with_too_many_rounds_is_refused(tmp_path):
+    folder = train(dataclasses.replace(talking("mappo"), agent_steps=192), tmp_path)
+    file = folder / CONFIG
+    config = json.loads(file.read_text())
+    config["model"]["communication"] = 10**9
+    file.write_text(json.dumps(config))
+    with pytest.raises(FormatError, match=r"not the weights that config\.json describes: expected those of 1000000002"):
+        load_policy(folder)
+
+
+@pytest.mark.parametrize("on_target", ["nothing", "finish"])
+@pytest.mark.parametrize("credit", ["team", "agent"])
+def test_advantages_of_the_team_or_of_each_agent(tmp_path, credit, on_target):
+    config = talking("central-ppo")
+    ppo = dataclasses.replace(config.ppo, credit=credit)
+    task = changed(config.task, on_target=on_target)
+    folder = train(dataclasses.replace(config, task=task, ppo=ppo, agent_steps=192), tmp_path)
+    assert all(np.isfinite(float(row["loss_critic"])) for row in untimed(folder))
 
 
 @pytest.mark.parametrize(
