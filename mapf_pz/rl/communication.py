@@ -32,20 +32,21 @@ _WAVE_SIZE = 2 * _DIRECTIONS  # a complex number for each direction
 class Team:
     """The poses of B teams of N agents, as attention uses them."""
 
-    position: Tensor
-    """(B, N, 2) float32: [row, col]."""
-    heading: Tensor
-    """(B, N) int64: the `Heading` that is up in the agent's view."""
+    turns: Tensor
+    """(B, N, 4) int64: for each direction of the agent's view (up, right, down, left), the direction on the map."""
+    phases: Tensor
+    """(B, N, W, 4) complex64: e^(i phase) at the agent's position, of W waves in each direction on the map."""
     bias: Tensor
     """(B, heads, N, N) float32, added to the attention logits of each pair of agents; -inf: they do not communicate."""
 
     @classmethod
-    def of_poses(cls, pose: Tensor, radius: int | None) -> Team:
+    def of_poses(cls, pose: Tensor, radius: int | None, num_waves: int) -> Team:
         """Return the team for the feature `pose` (B, N, 6).
 
         Each agent attends to itself and to the agents that are at most `radius` rows and columns away, None: to all.
         Agents that have disappeared observe zeros, and no other agent attends to them. In head h, the logit decreases
-        by 2^-h per row or column, whichever are more (as in ALiBi: Press et al., 2022).
+        by 2^-h per row or column, whichever are more (as in ALiBi: Press et al., 2022). The waves have the lengths 4,
+        8, 16, ... cells.
         """
         position, headings = pose[..., :2] / POSE_UNIT, pose[..., 2:]
         distance = (position.unsqueeze(-2) - position.unsqueeze(-3)).abs().amax(-1)
@@ -55,41 +56,41 @@ class Team:
         allowed = allowed | torch.eye(distance.shape[-1], dtype=torch.bool, device=pose.device)
         slopes = 2.0 ** -torch.arange(HEADS, device=pose.device).view(-1, 1, 1)
         bias = (-slopes * distance.unsqueeze(-3)).masked_fill(~allowed.unsqueeze(-3), -math.inf)
-        return cls(position, headings.argmax(-1), bias)
+        turns = (headings.argmax(-1, keepdim=True) + torch.arange(_DIRECTIONS, device=pose.device)) % _DIRECTIONS
+        return cls(turns, _phases(position, num_waves), bias)
 
     def to_map(self, vectors: Tensor) -> Tensor:
         """Transform vectors (B, N, heads, D) from the agents' frames to the frame of the map.
 
-        A vector is D / 8 waves in each of four directions, each of two numbers, a complex number. The directions turn
-        with the agent, and each number is rotated by the wave's phase at the agent's position.
+        A vector is a complex number for each of W = D / 8 waves in four directions. The directions turn with the agent,
+        and the numbers are multiplied by the waves at the agent's position.
         """
-        turned = self._turn(vectors.unflatten(-1, (-1, _DIRECTIONS, 2)), -self.heading)
-        return _rotate(turned, self._phases(turned)).flatten(-3)
+        waves = self._turn(_waves(vectors), self.turns.argsort(-1)) * self.phases.unsqueeze(2)
+        return torch.view_as_real(waves).flatten(-3)
 
     def from_map(self, vectors: Tensor) -> Tensor:
         """Transform vectors back: the inverse of `to_map`."""
-        waves = vectors.unflatten(-1, (-1, _DIRECTIONS, 2))
-        return self._turn(_rotate(waves, -self._phases(waves)), self.heading).flatten(-3)
+        waves = self._turn(_waves(vectors) * self.phases.conj().unsqueeze(2), self.turns)
+        return torch.view_as_real(waves).flatten(-3)
 
     @staticmethod
-    def _turn(waves: Tensor, number: Tensor) -> Tensor:
-        """Turn the directions of waves (B, N, heads, W, 4, 2) by `number` (B, N) quarter turns to the left."""
-        index = (torch.arange(_DIRECTIONS, device=number.device) + number.unsqueeze(-1)) % _DIRECTIONS
-        return waves.gather(-2, index[:, :, None, None, :, None].expand_as(waves))
-
-    def _phases(self, waves: Tensor) -> Tensor:
-        """Return the phases (B, N, 1, W, 4) of waves of 4, 8, 16, ... cells at the agents' positions."""
-        steps = torch.as_tensor(HEADING_STEPS, device=self.position.device)
-        along = (self.position.unsqueeze(-2) * steps).sum(-1)  # not a matrix product, which autocast would round
-        frequencies = math.pi * 2.0 ** -torch.arange(1, waves.shape[-3] + 1, device=self.position.device)
-        return frequencies[:, None] * along[:, :, None, None, :]
+    def _turn(waves: Tensor, directions: Tensor) -> Tensor:
+        """Return the numbers of waves (B, N, heads, W, 4) in these `directions` (B, N, 4)."""
+        return waves.gather(-1, directions[:, :, None, None, :].expand_as(waves))
 
 
-def _rotate(waves: Tensor, phases: Tensor) -> Tensor:
-    """Rotate complex numbers, pairs in the last dimension, by `phases`."""
-    real, imaginary = waves.unbind(-1)
-    sine, cosine = phases.sin(), phases.cos()
-    return torch.stack([real * cosine - imaginary * sine, real * sine + imaginary * cosine], -1)
+def _waves(vectors: Tensor) -> Tensor:
+    """Return vectors (..., D) as complex numbers (..., D / 8, 4)."""
+    return torch.view_as_complex(vectors.float().unflatten(-1, (-1, _DIRECTIONS, 2)))
+
+
+def _phases(position: Tensor, num_waves: int) -> Tensor:
+    """Return e^(i phase) of waves in each direction on the map, (B, N, W, 4), at `position` (B, N, 2)."""
+    steps = torch.as_tensor(HEADING_STEPS, device=position.device)
+    along = (position.unsqueeze(-2) * steps).sum(-1)  # not a matrix product, which autocast would round
+    frequencies = math.pi * 2.0 ** -torch.arange(1, num_waves + 1, device=position.device)
+    phases = frequencies[:, None] * along.unsqueeze(-2)
+    return torch.polar(torch.ones_like(phases), phases)
 
 
 class CommunicationRound(nn.Module):
@@ -136,7 +137,9 @@ class CommunicatingEncoder(nn.Module):
         """Return the embeddings `(..., N, hidden)` of observations `(..., N, K, h, w)` and `(..., N, F)`."""
         embedding = self.encoder(image, features)
         lead = embedding.shape[:-2]
-        team = Team.of_poses(features[..., self._pose].reshape(-1, *features.shape[-2:-1], 6), self._radius)
+        pose = features[..., self._pose]
+        pose = pose.reshape(-1, *pose.shape[-2:])
+        team = Team.of_poses(pose, self._radius, embedding.shape[-1] // (HEADS * _WAVE_SIZE))
         embedding = embedding.reshape(-1, *embedding.shape[-2:])
         for communicate in self.rounds:
             embedding = communicate(embedding, team)

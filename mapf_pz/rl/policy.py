@@ -74,6 +74,11 @@ class LearnedPolicy:
         self._seed = seed
         self.reset_states()
 
+    @property
+    def num_agents(self) -> int | None:
+        """The number of agents that the policy acts for; None: any number."""
+        return None
+
     def act(self, observations: dict[str, Any], infos: Infos | None = None) -> dict[str, int]:
         """Return an action for each agent in `observations`.
 
@@ -169,6 +174,11 @@ class SharedPolicy(LearnedPolicy):
 class TeamPolicy(LearnedPolicy):
     """One network acts for all agents: for any number with communication, otherwise for the number of its training."""
 
+    @property
+    def num_agents(self) -> int | None:
+        """N, as in training; None with communication."""
+        return None if self.config.model.communication else self.config.task.num_agents
+
     def reset_states(self) -> None:
         """Reset the policy for a new episode, as in `LearnedPolicy`."""
         super().reset_states()
@@ -182,11 +192,10 @@ class TeamPolicy(LearnedPolicy):
 
     def _parameters(self, names: list[str], image: Tensor, features: Tensor | None) -> tuple[Tensor, ...]:
         """Return the mean and the standard deviation of the matrix, both (N, A)."""
-        if self.config.model.communication:
+        if self.num_agents is None:
             return self._run(names, image, features)
-        expected = self.config.task.num_agents
-        if len(image) != expected:
-            raise ValueError(f"this policy acts for exactly {expected} agents, {len(image)} observe")
+        if len(image) != self.num_agents:
+            raise ValueError(f"this policy acts for exactly {self.num_agents} agents, {len(image)} observe")
         return self._run(["team"], image.flatten(0, 1), None if features is None else features.flatten())
 
     def _choose(self, preferences: Tensor) -> list[int]:
@@ -249,8 +258,9 @@ def _network(config: TrainConfig, weights: dict[str, Tensor]) -> nn.Module:
     model = config.model
     encoder_layers = len(model.conv_channels) * (model.num_blocks if model.encoder == "residual" else 1)
     encoder_layers = 0 if ":" in model.encoder else encoder_layers  # unknown for a user's encoder
-    if encoder_layers + len(model.head) > len(weights):
-        raise ValueError(f"expected those of {encoder_layers} + {len(model.head)} layers, got {len(weights)} tensors")
+    num_layers = encoder_layers + model.communication + len(model.head)
+    if num_layers > len(weights):
+        raise ValueError(f"expected those of {num_layers} layers, got {len(weights)} tensors")
     if any(weight.dtype != torch.float32 for weight in weights.values()):
         raise ValueError("expected numbers of 32 bits")
     with torch.device("meta"):

@@ -17,7 +17,7 @@ from tests.evaluation.test_episodes import Right
 
 SHARED = Path(__file__).parents[3] / "shared"
 DATA = [SHARED / "mapf-benchmark", SHARED / "pogema-benchmark"]
-NEEDS_NOTHING = ["central-4", "central-8", "quickstart", "standard"]
+NEEDS_NOTHING = ["central-16", "central-4", "central-8", "quickstart", "standard"]
 
 GRID = Grid([[True] * 6, [True] * 3 + [False] * 3], "tiny")
 SCENARIO = Scenario([[0, 0], [1, 0]], [[0, 5], [1, 2]])
@@ -104,7 +104,7 @@ def test_missing_files_are_named(name):
 
 
 def test_unknown_suites(tmp_path):
-    with pytest.raises(ValueError, match=r"suite 'standrad': expected a \.json file, or one of central-4, .*standard"):
+    with pytest.raises(ValueError, match=r"suite 'standrad': expected a \.json file, or one of central-16, .*standard"):
         load_suite("standrad")
     with pytest.raises(FileNotFoundError, match=r"mine\.json: no such file"):
         load_suite(tmp_path / "mine.json")

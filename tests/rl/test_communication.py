@@ -1,6 +1,7 @@
 """Communication: which agents exchange embeddings, in what frame, and that every algorithm trains such a policy."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from torch.nn.functional import one_hot
 from torchrl.modules import set_recurrent_mode
 
 import mapf_pz
+from mapf_pz.errors import FormatError
 from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.planners import Shield
 from mapf_pz.rl import load_policy, train
@@ -17,6 +19,7 @@ from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.collect import collecting
 from mapf_pz.rl.communication import CommunicatingEncoder
 from mapf_pz.rl.config import ImitationConfig, ModelConfig
+from mapf_pz.rl.config_file import CONFIG
 from mapf_pz.rl.expert import NO_LABEL
 from mapf_pz.rl.observation_shape import ObservationShape
 from mapf_pz.rl.train import resume
@@ -148,6 +151,7 @@ def test_a_run_is_trained_and_resumed_and_its_policy_acts_as_its_network(tmp_pat
     resume(folder, agent_steps=384)
     assert untimed(folder)[0] == untimed(once)[0]
     policy = load_policy(folder, deterministic=True)
+    assert policy.num_agents is None
     louder(policy.network)
     for num_agents in (3, 5):  # also for another number of agents
         env = mapf_pz.parallel_env(**policy.env_kwargs, num_agents=num_agents)
@@ -158,7 +162,7 @@ def test_a_run_is_trained_and_resumed_and_its_policy_acts_as_its_network(tmp_pat
         )
         batch = image[None], features[None]
         if recurrent:
-            batch = torch.zeros(1, num_agents, 12), torch.ones(1, 1, dtype=torch.bool), *batch
+            batch = torch.zeros(1, num_agents, 12), torch.zeros(1, 1, dtype=torch.bool), *batch
         with torch.no_grad():
             best, *_ = policy.network(*batch)
         found = np.stack(list(policy.preferences(observed).values()))
@@ -240,6 +244,7 @@ def test_labels_that_are_not_learned_from_have_no_gradient_but_their_agents_are_
     shape, generator = algorithm.observation_shape, torch.Generator().manual_seed(0)
     image = torch.rand(32, 3, *shape.image, generator=generator)
     features = torch.rand(32, 3, shape.features, generator=generator)
+    features[..., shape.pose] = torch.tensor([0.0, 0, 1, 0, 0, 0])
     labels = torch.zeros(32, 3, dtype=torch.int64)
     labels[:, 1:] = NO_LABEL
     labels[:8] = NO_LABEL
@@ -289,6 +294,26 @@ def test_positions_are_exact_in_mixed_precision():
     far = observations(poses()[0] + 1000, poses()[1])
     with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
         torch.testing.assert_close(network(*seen).float(), network(*far).float(), rtol=0.1, atol=0.5)
+
+
+def test_a_saved_policy_with_too_many_rounds_is_refused(tmp_path):
+    folder = train(dataclasses.replace(talking("mappo"), agent_steps=192), tmp_path)
+    file = folder / CONFIG
+    config = json.loads(file.read_text())
+    config["model"]["communication"] = 10**9
+    file.write_text(json.dumps(config))
+    with pytest.raises(FormatError, match=r"not the weights that config\.json describes: expected those of 1000000002"):
+        load_policy(folder)
+
+
+@pytest.mark.parametrize("on_target", ["nothing", "finish"])
+@pytest.mark.parametrize("credit", ["team", "agent"])
+def test_advantages_of_the_team_or_of_each_agent(tmp_path, credit, on_target):
+    config = talking("central-ppo")
+    ppo = dataclasses.replace(config.ppo, credit=credit)
+    task = changed(config.task, on_target=on_target)
+    folder = train(dataclasses.replace(config, task=task, ppo=ppo, agent_steps=192), tmp_path)
+    assert all(np.isfinite(float(row["loss_critic"])) for row in untimed(folder))
 
 
 @pytest.mark.parametrize(
