@@ -61,7 +61,7 @@ def changes() -> Iterator[Variation]:
     yield now.with_(
         "+ 3 x 3 convolutions on 7 x 7 cells",
         env={"view_size": (7, 7), "view": "centered"},
-        model={"encoder": "conv", "conv_channels": ours.model.conv_channels},
+        model={"encoder": "conv"},
     )
 
 
