@@ -12,7 +12,7 @@ Results = Mapping[str, Any]
 ONE_SHOT = ("pibt", "epibt", "lacam:anytime=False", "lacam:time_limit=1")
 LIFELONG = ("pibt", "epibt", "windowed")
 LEARNED = ("mappo-cardinal", "mappo-cardinal+pibt")
-IMITATED, IMITATED_ONE_SHOT = "lifelong-cardinal+pibt:temperature=0", "oneshot-cardinal+pibt"
+IMITATED, IMITATED_ONE_SHOT = "lifelong-cardinal+pibt:temperature=0", "oneshot-cardinal+pibt:patience=8"
 
 
 @dataclass(frozen=True)
