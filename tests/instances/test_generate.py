@@ -107,7 +107,15 @@ def test_walls_reach_their_density_where_there_is_space():
 
 
 def test_walls_as_drawn():
-    assert drawing(generate.walls(7, 9, rng(1), 0.3)) == []
+    assert drawing(generate.walls(7, 9, rng(1), 0.3)) == [
+        ".........",
+        ".@.@.@.@.",
+        "...@...@.",
+        ".@@@.@.@.",
+        ".......@.",
+        ".@@@@@@@.",
+        ".........",
+    ]
 
 
 def test_a_maze_as_drawn():
