@@ -72,6 +72,27 @@ _REPORT = TrainConfig(
     validation_episodes=32,
 )
 
+# A centralized policy for any number of agents. The run continues from an imitated policy: see `policies/README.md`.
+_CENTRAL_TEAM = TrainConfig(
+    task=TaskConfig(
+        env=replace(
+            _CENTRAL.task.env,
+            num_agents=16,
+            max_steps=96,
+            view_size=(7, 7),
+            features=("action_advantage", "last_actions", "goal_vector", "pose"),
+        ),
+        mixture=MapMixture(height=(10, 14), width=(10, 14), density=(0.1, 0.2)),
+    ),
+    algorithm="central-ppo",
+    model=ModelConfig(conv_channels=(32, 32), communication=2),
+    optimization=OptimizationConfig(num_envs=32, num_epochs=2, minibatch_size=128, learning_rate=3e-4),
+    ppo=replace(_CENTRAL.ppo, warmup_updates=3),
+    initial_temperature=0.5,
+    agent_steps=600_000,
+    validation_interval=200_000,
+)
+
 # Imitation of windowed planning, with more agents per free cell than in most evaluations. The costs of `crisscross`
 # spread the agents over the aisles of a warehouse.
 _LIFELONG_CARDINAL = TrainConfig(
@@ -184,6 +205,7 @@ PRESETS: dict[str, TrainConfig] = {
         optimization=replace(_CENTRAL.optimization, learning_rate=7e-4, num_epochs=4),
         agent_steps=8_000_000,
     ),
+    "central": _CENTRAL_TEAM,
     "report": _REPORT,
     "lifelong": _LIFELONG,
     "lifelong-cardinal": _LIFELONG_CARDINAL,
