@@ -22,7 +22,7 @@ LINK = re.compile(r"(?<!!)\[([^]]*)]\((\.\./[^)\s]*)\)")
 COMMAND_REFERENCE = "<!-- command reference -->"
 SAME_OPTIONS = {
     *("mappo", "ippo", "mappo-cardinal", "central-ppo", "central-ppo-8", "report"),
-    *("lifelong-cardinal", "oneshot-cardinal"),
+    *("lifelong", "lifelong-cardinal", "oneshot", "oneshot-cardinal"),
 }
 """Presets of `mapf-pz train` with the same options as `quickstart`, which are not listed again."""
 

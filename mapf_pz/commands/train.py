@@ -114,13 +114,14 @@ def _by_rules_of(config: TrainConfig, task: EvaluationTask) -> EvaluationTask:
 
 def _check_fits(config: TrainConfig, evaluation: EvaluationTask) -> None:
     """Raise `ValueError` if the policy that `config` trains cannot act in the evaluation task."""
-    task, action_model = config.task, config.task.env.action_model
+    action_model = config.task.env.action_model
     expected = evaluation.keywords.get("action_model", action_model)
     advice = "choose another suite with --evaluate, or --evaluate none"
     if action_model != expected:
         raise ValueError(f"action_model={action_model!r}: {evaluation.label!r} needs {expected!r}; {advice}")
-    if algorithm_of(config.algorithm).centralized and task.num_agents != evaluation.num_agents:
-        raise ValueError(f"num_agents={task.num_agents}: {evaluation.label!r} needs {evaluation.num_agents}; {advice}")
+    num_agents = algorithm_of(config.algorithm).fixed_num_agents(config)
+    if num_agents not in (None, evaluation.num_agents):
+        raise ValueError(f"num_agents={num_agents}: {evaluation.label!r} needs {evaluation.num_agents}; {advice}")
 
 
 def _check_no_evaluation(output: Path) -> None:

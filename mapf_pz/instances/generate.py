@@ -10,6 +10,8 @@ import numpy as np
 from mapf_pz.arrays import Bools
 from mapf_pz.instance import Grid
 
+_TURNS = 0.2
+"""Probability of a turn of a wall at each post."""
 Room = tuple[int, int]  # row and column in the grid of rooms
 Passage = tuple[Room, Room]
 
@@ -50,6 +52,40 @@ def maze(height: int, width: int, rng: np.random.Generator, corridor: int = 1, l
         if passage in tree or (loops > 0 and rng.random() < loops):
             _wall(free, passage, corridor + 1)[:] = True
     return Grid(free, f"maze-{height}-{width}-{corridor}")
+
+
+def walls(height: int, width: int, rng: np.random.Generator, density: float) -> Grid:
+    """Generate a map with free-standing walls of one cell, which branch and turn; all free cells are connected.
+
+    Walls grow from posts in odd rows and columns until a fraction `density` of the cells are obstacles, or until there
+    is no more space. A wall ends before it would meet another one or the edge of the map.
+    """
+    _check(height=height, width=width)
+    if not 0 <= density < 1:
+        raise ValueError(f"density={density}: expected at least 0 and less than 1")
+    free = np.ones((height, width), np.bool_)
+    posts = list(product(range(1, height - 1, 2), range(1, width - 1, 2)))
+    missing = round(density * free.size)
+    for k in rng.integers(len(posts), size=4 * len(posts)) if posts else ():
+        if missing > 0:
+            missing -= _grow_wall(free, posts[k], rng, min(missing, int(rng.integers(3, 20))))
+    return Grid(free, f"walls-{height}-{width}-{round(100 * density)}")
+
+
+def _grow_wall(free: Bools, post: Room, rng: np.random.Generator, length: int) -> int:
+    """Grow a wall of at most `length` cells from a post, which may be part of a wall; return the number of cells."""
+    (row, col), before, way = post, np.count_nonzero(free), int(rng.integers(4))
+    free[post] = False
+    for _ in range(length // 2):
+        if rng.random() < _TURNS:
+            way = (way + int(rng.choice((1, 3)))) % 4
+        down, right = ((0, 1), (1, 0), (0, -1), (-1, 0))[way]
+        end = row + 2 * down, col + 2 * right
+        if not (0 < end[0] < free.shape[0] - 1 and 0 < end[1] < free.shape[1] - 1 and free[end]):
+            break
+        free[row + down, col + right] = free[end] = False
+        row, col = end
+    return int(before - np.count_nonzero(free))
 
 
 def room(height: int, width: int, rng: np.random.Generator, size: int) -> Grid:

@@ -27,8 +27,8 @@ class MapMixture:
     """
 
     maps: tuple[str, ...] = ("random",)
-    """The maps that episodes are sampled from: families (`random`, `maze`, `room`, `warehouse`), names of maps, and
-    paths of `.map` files. All are equally likely; one that is listed twice counts twice."""
+    """The maps that episodes are sampled from: families (`random`, `walls`, `maze`, `room`, `warehouse`), names of
+    maps, and paths of `.map` files. All are equally likely; one that is listed twice counts twice."""
     height: int | tuple[int, int] = 12
     """Number of rows of a generated map; two numbers are a range to sample from."""
     width: int | tuple[int, int] = 12
@@ -44,6 +44,8 @@ class MapMixture:
     loops: float | tuple[float, float] = 0.0
     """Fraction of the walls of a `maze` that are open in addition to those that make all cells reachable; two numbers
     are a range to sample from."""
+    wall_density: float | tuple[float, float] = 0.3
+    """Fraction of the cells of a `walls` map that are walls; two numbers are a range to sample from."""
 
     def __post_init__(self) -> None:
         """Check every field, and turn lists into tuples."""
@@ -53,7 +55,7 @@ class MapMixture:
         _check_names("maps", self.maps)
         for name, least in (("height", 1), ("width", 1), ("corridor", 1), ("room_size", 2), ("shelf_length", 1)):
             _check_range(name, getattr(self, name), int, least)
-        for name in ("density", "loops"):
+        for name in ("density", "wall_density", "loops"):
             _check_range(name, getattr(self, name), (int, float), 0)
             if _bounds(getattr(self, name))[1] >= 1:
                 raise ValueError(f"{name}={getattr(self, name)!r}: expected at least 0 and less than 1")
@@ -90,7 +92,8 @@ class MapMixture:
 
     def _check_size(self, family: str) -> None:
         """Raise `ValueError` if the smallest size is too small for the family's largest pattern."""
-        least = {"height": 1 if family == "random" else 2, "width": 1 if family == "random" else 2}
+        open_edge = family in ("random", "walls")
+        least = {"height": 1 if open_edge else 2, "width": 1 if open_edge else 2}
         if family == "warehouse":
             walls_and_aisles = 2 + 2 * _bounds(self.corridor)[1]
             least["height"] = walls_and_aisles + SHELF_DEPTH
@@ -137,6 +140,10 @@ def _random(mixture: MapMixture, height: int, width: int, rng: np.random.Generat
     return generate.random(height, width, _fraction(mixture.density, rng), rng)
 
 
+def _walls(mixture: MapMixture, height: int, width: int, rng: np.random.Generator) -> Grid:
+    return generate.walls(height, width, rng, _fraction(mixture.wall_density, rng))
+
+
 def _maze(mixture: MapMixture, height: int, width: int, rng: np.random.Generator) -> Grid:
     corridor = _sample(mixture.corridor, rng)
     return generate.maze(height, width, rng, corridor, _fraction(mixture.loops, rng))
@@ -156,6 +163,7 @@ def _warehouse(mixture: MapMixture, height: int, width: int, rng: np.random.Gene
 
 _FAMILIES: dict[str, Callable[[MapMixture, int, int, np.random.Generator], Grid]] = {
     "random": _random,
+    "walls": _walls,
     "maze": _maze,
     "room": _room,
     "warehouse": _warehouse,

@@ -34,7 +34,7 @@ class Algorithm(ABC):
     parameters: ClassVar[list[NestedKey]] = [("agents", "logits")]
     """Keys of the network's outputs, the parameters of the action distribution."""
     centralized: ClassVar[bool] = False
-    """Whether one policy acts for all agents, whose number is then fixed, instead of each agent acting by itself."""
+    """Whether one policy acts for all agents, instead of each agent acting by itself."""
 
     def __init__(self, config: TrainConfig) -> None:
         """Build the networks."""
@@ -71,6 +71,11 @@ class Algorithm(ABC):
         if self.observation_shape.features:
             return [("agents", "observation", "image"), ("agents", "observation", "features")]
         return [("agents", "observation")]
+
+    @classmethod
+    def fixed_num_agents(cls, config: TrainConfig) -> int | None:
+        """Return the number of agents that the policy acts for; None: any number."""
+        return config.task.num_agents if cls.centralized else None
 
     @staticmethod
     def num_hidden_states(config: TrainConfig) -> int:

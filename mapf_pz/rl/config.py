@@ -15,9 +15,8 @@ from mapf_pz.config import DEFAULT_NUM_AGENTS, REWARDS, EnvConfig
 from mapf_pz.instance import InstanceSource
 from mapf_pz.instances.configured import goals_per_agent, make_source
 from mapf_pz.instances.mixture import MapMixture
-from mapf_pz.rl.algorithm_config import ImitationConfig, OptimizationConfig, PPOConfig
+from mapf_pz.rl.algorithm_config import CuriosityConfig, ImitationConfig, OptimizationConfig, PPOConfig
 from mapf_pz.rl.checks import check_counts, check_names, check_part, check_positive
-from mapf_pz.rl.curiosity_config import CuriosityConfig
 from mapf_pz.rl.saved_env import dump_env, load_env
 
 __all__ = [

@@ -40,6 +40,8 @@ class LearnedPolicy:
     A policy that was trained with `mask_actions` only takes actions that the action masks in the environment's infos
     allow, so it acts as `act(observations, infos)`; `needs_infos` is then True.
 
+    `num_agents` is the number of agents that the policy acts for; None: any number.
+
     `env_kwargs` are the keywords that give an environment the policy's observations;
     `mapf_pz.evaluation.episodes.make_env` applies them.
     """
@@ -70,14 +72,10 @@ class LearnedPolicy:
         self._shape = ObservationShape.of_task(config.task)
         self.env_kwargs = config.task.observation_keywords()
         self.needs_infos = config.model.mask_actions
+        self.num_agents = algorithm_of(config.algorithm).fixed_num_agents(config)
         self.temperature = 0.0 if deterministic else float(temperature)
         self._seed = seed
         self.reset_states()
-
-    @property
-    def num_agents(self) -> int | None:
-        """The number of agents that the policy acts for; None: any number."""
-        return None
 
     def act(self, observations: dict[str, Any], infos: Infos | None = None) -> dict[str, int]:
         """Return an action for each agent in `observations`.
@@ -173,11 +171,6 @@ class SharedPolicy(LearnedPolicy):
 
 class TeamPolicy(LearnedPolicy):
     """One network acts for all agents: for any number with communication, otherwise for the number of its training."""
-
-    @property
-    def num_agents(self) -> int | None:
-        """N, as in training; None with communication."""
-        return None if self.config.model.communication else self.config.task.num_agents
 
     def reset_states(self) -> None:
         """Reset the policy for a new episode, as in `LearnedPolicy`."""

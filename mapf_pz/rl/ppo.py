@@ -185,6 +185,11 @@ class CentralPPO(PPOAlgorithm):
             network.log_scale = self.network.log_scale
         super().start_from(network)
 
+    @classmethod
+    def fixed_num_agents(cls, config: TrainConfig) -> int | None:
+        """Return N, as in training; None with communication."""
+        return None if config.model.communication else config.task.num_agents
+
     @staticmethod
     def num_hidden_states(config: TrainConfig) -> int:
         """Return 1: the team has a single hidden state; with communication, each agent has its own."""

@@ -72,7 +72,29 @@ _REPORT = TrainConfig(
     validation_episodes=32,
 )
 
-# Imitation of windowed planning, with more agents per free cell than in most evaluations.
+# A centralized policy for any number of agents. The run continues from an imitated policy: see `policies/README.md`.
+_CENTRAL_TEAM = TrainConfig(
+    task=TaskConfig(
+        env=replace(
+            _CENTRAL.task.env,
+            num_agents=16,
+            max_steps=96,
+            view_size=(7, 7),
+            features=("action_advantage", "last_actions", "goal_vector", "pose"),
+        ),
+        mixture=MapMixture(height=(10, 14), width=(10, 14), density=(0.1, 0.2)),
+    ),
+    algorithm="central-ppo",
+    model=ModelConfig(conv_channels=(32, 32), communication=2),
+    optimization=OptimizationConfig(num_envs=32, num_epochs=2, minibatch_size=128, learning_rate=3e-4),
+    ppo=replace(_CENTRAL.ppo, warmup_updates=3),
+    initial_temperature=0.5,
+    agent_steps=600_000,
+    validation_interval=200_000,
+)
+
+# Imitation of windowed planning, with more agents per free cell than in most evaluations. The costs of `crisscross`
+# spread the agents over the aisles of a warehouse.
 _LIFELONG_CARDINAL = TrainConfig(
     task=TaskConfig(
         env=EnvConfig(
@@ -82,43 +104,87 @@ _LIFELONG_CARDINAL = TrainConfig(
             on_target="restart",
             view_size=(9, 9),
             view="centered",
-            channels=("view", "goal", "cost_to_go", "heuristic", "others_next", "other_goals"),
+            channels=("view", "goal", "cost_to_go", "heuristic", "others_next", "others_heuristic", "other_goals"),
             features=("action_advantage", "last_actions", "goal_vector"),
             num_last_actions=2,
+            edge_weights="crisscross",
             reward=REWARDS["progress"],
         ),
         mixture=MapMixture(
-            maps=("random", "random", "maze", "warehouse"),
+            maps=("random", "walls", "warehouse", "random", "walls"),
             height=(17, 21),
             width=(17, 21),
             density=(0.1, 0.3),
             loops=(0.3, 0.95),
+            wall_density=(0.2, 0.4),
         ),
         shield=True,
     ),
     algorithm="dagger",
-    model=ModelConfig(conv_channels=(32, 32)),
+    model=ModelConfig(conv_channels=(48, 48), hidden=192),
     optimization=OptimizationConfig(
-        num_envs=32, steps_per_batch=16, num_epochs=2, minibatch_size=16, learning_rate=1e-3
+        num_envs=32, steps_per_batch=16, num_epochs=1, minibatch_size=16, learning_rate=2e-3
     ),
     imitation=ImitationConfig(expert="windowed:rounds=1,window=12", temperature=0.3),
-    agent_steps=3_000_000,
-    checkpoint_interval=500_000,
-    validation_interval=500_000,
+    agent_steps=8_000_000,
+    checkpoint_interval=800_000,
+    validation_interval=800_000,
     validation_episodes=32,
+    precision="bfloat16",
 )
 
-# Imitation of LaCAM, which plans from states that the policy has reached.
+_LIFELONG = replace(
+    _LIFELONG_CARDINAL,
+    task=replace(
+        _LIFELONG_CARDINAL.task,
+        env=replace(
+            _LIFELONG_CARDINAL.task.env,
+            action_model="rotate",
+            channels=("view", "goal", "orientation", *_LIFELONG_CARDINAL.task.env.channels[2:]),
+            edge_weights="uniform",
+        ),
+        mixture=replace(_LIFELONG_CARDINAL.task.mixture, maps=("random", "walls", "random", "warehouse")),
+    ),
+    agent_steps=6_000_000,
+    checkpoint_interval=400_000,
+)
+
+# Imitation of LaCAM, which plans from states that the policy has reached. The policy learns from half of the steps.
 _ONESHOT_CARDINAL = replace(
     _LIFELONG_CARDINAL,
     task=replace(
         _LIFELONG_CARDINAL.task,
-        env=replace(_LIFELONG_CARDINAL.task.env, num_agents=48, max_steps=128, on_target="nothing"),
+        env=replace(
+            _LIFELONG_CARDINAL.task.env,
+            num_agents=48,
+            max_steps=128,
+            on_target="nothing",
+            edge_weights="uniform",
+        ),
+        mixture=replace(_LIFELONG_CARDINAL.task.mixture, maps=("random", "walls", "random", "walls", "maze")),
     ),
-    optimization=replace(_LIFELONG_CARDINAL.optimization, learning_rate=5e-4),
-    imitation=ImitationConfig(expert="lacam:time_limit=0.15", expert_share=0.5, segment_steps=32, temperature=0.5),
-    agent_steps=6_000_000,
-    validation_interval=450_000,
+    optimization=replace(_LIFELONG_CARDINAL.optimization, steps_per_batch=32),
+    imitation=ImitationConfig(expert="lacam:time_limit=0.1", expert_share=0.5, segment_steps=32, temperature=0.5),
+    agent_steps=16_000_000,
+)
+
+_ONESHOT = replace(
+    _ONESHOT_CARDINAL,
+    task=replace(
+        _ONESHOT_CARDINAL.task,
+        env=replace(
+            _ONESHOT_CARDINAL.task.env, action_model="rotate", max_steps=256, channels=_LIFELONG.task.env.channels
+        ),
+        mixture=replace(
+            _ONESHOT_CARDINAL.task.mixture,
+            maps=("random", "warehouse", "random", "maze"),
+            height=(17, 23),
+            width=(17, 23),
+        ),
+    ),
+    agent_steps=10_000_000,
+    checkpoint_interval=500_000,
+    validation_interval=1_000_000,
 )
 
 PRESETS: dict[str, TrainConfig] = {
@@ -138,8 +204,11 @@ PRESETS: dict[str, TrainConfig] = {
         optimization=replace(_CENTRAL.optimization, learning_rate=7e-4, num_epochs=4),
         agent_steps=8_000_000,
     ),
+    "central": _CENTRAL_TEAM,
     "report": _REPORT,
+    "lifelong": _LIFELONG,
     "lifelong-cardinal": _LIFELONG_CARDINAL,
+    "oneshot": _ONESHOT,
     "oneshot-cardinal": _ONESHOT_CARDINAL,
 }
 """The presets of `mapf-pz train NAME`; every field can be changed on the command line."""

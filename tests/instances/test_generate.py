@@ -88,6 +88,36 @@ def test_loops_open_a_fraction_of_the_other_walls_of_a_maze():
     assert np.mean(opened) / (num_walls - (num_rooms - 1)) == pytest.approx(0.5, abs=0.05)
 
 
+@pytest.mark.parametrize(("shape", "density"), [((20, 20), 0.3), ((13, 17), 0.4), ((6, 30), 0.2), ((2, 9), 0.3)])
+def test_walls_are_apart_from_each_other_and_from_the_edge(shape, density):
+    for seed in SEEDS:
+        grid = generate.walls(*shape, rng(seed), density)
+        assert grid.shape == shape
+        assert num_components(grid) == 1
+        assert grid.free[[0, -1]].all()
+        assert grid.free[:, [0, -1]].all()
+        assert grid.free[::2, ::2].all()  # corridors have at least one cell
+        assert (~grid.free).mean() <= density + 1 / grid.free.size
+
+
+def test_walls_reach_their_density_where_there_is_space():
+    for density in (0, 0.1, 0.3):
+        walls = [float((~generate.walls(21, 21, rng(seed), density).free).mean()) for seed in SEEDS]
+        assert np.mean(walls) == pytest.approx(density, abs=0.02)
+
+
+def test_walls_as_drawn():
+    assert drawing(generate.walls(7, 9, rng(1), 0.3)) == [
+        ".........",
+        ".@.@.@.@.",
+        "...@...@.",
+        ".@@@.@.@.",
+        ".......@.",
+        ".@@@@@@@.",
+        ".........",
+    ]
+
+
 def test_a_maze_as_drawn():
     grid = generate.maze(7, 7, rng(3), 2)
     rows = drawing(grid)
