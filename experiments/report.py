@@ -1,7 +1,7 @@
 """Run the report's experiment in its own setting, and what makes it work: `make report`.
 
 Ten agents in the report's warehouse, with the report's observations, rewards and network, are trained by `central-ppo`
-and by Stable-Baselines3. Then one change after the other is made to `central-ppo`. All runs have the same length.
+and by Stable-Baselines3. Then changes are added to `central-ppo` in sequence. All runs have the same length.
 Finished runs are reused; the table and the figure include all of them.
 """
 
@@ -61,7 +61,7 @@ def changes() -> Iterator[Variation]:
     yield now.with_(
         "+ 3 x 3 convolutions on 7 x 7 cells",
         env={"view_size": (7, 7), "view": "centered"},
-        model={"encoder": "conv", "conv_channels": ours.model.conv_channels},
+        model={"encoder": "conv"},
     )
 
 
@@ -80,7 +80,7 @@ class Options:
 
 
 def main(options: Options) -> None:
-    """Train the missing runs one after the other, print the table, and draw the figure."""
+    """Train the missing runs in sequence, print the table, and draw the figure."""
     for seed in options.seeds:
         learn(REPORT, seed, options)
         learn_sb3(seed, options)
@@ -178,7 +178,7 @@ def draw(runs: dict[str, list[Path]]) -> None:
     rows = [name for name in runs if name != SB3]
     for k, name in enumerate(rows):
         _draw_range(rates, [training_curve(run, "ISR") for run in runs[name]], _label(name), f"C{k}")
-    rates.set(ylabel="agents at their goals (ISR)", ylim=(-0.02, 1.02), title="one change after the other")
+    rates.set(ylabel="agents at their goals (ISR)", ylim=(-0.02, 1.02), title="one change at a time")
     for panel in (rewards, rates):
         panel.set_xlabel(f"thousand environment steps (means of the latest {WINDOW} training episodes)")
         panel.legend(fontsize=8)

@@ -12,6 +12,7 @@ Results = Mapping[str, Any]
 ONE_SHOT = ("pibt", "epibt", "lacam:anytime=False", "lacam:time_limit=1")
 LIFELONG = ("pibt", "epibt", "windowed")
 LEARNED = ("mappo-cardinal", "mappo-cardinal+pibt")
+TURNING = "oneshot+pibt:patience=8"
 IMITATED, IMITATED_ONE_SHOT = "lifelong-cardinal+pibt:temperature=0", "oneshot-cardinal+pibt:patience=8"
 
 
@@ -49,14 +50,16 @@ TABLES = (
     # The maps of the puzzles are smaller than the views of the trained policies.
     ResultTable("pogema-puzzles", ONE_SHOT[:3], "05-puzzles"),
     ResultTable("pogema-puzzles-lifelong", (*LIFELONG, "lacam:anytime=False"), "05-puzzles"),
-    ResultTable("report", ("pibt", "prioritized", "lacam", "mappo", "mappo+pibt")),
-    ResultTable("movingai-small", ("pibt", "lacam")),
+    ResultTable("report", ("pibt", "prioritized", "lacam", "mappo", "mappo+pibt", TURNING)),
+    ResultTable("movingai-small", ("pibt", "lacam", TURNING)),
     ResultTable(
         "lorr-2023",
         ("pibt", "epibt:depth=3", "epibt:depth=4", "epibt:depth=5", "epibt:depth=7,time_limit=0.1", "windowed"),
     ),
     ResultTable("standard", ("pibt", "mappo", "ippo", "mappo-cardinal")),
     ResultTable("central-4", ("central-ppo",)),
+    ResultTable("central-8", ("pibt", "central")),
+    ResultTable("central-16", ("pibt", "central")),
 )
 
 

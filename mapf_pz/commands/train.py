@@ -28,7 +28,7 @@ from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.train import resume as resume_policy
 
 EPISODE_FILE = "episode.gif"
-SUITES = {"quickstart": "quickstart", "central-ppo": "central-4", "central-ppo-8": "central-8", "report": "none"}
+SUITES = {"quickstart": "quickstart", "central-ppo": "central-4", "central-ppo-8": "central-8", "report": "report-10"}
 """The suites that presets are evaluated on afterwards; the others on `standard`."""
 SHOWN = ("CSR", "ISR", "throughput", "return")
 """Means of training episodes beside the progress bar, those that the run has."""

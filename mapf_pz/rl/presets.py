@@ -111,11 +111,12 @@ _LIFELONG_CARDINAL = TrainConfig(
             reward=REWARDS["progress"],
         ),
         mixture=MapMixture(
-            maps=("random", "maze", "warehouse", "random", "maze"),
+            maps=("random", "walls", "warehouse", "random", "walls"),
             height=(17, 21),
             width=(17, 21),
             density=(0.1, 0.3),
             loops=(0.3, 0.95),
+            wall_density=(0.2, 0.4),
         ),
         shield=True,
     ),
@@ -142,7 +143,7 @@ _LIFELONG = replace(
             channels=("view", "goal", "orientation", *_LIFELONG_CARDINAL.task.env.channels[2:]),
             edge_weights="uniform",
         ),
-        mixture=replace(_LIFELONG_CARDINAL.task.mixture, maps=("random", "maze", "random", "warehouse")),
+        mixture=replace(_LIFELONG_CARDINAL.task.mixture, maps=("random", "walls", "random", "warehouse")),
     ),
     agent_steps=6_000_000,
     checkpoint_interval=400_000,
@@ -160,9 +161,7 @@ _ONESHOT_CARDINAL = replace(
             on_target="nothing",
             edge_weights="uniform",
         ),
-        mixture=replace(
-            _LIFELONG_CARDINAL.task.mixture, maps=("random", "maze", "random", "maze", "maze", "warehouse")
-        ),
+        mixture=replace(_LIFELONG_CARDINAL.task.mixture, maps=("random", "walls", "random", "walls", "maze")),
     ),
     optimization=replace(_LIFELONG_CARDINAL.optimization, steps_per_batch=32),
     imitation=ImitationConfig(expert="lacam:time_limit=0.1", expert_share=0.5, segment_steps=32, temperature=0.5),

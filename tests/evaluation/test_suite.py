@@ -17,7 +17,7 @@ from tests.evaluation.test_episodes import Right
 
 SHARED = Path(__file__).parents[3] / "shared"
 DATA = [SHARED / "mapf-benchmark", SHARED / "pogema-benchmark"]
-NEEDS_NOTHING = ["central-16", "central-4", "central-8", "quickstart", "standard"]
+NEEDS_NOTHING = ["central-16", "central-4", "central-8", "quickstart", "report-10", "standard"]
 
 GRID = Grid([[True] * 6, [True] * 3 + [False] * 3], "tiny")
 SCENARIO = Scenario([[0, 0], [1, 0]], [[0, 5], [1, 2]])

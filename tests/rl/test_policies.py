@@ -24,6 +24,7 @@ def test_the_policies_that_come_with_the_package():
         "lifelong-cardinal",
         "mappo",
         "mappo-cardinal",
+        "oneshot",
         "oneshot-cardinal",
     ]
 
