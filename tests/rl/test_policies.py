@@ -72,7 +72,9 @@ def test_evaluate_by_name(capsys):
 
 
 def test_unknown_policies_list_the_known_ones():
-    with pytest.raises(FileNotFoundError, match="expected the folder of a training run, or one of central, central-ppo, ippo"):
+    with pytest.raises(
+        FileNotFoundError, match="expected the folder of a training run, or one of central, central-ppo, ippo"
+    ):
         load_policy("mapo")
 
 
