@@ -14,7 +14,10 @@ from tests.evaluation.test_episodes import Right
 
 ROOM = {"map": "empty-8-8", "num_agents": 2, "max_steps": 12}
 CARDINAL = ROOM | {"action_model": "cardinal"}
-TRAINED = ["central-ppo", "ippo", "lifelong-cardinal", "mappo", "mappo-cardinal", "oneshot-cardinal"]
+TRAINED = [
+    *("central", "central-ppo", "ippo", "lifelong-cardinal"),
+    *("mappo", "mappo-cardinal", "oneshot", "oneshot-cardinal"),
+]
 
 
 def actions(name, keywords=ROOM, steps=6, **arguments):

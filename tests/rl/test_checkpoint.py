@@ -295,7 +295,7 @@ def test_a_damaged_or_foreign_checkpoint_is_one_line(tmp_path, damage):
 def test_a_checkpoint_of_other_batches_is_one_line(tmp_path):
     train_interrupted(TINY, tmp_path, 1)
     config = json.loads((tmp_path / "config.json").read_text())
-    config["ppo"]["num_envs"] = 8
+    config["optimization"]["num_envs"] = 8
     (tmp_path / "config.json").write_text(json.dumps(config))
     with pytest.raises(mapf_pz.FormatError, match=r"not a checkpoint of the run that config\.json describes"):
         resume(tmp_path)
