@@ -144,8 +144,8 @@ _LIFELONG = replace(
         ),
         mixture=replace(_LIFELONG_CARDINAL.task.mixture, maps=("random", "walls", "random", "warehouse")),
     ),
-    agent_steps=6_000_000,
-    checkpoint_interval=400_000,
+    agent_steps=2_000_000,
+    checkpoint_interval=200_000,
 )
 
 # Imitation of LaCAM, which plans from states that the policy has reached. The policy learns from half of the steps.

@@ -15,7 +15,7 @@ from tests.evaluation.test_episodes import Right
 ROOM = {"map": "empty-8-8", "num_agents": 2, "max_steps": 12}
 CARDINAL = ROOM | {"action_model": "cardinal"}
 TRAINED = [
-    *("central", "central-ppo", "ippo", "lifelong-cardinal"),
+    *("central", "central-ppo", "ippo", "lifelong", "lifelong-cardinal"),
     *("mappo", "mappo-cardinal", "oneshot", "oneshot-cardinal"),
 ]
 

@@ -21,6 +21,7 @@ def test_the_policies_that_come_with_the_package():
         "central",
         "central-ppo",
         "ippo",
+        "lifelong",
         "lifelong-cardinal",
         "mappo",
         "mappo-cardinal",
