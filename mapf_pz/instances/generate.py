@@ -10,11 +10,11 @@ import numpy as np
 from mapf_pz.arrays import Bools
 from mapf_pz.instance import Grid
 
-_TURNS = 0.2
-"""Probability of a turn of a wall at each post."""
 Room = tuple[int, int]  # row and column in the grid of rooms
 Passage = tuple[Room, Room]
 
+_TURNS = 0.2
+"""Probability of a turn of a wall of `walls` at each post."""
 _DOORS = 0.6
 """Probability of a door in a wall of `room` that connectivity does not need; about 80 % of all walls then have one."""
 
@@ -31,8 +31,7 @@ def random(height: int, width: int, density: float, rng: np.random.Generator) ->
     The free cells may not be connected.
     """
     _check(height=height, width=width)
-    if not 0 <= density < 1:
-        raise ValueError(f"density={density}: expected at least 0 and less than 1")
+    _check_density(density)
     free = np.ones(height * width, np.bool_)
     free[rng.choice(free.size, round(density * free.size), replace=False)] = False
     return Grid(free.reshape(height, width), f"random-{height}-{width}-{round(100 * density)}")
@@ -61,14 +60,14 @@ def walls(height: int, width: int, rng: np.random.Generator, density: float) -> 
     is no more space. A wall ends before it would meet another one or the edge of the map.
     """
     _check(height=height, width=width)
-    if not 0 <= density < 1:
-        raise ValueError(f"density={density}: expected at least 0 and less than 1")
+    _check_density(density)
     free = np.ones((height, width), np.bool_)
     posts = list(product(range(1, height - 1, 2), range(1, width - 1, 2)))
     missing = round(density * free.size)
     for k in rng.integers(len(posts), size=4 * len(posts)) if posts else ():
-        if missing > 0:
-            missing -= _grow_wall(free, posts[k], rng, min(missing, int(rng.integers(3, 20))))
+        if missing <= 0:
+            break
+        missing -= _grow_wall(free, posts[k], rng, min(missing, int(rng.integers(3, 20))))
     return Grid(free, f"walls-{height}-{width}-{round(100 * density)}")
 
 
@@ -133,6 +132,11 @@ def on_canvas(grid: Grid, shape: tuple[int, int]) -> Grid:
     free = np.zeros(shape, np.bool_)
     free[: grid.shape[0], : grid.shape[1]] = grid.free
     return Grid(free, grid.name)
+
+
+def _check_density(density: float) -> None:
+    if not 0 <= density < 1:
+        raise ValueError(f"density={density}: expected at least 0 and less than 1")
 
 
 def _check(least: int = 1, **sizes: int) -> None:
