@@ -116,7 +116,7 @@ def learn(row: Variation, seed: int, options: Options) -> None:
     config = replace(row.config, seed=seed, agent_steps=steps, validation_interval=steps)
     began = time.process_time()
     train(config, output, make_algorithm=measured, overwrite=True)
-    after = _rows(output)[-1]
+    after = read_progress(output)[-1]
     results: dict[str, Any] = {when: _means(values) for when, values in (("before", before), ("after", after))}
     _finish(output, results | {"cpu_seconds": time.process_time() - began})
 
@@ -141,7 +141,7 @@ def _finish(output: Path, results: dict[str, Any]) -> None:
     print(output, json.dumps(results), flush=True)
 
 
-def _rows(run: Path) -> list[dict[str, float]]:
+def read_progress(run: Path) -> list[dict[str, float]]:
     """Return the progress of a run; empty cells are NaN."""
     with (run / PROGRESS).open(newline="") as file:
         return [{key: float(value or "nan") for key, value in row.items()} for row in csv.DictReader(file)]
@@ -199,7 +199,7 @@ def _draw_range(axes: Axes, curves: list[np.ndarray], label: str, color: str) ->
 
 def training_curve(run: Path, column: str) -> np.ndarray:
     """Return environment steps and the mean of a column of progress over the latest training episodes, (T, 2)."""
-    rows = [row for row in _rows(run) if row["episodes"]]
+    rows = [row for row in read_progress(run) if row["episodes"]]
     counts = [int(row["episodes"]) for row in rows]
     values = np.repeat([row[column] for row in rows], counts)
     means = [values[max(0, count - WINDOW) : count].mean() for count in np.cumsum(counts)]
@@ -208,7 +208,7 @@ def training_curve(run: Path, column: str) -> np.ndarray:
 
 def sb3_reward_curve(run: Path) -> np.ndarray:
     """Return environment steps and the mean reward over the latest training episodes, (T, 2)."""
-    points = [(row["time/total_timesteps"], row["rollout/ep_rew_mean"]) for row in _rows(run)]
+    points = [(row["time/total_timesteps"], row["rollout/ep_rew_mean"]) for row in read_progress(run)]
     return np.array([point for point in points if not math.isnan(point[1])])
 
 

@@ -7,7 +7,6 @@ within a radius, or all of them, which makes the policy a centralized one. Valid
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,11 +14,11 @@ from pathlib import Path
 import numpy as np
 import tyro
 
+from experiments.report import read_progress
 from experiments.reproduction import Variation
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl.config import ImitationConfig, TrainConfig
 from mapf_pz.rl.presets import PRESETS
-from mapf_pz.rl.run import PROGRESS
 from mapf_pz.rl.train import train
 
 NUM_NEIGHBORS, RADII = (1, 2, 4), (3, 5, None)
@@ -78,16 +77,10 @@ def main(options: Options) -> None:
         for run, seed in zip(runs, options.seeds, strict=True):
             if not (run / "policy.safetensors").exists():
                 train(replace(row.config, seed=seed), run, overwrite=True)
-        last = [_last_row(run) for run in runs]
+        last = [read_progress(run)[-1] for run in runs]
         means = [np.mean([values[f"validation_{name}"] for values in last]) for name in METRICS]
         minutes = np.mean([values["seconds"] for values in last]) / 60
         print(f"| {row.name} | {' | '.join(f'{mean:.3f}' for mean in means)} | {minutes:.1f} |", flush=True)
-
-
-def _last_row(run: Path) -> dict[str, float]:
-    with (run / PROGRESS).open(newline="") as file:
-        *_, last = csv.DictReader(file)
-    return {name: float(value or "nan") for name, value in last.items()}
 
 
 if __name__ == "__main__":
