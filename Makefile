@@ -17,7 +17,7 @@ KERNEL_TESTS := $(addprefix tests/core/test_, properties.py symmetry.py collisio
 .PHONY: train test lint format docs figures reproduction report bench-peers soak faults coverage mutation mutation-sample record-pogema wheel clean results
 
 train: .venv/installed
-	$(BIN)/mapf-pz train quickstart --output runs/quickstart --overwrite
+	$(BIN)/mapf-pz train quickstart --num-learners auto --output runs/quickstart --overwrite
 
 test: .venv/installed
 	$(BIN)/python -m pytest -n 2

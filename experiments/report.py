@@ -29,6 +29,7 @@ from mapf_pz.rl.algorithm import Algorithm
 from mapf_pz.rl.algorithms import algorithm_of
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.presets import PRESETS
+from mapf_pz.rl.ranks import Ranks
 from mapf_pz.rl.run import PROGRESS
 from mapf_pz.rl.train import train
 from mapf_pz.rl.validation import Validation
@@ -109,7 +110,7 @@ def learn(row: Variation, seed: int, options: Options) -> None:
 
     def measured(config: TrainConfig) -> Algorithm:
         algorithm = algorithm_of(config.algorithm)(config)
-        before.update(Validation(algorithm, config).measure())
+        before.update(Validation(algorithm, config, Ranks()).measure())
         return algorithm
 
     steps = options.agent_steps

@@ -98,12 +98,13 @@ def _run(name: str, words: list[str]) -> None:
         sys.path.append("")  # parts that users plug in may be in the current folder, as with `python -m`
     config = (tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes)
     try:
-        with interrupts_deferred() as check:  # packages may lose an interrupt during their import
+        with interrupts_deferred() as interrupted:  # packages may lose an interrupt during their import
             command = getattr(import_module(module), function)
             from mapf_pz.commands.env_flags import ENV_FLAGS
             from mapf_pz.core.jit import reporting_compilation
 
-            check()
+            if interrupted():
+                raise KeyboardInterrupt
         with reporting_compilation(_report_compilation):
             tyro.cli(command, prog=f"mapf-pz {name}", args=words, config=config, registry=ENV_FLAGS)
     except ModuleNotFoundError as error:

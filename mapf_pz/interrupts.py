@@ -8,16 +8,23 @@ from contextlib import AbstractContextManager, contextmanager
 from threading import current_thread, main_thread
 
 
-def interruptible() -> AbstractContextManager[Callable[[], None]]:
+@contextmanager
+def interruptible() -> Generator[Callable[[], None]]:
     """Let SIGTERM, which job queues and `kill` send, act like Ctrl-C; yield a check to call regularly.
 
     Python drops a `KeyboardInterrupt` that is raised in a finalizer or in a callback from C; the check raises it again.
     """
-    return _interrupts(patience=0)
+    with _interrupts(patience=0) as interrupted:
+
+        def check() -> None:
+            if interrupted():
+                raise KeyboardInterrupt
+
+        yield check
 
 
-def interrupts_deferred() -> AbstractContextManager[Callable[[], None]]:
-    """Defer Ctrl-C and SIGTERM until the yielded check is called; a second one is raised immediately.
+def interrupts_deferred() -> AbstractContextManager[Callable[[], bool]]:
+    """Defer Ctrl-C and SIGTERM: yield a function that returns whether one was received; a second one is raised.
 
     Libraries may convert an interrupt within their code into another error, or be left waiting for something that never
     happens.
@@ -36,8 +43,8 @@ def unheard_by_children() -> Generator[None]:
 
 
 @contextmanager
-def _interrupts(patience: int) -> Generator[Callable[[], None]]:
-    """Count interrupts, and raise those after the first `patience` immediately; yield a check that raises any other."""
+def _interrupts(patience: int) -> Generator[Callable[[], bool]]:
+    """Count interrupts, and raise those after the first `patience`; yield whether there were any, as a function."""
     received = 0
 
     def handle(number: int, frame: object) -> None:
@@ -46,12 +53,8 @@ def _interrupts(patience: int) -> Generator[Callable[[], None]]:
         if received > patience:
             raise KeyboardInterrupt
 
-    def check() -> None:
-        if received:
-            raise KeyboardInterrupt
-
     with _handling(handle, signal.SIGTERM, signal.SIGINT):
-        yield check
+        yield lambda: received > 0
 
 
 @contextmanager

@@ -33,7 +33,7 @@ SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 TIMES = {"runtime", "step_ms", "agent_us"}
 """The columns of an episode that differ between runs."""
 EVALUATE = "evaluate --policy pibt --policy random --map room-20-20-5 --num-agents 5 --max-steps 64"
-SMALL = "--num-envs 4 --steps-per-batch 8 --num-epochs 1 --num-agents 3 --height 7 --width 7"
+SMALL = "--num-envs 4 --steps-per-batch 8 --minibatch-size 8 --num-epochs 1 --num-agents 3 --height 7 --width 7"
 STEPS_PER_UPDATE = 4 * 8 * 3
 INTERVAL = 4 * STEPS_PER_UPDATE
 """Agent steps between checkpoints."""
@@ -111,7 +111,7 @@ def kill(
         ready: whether the process with this number is ready to be killed.
         after: delay of the signal in seconds.
         sent: the signal.
-        whom: `group` for all processes, or `worker` for one of them.
+        whom: `group` for all processes, or `worker` for one of those that the command has started.
     """
     with (
         tempfile.TemporaryFile("w+") as message,
@@ -134,7 +134,7 @@ def kill(
 
 
 def workers_of(process_id: int) -> list[int]:
-    """Return the worker processes of an evaluation: direct ones, or those of Ray, which are children of a child."""
+    """Return the processes that work for a command: direct ones, or those of Ray, which are children of a child."""
     found = []
     for child in filter(is_alive, children_of(process_id)):
         words = Path(f"/proc/{child}/cmdline").read_text()
@@ -250,30 +250,37 @@ def updates_kept(folder: Path) -> int:
     return [0, *(read_position(file).updates for file in files)][-1]
 
 
-def train_words(folder: Path, updates: int) -> list[object]:
+def train_words(folder: Path, updates: int, num_learners: int = 1) -> list[object]:
     """Return the words that start a training."""
     length = ["--agent-steps", updates * STEPS_PER_UPDATE, "--checkpoint-interval", INTERVAL]
-    return ["train", "quickstart", *SMALL.split(), *length, "--evaluate", "none", "--output", folder, "--overwrite"]
+    learners = ["--num-learners", num_learners, "--evaluate", "none"]
+    return ["train", "quickstart", *SMALL.split(), *length, *learners, "--output", folder, "--overwrite"]
+
+
+def resume_words(folder: Path, num_learners: int) -> list[object]:
+    """Return the words that continue a training."""
+    return ["train", "resume", folder, "--num-learners", num_learners, "--evaluate", "none"]
 
 
 def kill_trainings(folder: Path, kills: int, updates: int, draw: random.Random, counters: Tally) -> None:
     """Kill and resume a training repeatedly; check its files after each kill and at the end."""
     run, twin = folder / "run", folder / "twin"
-    first_words, resume = train_words(run, updates), ["train", "resume", run, "--evaluate", "none"]
     kept = 0
     before: list[str] = []
     for number in range(kills):
         sent = SIGNALS[number % 3]
         wanted = kept + draw.randint(1, 6)
-        words = resume if kept else first_words
-        counters.resumes += words is resume
+        num_learners = draw.choice([1, 2])
+        words = resume_words(run, num_learners) if kept else train_words(run, updates, num_learners)
+        counters.resumes += kept > 0
         stale = changed(run / "progress.csv")
         ready = lambda _: changed(run / "progress.csv") != stale and len(progress_lines(run)) >= wanted  # noqa: B023, E731
-        whom = "starting" if draw.random() < STARTING else "group"
-        if whom == "starting":
+        whom = "worker" if num_learners == 2 and sent == signal.SIGKILL and draw.random() < 0.5 else "group"
+        if draw.random() < STARTING:
+            whom = "starting"
             end = kill(words, lambda _: True, draw.uniform(0, 8), sent, whom)
         else:
-            end = kill(words, ready, draw.uniform(0, 0.4), sent)
+            end = kill(words, ready, draw.uniform(0, 0.4), sent, whom)
         now, kept_before = progress_lines(run), kept
         counters.lost += len(set(before[:kept_before]) - set(now))
         assert now[:kept_before] == before[:kept_before]
@@ -284,17 +291,18 @@ def kill_trainings(folder: Path, kills: int, updates: int, draw: random.Random, 
         check_end("train", end, sent, whom)
         counters.kills["training", whom, sent.name] += 1
         counters.written += kept - kept_before
-        since = INTERVAL // STEPS_PER_UPDATE if sent == signal.SIGKILL or whom == "starting" else 1
+        lost_rank_0 = (sent == signal.SIGKILL and whom == "group") or whom == "starting"
+        since = INTERVAL // STEPS_PER_UPDATE if lost_rank_0 else 1
         assert kept_before <= kept <= len(now) <= kept + since, f"{len(now)} updates, {kept} of them kept"
         before = now
     if not kept:
-        [message] = complete(resume).lines
+        [message] = complete(resume_words(run, 1)).lines
         assert message.startswith("mapf-pz train: no checkpoint in "), message
-        assert complete(first_words).status == 0
+        assert complete(train_words(run, updates)).status == 0
         kept = updates
     shutil.copytree(run, twin)
     for name in (run, twin):
-        assert complete(["train", "resume", name, "--evaluate", "none"]).status == 0
+        assert complete(resume_words(name, 1)).status == 0
     counters.resumes += 1
     now = progress_lines(run)
     counters.lost += len(set(before[:kept]) - set(now))

@@ -22,7 +22,7 @@ ORDER = [
     "errors",
     "instance",
     "io",
-    "memory",
+    "machine",
     "interrupts",
     "guidance",
     "action_modes",

@@ -7,7 +7,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -24,6 +24,7 @@ from mapf_pz.rl import train as train_policy
 from mapf_pz.rl.algorithms import algorithm_of
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
+from mapf_pz.rl.launch import is_first
 from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.train import resume as resume_policy
 
@@ -58,6 +59,8 @@ class ResumeOptions:
     """The run's folder."""
     agent_steps: int | None = None
     """Minimum length of the whole run, in steps of all agents together; None: as the run was configured."""
+    num_learners: int | Literal["auto"] | None = None
+    """Number of processes that train together, or `auto`; None: as the run was configured."""
     evaluate: str = "quickstart"
     """The suite to evaluate on afterwards, a name or a file; `none`: no evaluation and no episode."""
 
@@ -85,9 +88,12 @@ def _train(run: Run) -> None:
     tasks = () if run.evaluate == "none" else [_by_rules_of(config, task) for task in load_suite(run.evaluate)]
     for task in tasks:
         _check_fits(config, task)
-    if isinstance(run, TrainOptions) and not run.overwrite:
+    if isinstance(run, TrainOptions) and is_first() and not run.overwrite:
         _check_no_evaluation(run.output)
     logging.getLogger("torchrl").setLevel(logging.WARNING)  # it reports every buffer that it makes
+    if not is_first():
+        _train_policy(run, lambda _: None)
+        return
     _learn(run, config)
     print(f"policy, configuration and progress written to {run.output}")
     if not tasks:
@@ -135,10 +141,15 @@ def _learn(run: Run, config: TrainConfig) -> None:
     agent_steps = config.num_updates * config.steps_per_update
     print(f"training: {config.num_updates} updates of {config.steps_per_update} agent steps, {agent_steps} in all")
     with _progress_bar(agent_steps) as show:
-        if isinstance(run, TrainOptions):
-            train_policy(config, run.output, show, overwrite=run.overwrite)
-        else:
-            resume_policy(run.output, run.agent_steps, show)
+        _train_policy(run, show)
+
+
+def _train_policy(run: Run, show: Callable[[dict[str, float]], None]) -> None:
+    """Train or resume."""
+    if isinstance(run, TrainOptions):
+        train_policy(run.config, run.output, show, overwrite=run.overwrite)
+    else:
+        resume_policy(run.output, run.agent_steps, show, num_learners=run.num_learners)
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from mapf_pz.core.cost_sweeps import FEWEST_GOALS, fill_by_sweeps
 from mapf_pz.core.cost_to_go import fill_tables
 from mapf_pz.core.jit import jit
 from mapf_pz.core.state import Array, Distances, World
-from mapf_pz.memory import usable_memory
+from mapf_pz.machine import usable_memory
 
 CACHE_BYTES = 2**30
 """Where no bound is given: tables that are no longer used are kept up to this size."""

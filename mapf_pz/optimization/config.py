@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from mapf_pz.machine import usable_cores
 from mapf_pz.optimization.methods import METHODS
 from mapf_pz.optimization.task import GuidanceTask
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +23,7 @@ class OptimizeConfig:
     """Time budget in minutes, the final selection included."""
     seed: int = 0
     """Random seed. The result also depends on the speed of the machine."""
-    jobs: int | str = field(default_factory=_cores)
+    jobs: int | str = field(default_factory=usable_cores)
     """Number of processes; `ray`: run on a Ray cluster. Default: one for each core."""
     model: Path | None = None
     """With `piu`: a trained model to start from, `model.npz` of another optimization."""

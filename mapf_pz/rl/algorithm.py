@@ -1,6 +1,6 @@
 """The base class of algorithms: each combines environment transforms, an actor and a learner.
 
-The training loop is in `mapf_pz.rl.train`, and is the same for all algorithms.
+The training loop is in `mapf_pz.rl.updates`, and is the same for all algorithms.
 """
 
 from __future__ import annotations

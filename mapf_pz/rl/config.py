@@ -198,6 +198,10 @@ class TrainConfig:
     and on CPUs with AVX512-BF16; weights and sums remain in float32, and so does acting."""
     num_threads: int = 1
     """Number of threads of torch and of the kernels in each process; more than 1 helps only on idle cores."""
+    num_learners: int | Literal["auto"] = 1
+    """Number of processes that train together: they divide the environments and each minibatch among themselves, and
+    average their gradients, so that an update uses the same number of samples. `auto`: as many as there are GPUs or
+    cores, if the batch can be divided among them. Under `torchrun`, the number of its processes is used instead."""
 
     def __post_init__(self) -> None:
         """Check names and numbers, and that the environments divide evenly among the workers."""
@@ -211,10 +215,24 @@ class TrainConfig:
             expected = "0 without an initial_policy, with recurrent networks and with central-ppo"
             raise ValueError(f"kl_coeff={self.ppo.kl_coeff}: expected {expected}")
         check_positive(self, math.inf, "initial_temperature")
-        if self.collector != "single" and self.optimization.num_envs % self.num_workers:
-            raise ValueError(
-                f"num_envs={self.optimization.num_envs}: expected a multiple of num_workers={self.num_workers}"
-            )
+        if self.num_learners != "auto":
+            check_counts(self, 1, "num_learners")
+        obstacle = self._obstacle_to_sharing(1 if self.num_learners == "auto" else self.num_learners)
+        if obstacle is not None:
+            raise ValueError(obstacle)
+
+    def _obstacle_to_sharing(self, num_learners: int) -> str | None:
+        """Return why a batch and its minibatches cannot be divided among learners and their workers, or None."""
+        parts = self.optimization
+        for name, number in (("num_envs", parts.num_envs), ("minibatch_size", parts.minibatch_size)):
+            if number % num_learners:
+                return f"{name}={number}: expected a multiple of num_learners={num_learners}"
+        if self.validation_episodes < num_learners:
+            return f"validation_episodes={self.validation_episodes}: expected num_learners={num_learners} or more"
+        if self.collector != "single" and parts.num_envs // num_learners % self.num_workers:
+            each = f" for each of {num_learners} learners" if num_learners > 1 else ""
+            return f"num_envs={parts.num_envs}: expected a multiple of num_workers={self.num_workers}{each}"
+        return None
 
     @property
     def steps_per_update(self) -> int:
@@ -225,3 +243,25 @@ class TrainConfig:
     def num_updates(self) -> int:
         """Number of updates of the run: `agent_steps` divided by the steps per update, rounded up."""
         return math.ceil(self.agent_steps / self.steps_per_update)
+
+    def with_learners(self, most: int) -> TrainConfig:
+        """Return the configuration with the largest number of learners, at most `most`, that can divide a batch."""
+        divisors = (number for number in range(most, 0, -1) if self._obstacle_to_sharing(number) is None)
+        return replace(self, num_learners=next(divisors))
+
+    def share(self, num_learners: int) -> TrainConfig:
+        """Return the configuration of one of `num_learners` learners; the number of updates stays the same."""
+        if num_learners == 1:
+            return self
+        optimization, imitation = self.optimization, self.imitation
+        share = replace(
+            self,
+            optimization=replace(
+                optimization,
+                num_envs=optimization.num_envs // num_learners,
+                minibatch_size=optimization.minibatch_size // num_learners,
+            ),
+            imitation=replace(imitation, buffer_size=-(-imitation.buffer_size // num_learners)),
+            num_learners=1,
+        )
+        return replace(share, agent_steps=self.num_updates * share.steps_per_update)

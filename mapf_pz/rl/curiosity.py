@@ -56,7 +56,7 @@ class RewardScale(nn.Module):
         super().__init__()
         self.gamma = gamma
         self.statistics = RunningMeanStd()
-        self.register_buffer("sums", torch.zeros(num_envs, num_agents))
+        self.register_buffer("sums", torch.zeros(num_envs, num_agents), persistent=False)  # those of the environments
 
     def forward(self, rewards: Tensor) -> Tensor:
         """Update the statistics with the rewards `(B, T, N)`, and return the scaled rewards."""

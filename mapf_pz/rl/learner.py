@@ -10,6 +10,7 @@ from tensordict import TensorDictBase
 from torch import Tensor, nn
 
 from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.ranks import Ranks
 
 
 class Learner(ABC):
@@ -23,6 +24,8 @@ class Learner(ABC):
     """The trained modules by name."""
     optimizer: torch.optim.Optimizer
     """The optimizer of all modules; each of its parameter groups has an `initial_lr`."""
+    ranks: Ranks = Ranks()
+    """The processes that train together; the training loop sets it. Gradients are averaged over them."""
 
     @abstractmethod
     def learn(self, batch: TensorDictBase, done: float) -> dict[str, float]:
@@ -78,6 +81,8 @@ class Learner(ABC):
         """Take one gradient step; the gradients of each module are scaled down to `max_grad_norm`."""
         self.optimizer.zero_grad()
         loss.backward()
+        parameters = (parameter for module in self.modules.values() for parameter in module.parameters())
+        self.ranks.average([parameter.grad for parameter in parameters if parameter.grad is not None])
         for module in self.modules.values():
             nn.utils.clip_grad_norm_(module.parameters(), max_grad_norm)
         self.optimizer.step()

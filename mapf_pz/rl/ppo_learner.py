@@ -59,6 +59,7 @@ class PPOLearner(Learner):
             trained = [parameter for parameter in self.curiosity.parameters() if parameter.requires_grad]
             groups.append({"params": trained, "initial_lr": config.curiosity.learning_rate})
         self.optimizer = torch.optim.Adam(groups, eps=1e-5)
+        self._minibatch_size = config.optimization.minibatch_size
         self._buffer = _make_buffer(config, self.device)
 
     def learn(self, batch: TensorDictBase, done: float) -> dict[str, float]:
@@ -70,14 +71,12 @@ class PPOLearner(Learner):
         means: dict[str, Tensor] = {}
         if self.curiosity is not None:
             means["intrinsic_reward"] = self.curiosity.add_reward(batch, self._keys.reward)
+            self.ranks.average(list(self.curiosity.scale.statistics.buffers()))
         if self._initial is not None:
             means["kl_from_initial"] = self._penalize(batch, self._initial)
         with torch.no_grad():
-            self.loss.value_estimator(
-                batch,
-                params=self.loss.critic_network_params,
-                target_params=self.loss.target_critic_network_params,
-            )
+            self._set_values(batch)
+            self.loss.value_estimator(batch)
         if self._agents_end:
             batch.set(LOSS_MASK, batch.get(("agents", "active")))
         if self.curiosity is None:
@@ -98,6 +97,27 @@ class PPOLearner(Learner):
         entropy_coeff: Tensor = self.loss.get_buffer("entropy_coeff")
         entropy_coeff.fill_(self.config.ppo.entropy_coeff * factor)
         return factor
+
+    def _set_values(self, batch: TensorDictBase) -> None:
+        """Set the values of a batch's states and next states.
+
+        The value of a next state is that of the following step, except at the end of an episode and of the batch.
+        """
+        key = self.loss.tensor_keys.value
+        value = torch.cat([self._value(part) for part in batch.reshape(-1).split(self._minibatch_size)])
+        value = value.reshape(*batch.shape, *value.shape[1:])
+        next_value = value.roll(-1, batch.ndim - 1)
+        ends = batch.get(("next", "done")).any(-1)
+        ends[..., -1] = True
+        next_value[ends] = self._value(batch.get("next")[ends])
+        batch.set(key, value)
+        batch.set(("next", key), next_value)
+
+    def _value(self, states: TensorDictBase) -> Tensor:
+        """Return the critic's values of states."""
+        critic = self.loss.critic_network
+        with self.loss.critic_network_params.to_module(critic):
+            return critic(states.select(*critic.in_keys)).get(self.loss.tensor_keys.value)
 
     def _penalize(self, batch: TensorDictBase, initial: nn.Module) -> Tensor:
         """Subtract the penalty for deviating from the initial policy from the reward; return an estimate of the KL."""

@@ -1,12 +1,13 @@
-"""The training loop, shared by all algorithms: collect or replay a batch, learn, log."""
+"""Training runs of all algorithms, in one or several processes: start, continue, and end them."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
@@ -15,17 +16,19 @@ from tensordict import TensorDictBase
 from mapf_pz.errors import FormatError
 from mapf_pz.interrupts import interrupts_deferred
 from mapf_pz.io.atomic import naming
+from mapf_pz.machine import usable_cores
 from mapf_pz.rl.algorithm import Algorithm
 from mapf_pz.rl.algorithms import algorithm_of
 from mapf_pz.rl.checkpoint import read_position
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG, config_files, load_config
+from mapf_pz.rl.launch import connecting, is_first, launched_size, local_rank
 from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.networks import Actor
 from mapf_pz.rl.policy import load_policy
+from mapf_pz.rl.ranks import Ranks
 from mapf_pz.rl.run import RunFolder
-from mapf_pz.rl.stopwatch import Stopwatch
-from mapf_pz.rl.validation import Validation, episode_means
+from mapf_pz.rl.updates import updates
 
 Progress = Callable[[dict[str, float]], None]
 MakeAlgorithm = Callable[[TrainConfig], Algorithm]
@@ -58,14 +61,19 @@ def train(
     An interrupt (Ctrl-C, SIGTERM) ends the run after the current update, and a second one immediately. A checkpoint is
     saved before the interrupt is raised, and `resume` continues from it.
 
+    With `num_learners`, this process is rank 0 and starts the others; under `torchrun`, all processes call this
+    function, and only rank 0 uses `output` and calls `on_progress`.
+
     Raises:
+        ChildProcessError: Another learner has ended, for example because it was killed; `resume` continues.
+        ConnectionError: The same under `torchrun`.
         FileExistsError: The folder holds a run, and `overwrite` is False.
         FileNotFoundError: There is no such map.
         FormatError: The map's file is malformed.
         ValueError: The configuration is not valid, or there is no GPU for `device="cuda"`.
     """
     run = RunFolder(Path(output))
-    if not overwrite:
+    if is_first() and not overwrite:
         run.check_unused()
     return _run(config, run, None, on_progress, make_algorithm)
 
@@ -75,6 +83,7 @@ def resume(
     agent_steps: int | None = None,
     on_progress: Progress | None = None,
     make_algorithm: MakeAlgorithm = _named_algorithm,
+    num_learners: int | Literal["auto"] | None = None,
 ) -> Path:
     """Continue a run that was interrupted or killed from its latest checkpoint, and return its folder.
 
@@ -83,6 +92,9 @@ def resume(
         agent_steps: minimum length of the whole run, in steps of all agents together; None keeps the run's own value.
         on_progress: as in `train`.
         make_algorithm: as in `train`.
+        num_learners: number of processes that train together, as in `TrainConfig`; None keeps the run's own value.
+
+    Under `torchrun`, all machines must see the folder.
 
     Checkpoints do not contain the environments: these start new episodes, with seeds that the run has not used before.
 
@@ -103,6 +115,8 @@ def resume(
                 f"agent_steps={agent_steps}: the run in {str(folder)!r} has already reached {position.agent_steps}"
             )
         config = replace(config, agent_steps=agent_steps)
+    if num_learners is not None:
+        config = replace(config, num_learners=num_learners)
     return _run(config, run, checkpoint, on_progress, make_algorithm)
 
 
@@ -111,35 +125,90 @@ def _run(
 ) -> Path:
     """Train from the start or from a checkpoint."""
     config_files(config)  # raises for a configuration that cannot be saved, before workers start
-    torch.manual_seed(config.seed)
-    torch.set_num_threads(config.num_threads)
-    with _device(config):
-        algorithm = make(config)
-        if config.initial_policy is not None:
-            _start_from(config.initial_policy, config.initial_temperature, algorithm)
-    learner = algorithm.make_learner()
+    config = _with_learners(config)
+    size = launched_size() or int(config.num_learners)
+    with connecting(size, partial(_follow, config, make)) as ranks:
+        if ranks.rank == 0:
+            _lead(config, run, checkpoint, on_progress, make, ranks)
+        else:
+            _follow(config, make, ranks)
+    return run.path
+
+
+def _with_learners(config: TrainConfig) -> TrainConfig:
+    """Return the configuration with the number of learners that the run has."""
+    if (size := launched_size()) is not None:
+        return replace(config, num_learners=size)
+    if config.num_learners == "auto":
+        return config.with_learners(torch.cuda.device_count() if _uses_gpu(config) else usable_cores())
+    return config
+
+
+def _lead(
+    config: TrainConfig,
+    run: RunFolder,
+    checkpoint: Path | None,
+    on_progress: Progress | None,
+    make: MakeAlgorithm,
+    ranks: Ranks,
+) -> None:
+    """Train as rank 0, which writes the run's folder."""
+    algorithm, learner = _prepare(config, make, ranks)
     done = 0 if checkpoint is None else run.restore(checkpoint, learner)
-    with interrupts_deferred() as check, _batches(config, algorithm, done) as batches:
+    _synchronize(learner, done)
+    with interrupts_deferred() as interrupted, _batches(config, algorithm, done, ranks) as batches:
         with naming(run.path):
             run.prepare(config)
         try:
-            for row in _updates(config, algorithm, learner, batches, done, run.seconds):
+            for row in updates(config, algorithm, learner, batches, done, run.seconds):
                 with naming(run.path):
                     run.log(row)
                     run.save(learner, config.checkpoint_interval)
                 if on_progress is not None:
                     on_progress(row)
-                check()
+                if ranks.any(interrupted()):
+                    raise KeyboardInterrupt
             with naming(run.path):
                 run.save(learner)
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, ConnectionError):
             with naming(run.path):
                 run.save(learner)
             raise
         finally:
             with naming(run.path):
                 run.finish(algorithm.network)
-    return run.path
+
+
+def _follow(config: TrainConfig, make: MakeAlgorithm, ranks: Ranks) -> None:
+    """Train as another rank, which writes nothing."""
+    algorithm, learner = _prepare(config, make, ranks)
+    done = _synchronize(learner)
+    torch.manual_seed(int(np.random.SeedSequence([config.seed, done, ranks.rank]).generate_state(1)[0]))
+    with interrupts_deferred() as interrupted, _batches(config, algorithm, done, ranks) as batches:
+        for _ in updates(config, algorithm, learner, batches, done):
+            if ranks.any(interrupted()):
+                return
+
+
+def _prepare(config: TrainConfig, make: MakeAlgorithm, ranks: Ranks) -> tuple[Algorithm, Learner]:
+    """Return a rank's algorithm and its learner, for its share of each batch."""
+    torch.manual_seed(config.seed)
+    torch.set_num_threads(config.num_threads)
+    with _device(config, ranks):
+        algorithm = make(config.share(ranks.size))
+        if config.initial_policy is not None:
+            _start_from(config.initial_policy, config.initial_temperature, algorithm)
+    learner = algorithm.make_learner()
+    learner.ranks = ranks
+    return algorithm, learner
+
+
+def _synchronize(learner: Learner, done: int = 0) -> int:
+    """Copy the state of rank 0's learner to all ranks, and return the number of updates that rank 0 has done."""
+    tensors, done = learner.ranks.from_first((learner.tensors(), done))
+    if learner.ranks.rank > 0:
+        learner.restore(tensors)
+    return done
 
 
 def _start_from(policy: str, temperature: float, algorithm: Algorithm) -> None:
@@ -152,65 +221,32 @@ def _start_from(policy: str, temperature: float, algorithm: Algorithm) -> None:
     algorithm.start_from(network.to(next(algorithm.network.parameters()).device))
 
 
-def _device(config: TrainConfig) -> torch.device:
-    """Return the device of the networks; raises `ValueError` for `cuda` if there is no GPU."""
+def _uses_gpu(config: TrainConfig) -> bool:
+    """Return whether the networks are on a GPU; raises `ValueError` for `cuda` if there is no GPU."""
     present = torch.cuda.is_available()
     if config.device == "cuda" and not present:
         raise ValueError("device='cuda': torch finds no GPU; expected 'auto' or 'cpu'")
-    return torch.device("cuda" if present and config.device != "cpu" else "cpu")
+    return present and config.device != "cpu"
 
 
-def _batches(config: TrainConfig, algorithm: Algorithm, done: int) -> AbstractContextManager[Iterator[TensorDictBase]]:
-    """Return the context of the batches for the updates from `done` on."""
+def _device(config: TrainConfig, ranks: Ranks) -> torch.device:
+    """Return the device of a rank's networks."""
+    if not _uses_gpu(config):
+        return torch.device("cpu")
+    device = torch.device("cuda", local_rank(ranks.rank) % torch.cuda.device_count())
+    torch.cuda.set_device(device)
+    return device
+
+
+def _batches(
+    config: TrainConfig, algorithm: Algorithm, done: int, ranks: Ranks
+) -> AbstractContextManager[Iterator[TensorDictBase]]:
+    """Return the context of a rank's batches for the updates from `done` on.
+
+    Together, the environments of all ranks start with the episodes that those of a single process would.
+    """
     left = config.num_updates - done
     if left <= 0:
         return nullcontext(iter(()))
     seed = config.seed if done == 0 else int(np.random.SeedSequence([config.seed, done]).generate_state(1)[0])
-    return algorithm.batches(seed, left)
-
-
-def _updates(
-    config: TrainConfig,
-    algorithm: Algorithm,
-    learner: Learner,
-    batches: Iterator[TensorDictBase],
-    done: int,
-    seconds_before: float,
-) -> Iterator[dict[str, float]]:
-    """Run the training loop from update `done` on, and yield a row of progress after each update."""
-    watch, validation = Stopwatch(), Validation(algorithm, config)
-    began = time.perf_counter() - seconds_before
-    for update in range(done, config.num_updates):
-        with watch.time("collecting"), watch.calls(algorithm.actor, "acting"):
-            batch = next(batches)
-        with watch.time("learning"):
-            losses = learner.learn(batch, update / config.num_updates)
-        agent_steps, seconds = (update + 1) * config.steps_per_update, time.perf_counter() - began
-        yield {
-            "agent_steps": agent_steps,
-            "seconds": seconds,
-            "agent_steps_per_second": agent_steps / seconds,
-            **_shares(watch.lap()),
-            **_episode_means(config, batch),
-            **losses,
-            **validation.after(agent_steps, last=update + 1 == config.num_updates),
-        }
-
-
-def _episode_means(config: TrainConfig, batch: TensorDictBase) -> dict[str, float]:
-    """Return the statistics of the episodes that end in a batch; nothing for data without episodes."""
-    after = batch.get("next", None)
-    return {} if after is None else episode_means(config.task, after, after.get("done"))
-
-
-def _shares(seconds: dict[str, float]) -> dict[str, float]:
-    """Return the fractions of an update's time: environments and collector, the policy during collection, and learning.
-
-    Waiting for workers counts as collecting.
-    """
-    total, acting = seconds["collecting"] + seconds["learning"], seconds.get("acting", 0.0)
-    return {
-        "collecting_share": (seconds["collecting"] - acting) / total,
-        "acting_share": acting / total,
-        "learning_share": seconds["learning"] / total,
-    }
+    return algorithm.batches(seed + ranks.rank * algorithm.config.optimization.num_envs, left)

@@ -11,6 +11,7 @@ from mapf_pz.config import OnTarget
 from mapf_pz.rl.algorithm import Algorithm
 from mapf_pz.rl.collect import MakeEnv
 from mapf_pz.rl.config import TaskConfig, TrainConfig
+from mapf_pz.rl.ranks import Ranks
 
 MEANS: dict[OnTarget, tuple[str, ...]] = {
     "nothing": ("CSR", "ISR", "return"),
@@ -25,9 +26,12 @@ FIRST_SEED = 2_000_000
 class Validation:
     """Validation episodes: every validation uses the same instances and the same random seed."""
 
-    def __init__(self, algorithm: Algorithm, config: TrainConfig) -> None:
-        """Keep the actor; the environments, one per episode, are created at the first validation."""
+    def __init__(self, algorithm: Algorithm, config: TrainConfig, ranks: Ranks) -> None:
+        """Keep the actor; the environments, one per episode of this rank, are created at the first validation."""
         self._config = config
+        self._ranks = ranks
+        first, last = (config.validation_episodes * rank // ranks.size for rank in (ranks.rank, ranks.rank + 1))
+        self._seed, self._episodes = FIRST_SEED + first, last - first
         self._algorithm = algorithm
         self._env: EnvBase | None = None
         self._due = config.validation_interval
@@ -45,17 +49,15 @@ class Validation:
         return self.measure()
 
     def measure(self) -> dict[str, float]:
-        """Run the episodes and return the means in `MEANS` under the names `validation_...`."""
+        """Run the episodes of all ranks and return the means in `MEANS` under the names `validation_...`."""
         if self._env is None:
-            self._env = MakeEnv(
-                self._algorithm, self._config, FIRST_SEED, self._config.validation_episodes, training=False
-            )()
-        self._env.set_seed(FIRST_SEED)
+            self._env = MakeEnv(self._algorithm, self._config, self._seed, self._episodes, training=False)()
+        self._env.set_seed(self._seed)
         device = next(self._algorithm.actor.parameters()).device
         gpus = [device] if device.type == "cuda" else []
         with torch.random.fork_rng(gpus), torch.no_grad(), set_exploration_type(ExplorationType.RANDOM):
-            torch.manual_seed(FIRST_SEED)
-            means = self._play(self._env, device)
+            torch.manual_seed(self._seed)
+            means = self._ranks.mean(self._play(self._env, device), weight="episodes")
         return {f"validation_{name}": means[name] for name in MEANS[self._config.task.env.on_target]}
 
     def _play(self, env: EnvBase, device: torch.device) -> dict[str, float]:

@@ -16,7 +16,7 @@ from mapf_pz.guidance import GuidanceGraph, open_edges
 from mapf_pz.guidance.library import guidance_graph
 from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances import RandomObstacles
-from mapf_pz.memory import usable_memory
+from mapf_pz.machine import usable_memory
 from mapf_pz.simulator import Simulator
 
 MODELS = ("rotate", "cardinal")

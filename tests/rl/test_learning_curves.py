@@ -1,5 +1,7 @@
 """How fast small tasks are learned. An update that is right step by step can still be one of other settings."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -14,8 +16,9 @@ RECORDED = {
 }
 
 
-@pytest.mark.parametrize("name", TASKS)
-def test_three_runs_learn_as_fast_as_recorded(name):
-    means = np.mean([measure(TASKS[name], seed) for seed in range(3)], axis=0)
+@pytest.mark.parametrize(("name", "num_learners"), [*((name, 1) for name in TASKS), ("mappo", 2)])
+def test_three_runs_learn_as_fast_as_recorded(name, num_learners):
+    config = dataclasses.replace(TASKS[name], num_learners=num_learners)
+    means = np.mean([measure(config, seed) for seed in range(3)], axis=0)
     for found, (mean, deviation) in zip(means, RECORDED[name], strict=True):
         assert found == pytest.approx(mean, abs=3 * deviation / np.sqrt(3))

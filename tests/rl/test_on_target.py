@@ -11,6 +11,7 @@ from mapf_pz.cli import main
 from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.algorithms import ALGORITHMS
+from mapf_pz.rl.ranks import Ranks
 from mapf_pz.rl.train import resume
 from mapf_pz.rl.validation import Validation, episode_means
 from tests.helpers.small_run import TINY, changed, rows
@@ -74,7 +75,7 @@ def test_throughput_counts_the_goals_of_all_agents_per_step():
 
 def test_agents_that_have_left_count_as_arrived():
     config = on("finish", validation_episodes=30)
-    found = Validation(ALGORITHMS["mappo"](config), config).measure()
+    found = Validation(ALGORITHMS["mappo"](config), config, Ranks()).measure()
     assert found["validation_ISR"] >= found["validation_CSR"]
     assert found["validation_ISR"] > 0.05
 

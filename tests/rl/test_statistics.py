@@ -12,6 +12,7 @@ from mapf_pz.actions import CardinalAction
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.config import TaskConfig
 from mapf_pz.rl.policy import SharedPolicy
+from mapf_pz.rl.ranks import Ranks
 from mapf_pz.rl.validation import FIRST_SEED, Validation
 from tests.helpers.small_run import TINY, changed
 
@@ -28,7 +29,7 @@ def test_validation_counts_the_first_episode_of_each_environment():
     for seed in range(FIRST_SEED, FIRST_SEED + 40):
         env.reset(seed=seed)
         solved.append(env.goals[0, 1] > env.positions[0, 1])
-    found = Validation(algorithm, config).measure()
+    found = Validation(algorithm, config, Ranks()).measure()
     assert 10 < sum(solved) < 30
     assert found["validation_CSR"] == found["validation_ISR"] == pytest.approx(np.mean(solved))
 

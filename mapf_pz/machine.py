@@ -1,4 +1,4 @@
-"""The memory available to this process."""
+"""The memory and the cores available to this process."""
 
 from __future__ import annotations
 
@@ -20,3 +20,8 @@ def usable_memory() -> int | None:
             if text.isdigit():  # otherwise "max": no limit
                 limits.append(int(text))
     return min(limits, default=None)
+
+
+def usable_cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
