@@ -75,7 +75,8 @@ class Learner(ABC):
 
     def autocast(self) -> torch.autocast:
         """Return the context in which losses are computed with the precision of the configuration."""
-        return torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.precision == "bfloat16")
+        mixed = self.config.precision == "bfloat16" or (self.config.precision == "auto" and has_bfloat16(self.device))
+        return torch.autocast(self.device.type, torch.bfloat16, enabled=mixed)
 
     def step(self, loss: Tensor, max_grad_norm: float) -> None:
         """Take one gradient step; the gradients of each module are scaled down to `max_grad_norm`."""
@@ -86,3 +87,11 @@ class Learner(ABC):
         for module in self.modules.values():
             nn.utils.clip_grad_norm_(module.parameters(), max_grad_norm)
         self.optimizer.step()
+
+
+def has_bfloat16(device: torch.device) -> bool:
+    """Return whether a device has instructions for products of bfloat16 numbers, which others emulate slowly."""
+    if device.type == "cuda":
+        return torch.cuda.is_bf16_supported(including_emulation=False)
+    capabilities = torch.cpu.get_capabilities()
+    return any(capabilities.get(name, False) for name in ("avx512_bf16", "amx_bf16"))

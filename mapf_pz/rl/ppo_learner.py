@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import torch
 from tensordict import NestedKey, TensorDictBase
@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.data.replay_buffers.samplers import SamplerWithoutReplacement
 from torchrl.objectives import PPOLoss
+from torchrl.objectives.value import GAE
 
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.curiosity import make_curiosity
@@ -40,13 +41,15 @@ class PPOLearner(Learner):
 
         Args:
             config: the configuration of the run.
-            loss: the loss; its value estimator bootstraps truncated episodes, but not terminated ones.
+            loss: the loss; its value estimator, a `GAE`, bootstraps truncated episodes, but not terminated ones. The
+                estimator loses its value network, since the learner computes the values.
             keys: keys of the batch.
             agents_end: whether an agent's episode ends when the agent disappears.
             initial: the policy's network at the start of the run, for the penalty with `kl_coeff`.
         """
         self.config = config
         self.loss = loss
+        cast("GAE", loss.value_estimator).value_network = None  # it reads the values of `_set_values`
         self.curiosity = make_curiosity(config, keys.action)
         self._keys = keys
         self._initial = initial

@@ -17,7 +17,12 @@ from mapf_pz.rl.config import (
 )
 
 # Maps that are denser than in the evaluation teach agents to give way to each other in narrow passages.
-_QUICKSTART = TrainConfig(task=TaskConfig(mixture=MapMixture(density=0.3)), agent_steps=2_000_000)
+_QUICKSTART = TrainConfig(
+    task=TaskConfig(mixture=MapMixture(density=0.3)),
+    optimization=OptimizationConfig(num_epochs=2),
+    agent_steps=2_000_000,
+    precision="auto",
+)
 
 _CROWD = TrainConfig(
     task=TaskConfig(

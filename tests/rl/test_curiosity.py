@@ -1,3 +1,4 @@
+import copy
 import dataclasses
 
 import numpy as np
@@ -143,10 +144,9 @@ def test_the_reward_is_added_to_what_the_loss_learns_from(algorithm, credit):
     )
     assert curiosity is not None
     batch = rollout(config, 5)
-    before, state = batch.clone(), {name: tensor.clone() for name, tensor in curiosity.state_dict().items()}
+    before, same_curiosity = batch.clone(), copy.deepcopy(curiosity)
     mean = curiosity.add_reward(batch, key)
-    curiosity.load_state_dict(state)
-    intrinsic = curiosity.reward(before)
+    intrinsic = same_curiosity.reward(before)
     assert intrinsic.shape == (4, 5, 3, 1)
     assert (intrinsic > 0).all()
     torch.testing.assert_close(mean, intrinsic.mean())
@@ -217,13 +217,13 @@ def test_a_checkpoint_holds_networks_moments_and_statistics(tmp_path, kind):
     curiosity, restored = learner.curiosity, other.curiosity
     assert curiosity is not None
     assert restored is not None
-    assert not torch.equal(restored.scale.sums, curiosity.scale.sums)
     checkpoints = Checkpoints(tmp_path)
     checkpoints.save(learner, Position(1, 192, 0.5))
     kept = learner.tensors()
     restore(checkpoints.latest(), other)
     torch.set_rng_state(kept["random"])
     torch.testing.assert_close(other.tensors(), kept, rtol=0, atol=0)
+    restored.scale.sums.copy_(curiosity.scale.sums)  # these belong to the environments, which start new episodes
     torch.testing.assert_close(restored.reward(steps), curiosity.reward(steps), rtol=0, atol=0)
 
 

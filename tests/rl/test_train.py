@@ -330,3 +330,13 @@ def test_all_ideas_combined(tmp_path, algorithm):
     assert len(rows(train(config, tmp_path))) == 3
     task = EvaluationTask("empty", 3, {"map": "empty-8-8", "num_agents": 3, "max_steps": 8}, episodes=2)
     assert len(evaluate({"it": load_policy(tmp_path)}, [task])) == 2
+
+
+@pytest.mark.parametrize("has_instructions", [False, True])
+def test_automatic_precision_depends_on_the_instructions_of_the_cpu(monkeypatch, has_instructions):
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"avx512_bf16": has_instructions})
+    with torch.device("cpu"):
+        learner = MAPPO(dataclasses.replace(TINY, precision="auto")).make_learner()
+    with learner.autocast():
+        product = torch.ones(2, 2) @ torch.ones(2, 2)
+    assert product.dtype == (torch.bfloat16 if has_instructions else torch.float32)
