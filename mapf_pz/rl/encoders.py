@@ -30,7 +30,8 @@ class Encoder(nn.Module):
         """Encode a batch of observations."""
         lead = image.shape[:-3]
         flat = self.image(image.reshape(-1, *image.shape[-3:])).reshape(*lead, -1)
-        return self.joint(flat if features is None else torch.cat([flat, features], -1))
+        # In mixed precision, the layers' outputs have 16 bits, and those of 32 would be converted once more.
+        return self.joint(flat if features is None else torch.cat([flat, features.to(flat.dtype)], -1))
 
 
 class ResidualBlock(nn.Module):

@@ -45,7 +45,7 @@ def test_the_default_run():
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
-        ("quickstart", ((8, 12, 12, 0.3, 96, (7, 7)), CONV, CONV_PPO, 2_000_000)),
+        ("quickstart", ((8, 12, 12, 0.3, 96, (7, 7)), CONV, (64, 32, 2, 256, 7e-4, 0.01), 2_000_000)),
         (
             "central-ppo-8",  # docs/benchmark.md
             (
