@@ -1,4 +1,4 @@
-"""Measure the speed of training in agent steps per second: `python -m experiments.training_speed --device cuda`."""
+"""Measure the speed of training in agent steps per second: `python -m experiments.training_speed --runs quickstart`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 
 import tyro
 
-from mapf_pz.rl.config import DeviceName, ModelConfig, TrainConfig
+from mapf_pz.rl.config import DeviceName, ModelConfig, PrecisionName, TrainConfig
 from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.train import train
 
@@ -20,7 +20,7 @@ RESIDUAL = ModelConfig(encoder="residual", conv_channels=(64, 64), num_blocks=2,
 
 
 def configs() -> dict[str, TrainConfig]:
-    """Return the configurations: the preset `mappo`, and variants with larger minibatches, batches and networks."""
+    """Return the configurations: two presets, and variants of `mappo` with larger minibatches, batches and networks."""
     preset = PRESETS["mappo"]
 
     def changed(model: ModelConfig, minibatch_size: int, num_envs: int) -> TrainConfig:
@@ -28,6 +28,7 @@ def configs() -> dict[str, TrainConfig]:
         return replace(preset, model=model, optimization=optimization)
 
     return {
+        "quickstart": PRESETS["quickstart"],
         "preset": preset,
         "minibatches of 2048": changed(preset.model, LARGE[0], SMALL[1]),
         "256 environments": changed(preset.model, *LARGE),
@@ -36,30 +37,43 @@ def configs() -> dict[str, TrainConfig]:
     }
 
 
-def measure(device: DeviceName = "auto", updates: int = 5, runs: tuple[str, ...] = ()) -> None:
+def measure(
+    device: DeviceName = "auto",
+    precision: PrecisionName | None = None,
+    num_learners: tuple[int, ...] = (1,),
+    updates: int = 5,
+    runs: tuple[str, ...] = (),
+) -> None:
     """Train each run for a few updates, and print the rate from the second update on.
 
     Args:
         device: device of the networks.
+        precision: precision of learning. Default: that of the run.
+        num_learners: numbers of processes to train in, one after the other.
         updates: number of updates, at least 3.
         runs: names of the runs. Default: all.
     """
     for name, config in configs().items():
-        if runs and name not in runs:
-            continue
-        config = replace(config, device=device, agent_steps=updates * config.steps_per_update)
-        moments: list[float] = []
-        rows: list[dict[str, float]] = []
+        for number in num_learners if not runs or name in runs else ():
+            length = updates * config.steps_per_update
+            config = replace(config, device=device, agent_steps=length, num_learners=number)
+            print(f"{name}, {number} learners: {_speed(replace(config, precision=precision or config.precision))}")
 
-        def record(row: dict[str, float], moments: list[float] = moments, rows: list[dict[str, float]] = rows) -> None:
-            moments.append(time.perf_counter())
-            rows.append(row)
 
-        with TemporaryDirectory() as folder:
-            train(config, Path(folder) / "run", record)
-        rate = config.steps_per_update * (updates - 1) / (moments[-1] - moments[0])
-        shares = ", ".join(f"{part} {rows[-1][f'{part}_share']:.2f}" for part in ("collecting", "acting", "learning"))
-        print(f"{name}: {rate:,.0f} agent steps per second; {shares}", flush=True)
+def _speed(config: TrainConfig) -> str:
+    """Return the rate of a run, and the shares of the time of its last update."""
+    moments: list[float] = []
+    rows: list[dict[str, float]] = []
+
+    def record(row: dict[str, float]) -> None:
+        moments.append(time.perf_counter())
+        rows.append(row)
+
+    with TemporaryDirectory() as folder:
+        train(config, Path(folder) / "run", record)
+    rate = config.steps_per_update * (len(rows) - 1) / (moments[-1] - moments[0])
+    shares = ", ".join(f"{part} {rows[-1][f'{part}_share']:.2f}" for part in ("collecting", "acting", "learning"))
+    return f"{rate:,.0f} agent steps per second; {shares}"
 
 
 if __name__ == "__main__":
