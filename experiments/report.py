@@ -31,7 +31,7 @@ from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.ranks import Ranks
 from mapf_pz.rl.run import PROGRESS
-from mapf_pz.rl.train import train
+from mapf_pz.rl.training import train
 from mapf_pz.rl.validation import Validation
 
 ROOT = Path(__file__).parents[1]

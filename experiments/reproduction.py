@@ -25,7 +25,7 @@ from mapf_pz.config import REWARDS, RewardConfig
 from mapf_pz.rl.config import OptimizationConfig, PPOConfig, TrainConfig
 from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.run import PROGRESS
-from mapf_pz.rl.train import train
+from mapf_pz.rl.training import train
 
 DOCS = Path(__file__).parents[1] / "docs"
 FULL = PRESETS["central-ppo"]

@@ -11,7 +11,7 @@ import tyro
 
 from mapf_pz.rl.config import DeviceName, ModelConfig, PrecisionName, TrainConfig
 from mapf_pz.rl.presets import PRESETS
-from mapf_pz.rl.train import train
+from mapf_pz.rl.training import train
 
 SMALL, LARGE = (256, 64), (2048, 256)
 """Minibatch size and number of environments."""

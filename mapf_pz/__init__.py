@@ -5,11 +5,12 @@ Importing this package is quick: names are loaded when they are first used, and 
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import gymnasium
 import pettingzoo
+
+from mapf_pz.lazy import lazy_attributes
 
 if TYPE_CHECKING:
     from mapf_pz.actions import Action, CardinalAction, Heading
@@ -22,8 +23,10 @@ if TYPE_CHECKING:
     from mapf_pz.guidance import GuidanceGraph
     from mapf_pz.instance import Grid, Instance, InstanceSource, Scenario
     from mapf_pz.transition import Transition
+    from mapf_pz.version import __version__
 
 _HOMES = {
+    "__version__": "version",
     "Action": "actions",
     "CardinalAction": "actions",
     "Channel": "core.observation.channels",
@@ -59,16 +62,13 @@ __all__ = [
     "RewardConfig",
     "Scenario",
     "Transition",
+    "__version__",
     "env",
     "parallel_env",
 ]
 
 
-def __getattr__(name: str) -> Any:
-    """Load a public name when it is first used."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+__getattr__ = lazy_attributes(__name__, _HOMES)
 
 
 def __dir__() -> list[str]:

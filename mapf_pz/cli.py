@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import tyro
 
+import mapf_pz
 from mapf_pz.interrupts import interrupts_deferred
 
 USAGE_ERROR, INTERRUPTED, BROKEN_PIPE = 2, 130, 141
@@ -74,6 +75,9 @@ def _main(words: list[str]) -> int:
     if not words or words[0] in ("-h", "--help"):
         print(_overview())
         return 0 if words else USAGE_ERROR
+    if words[0] == "--version":
+        print(f"mapf-pz {mapf_pz.__version__}")
+        return 0
     name = words[0]
     if name not in COMMANDS:
         return _print_error("mapf-pz", f"no command {name!r}, expected one of {', '.join(COMMANDS)}", USAGE_ERROR)
@@ -120,7 +124,7 @@ def _report_compilation() -> None:
 def _overview() -> str:
     width = max(map(len, COMMANDS))
     lines = [f"  {name:{width}}  {command.summary}" for name, command in COMMANDS.items()]
-    hint = "Run mapf-pz COMMAND --help for the options of a command."
+    hint = "Run mapf-pz COMMAND --help for the options of a command, mapf-pz --version for the version."
     return "\n".join(["usage: mapf-pz COMMAND [OPTIONS]", "", *lines, "", hint])
 
 

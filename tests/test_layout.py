@@ -17,6 +17,8 @@ TOP_FOLDERS = {"mapf_pz": ROOT / "mapf_pz", "mapf_pz.wrappers": ROOT / "wrappers
 
 # A part imports only itself and those before it.
 ORDER = [
+    "lazy",
+    "version",
     "actions",
     "arrays",
     "errors",

@@ -20,13 +20,9 @@ from mapf_pz.evaluation import EvaluationTask, load_suite
 from mapf_pz.evaluation.policies import SHIELD_SUFFIX, policy_factory
 from mapf_pz.evaluation.results import EPISODES_FILE, discard
 from mapf_pz.interrupts import interruptible
-from mapf_pz.rl import train as train_policy
-from mapf_pz.rl.algorithms import algorithm_of
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
-from mapf_pz.rl.launch import is_first
-from mapf_pz.rl.presets import PRESETS
-from mapf_pz.rl.train import resume as resume_policy
+from mapf_pz.rl.presets import PRESETS, SUMMARIES
 
 EPISODE_FILE = "episode.gif"
 SUITES = {"quickstart": "quickstart", "central-ppo": "central-4", "central-ppo-8": "central-8", "report": "report-10"}
@@ -72,7 +68,8 @@ else:
         {
             name: TrainOptions(config, Path("runs") / name, evaluate=SUITES.get(name, "standard"))
             for name, config in PRESETS.items()
-        }
+        },
+        SUMMARIES,
     )
     Run = Begin | Annotated[ResumeOptions, subcommand("resume")]
 
@@ -84,6 +81,8 @@ def train(run: Run) -> None:
 
 
 def _train(run: Run) -> None:
+    from mapf_pz.rl.launch import is_first  # torch is loaded here, so that `--help` is quick
+
     config = _config_of(run)
     tasks = () if run.evaluate == "none" else [_by_rules_of(config, task) for task in load_suite(run.evaluate)]
     for task in tasks:
@@ -120,6 +119,8 @@ def _by_rules_of(config: TrainConfig, task: EvaluationTask) -> EvaluationTask:
 
 def _check_fits(config: TrainConfig, evaluation: EvaluationTask) -> None:
     """Raise `ValueError` if the policy that `config` trains cannot act in the evaluation task."""
+    from mapf_pz.rl.algorithms import algorithm_of
+
     action_model = config.task.env.action_model
     expected = evaluation.keywords.get("action_model", action_model)
     advice = "choose another suite with --evaluate, or --evaluate none"
@@ -146,10 +147,12 @@ def _learn(run: Run, config: TrainConfig) -> None:
 
 def _train_policy(run: Run, show: Callable[[dict[str, float]], None]) -> None:
     """Train or resume."""
+    from mapf_pz.rl.training import resume, train
+
     if isinstance(run, TrainOptions):
-        train_policy(run.config, run.output, show, overwrite=run.overwrite)
+        train(run.config, run.output, show, overwrite=run.overwrite)
     else:
-        resume_policy(run.output, run.agent_steps, show, num_learners=run.num_learners)
+        resume(run.output, run.agent_steps, show, num_learners=run.num_learners)
 
 
 @contextmanager

@@ -1,7 +1,32 @@
-"""Training with TorchRL: the batched environment, networks, algorithms and the loop. Needs the extra `train`."""
+"""Training with TorchRL: the batched environment, networks, algorithms and the loop. Needs the extra `train`.
 
-from mapf_pz.rl.batched_env import BatchedMapfEnv
-from mapf_pz.rl.policy import LearnedPolicy, load_policy, policy_names
-from mapf_pz.rl.train import resume, train
+Configurations and presets can be imported without loading torch.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mapf_pz.lazy import lazy_attributes
+
+if TYPE_CHECKING:
+    from mapf_pz.rl.batched_env import BatchedMapfEnv
+    from mapf_pz.rl.policy import LearnedPolicy, load_policy, policy_names
+    from mapf_pz.rl.training import resume, train
+
+_HOMES = {
+    "BatchedMapfEnv": "batched_env",
+    "LearnedPolicy": "policy",
+    "load_policy": "policy",
+    "policy_names": "policy",
+    "resume": "training",
+    "train": "training",
+}
 
 __all__ = ["BatchedMapfEnv", "LearnedPolicy", "load_policy", "policy_names", "resume", "train"]
+
+__getattr__ = lazy_attributes(__name__, _HOMES)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

@@ -220,3 +220,19 @@ PRESETS: dict[str, TrainConfig] = {
     "oneshot-cardinal": _ONESHOT_CARDINAL,
 }
 """The presets of `mapf-pz train NAME`; every field can be changed on the command line."""
+
+SUMMARIES = {
+    "quickstart": "A first policy within minutes: MAPPO, 8 agents on small maps with obstacles.",
+    "mappo": "MAPPO, 32 agents on maps with obstacles; the critic observes the team.",
+    "ippo": "The same with IPPO; the critic observes what the agent observes.",
+    "mappo-cardinal": "MAPPO with agents that move in four directions and do not turn.",
+    "central-ppo": "The report's centralized policy, 4 agents, with observations and rewards that it learns from.",
+    "central-ppo-8": "The same with 8 agents and larger networks.",
+    "central": "A centralized policy with communication, for any number of agents.",
+    "report": "The report's experiment: its map, observations, rewards and networks.",
+    "lifelong": "Imitation of windowed planning in lifelong episodes, agents that turn.",
+    "lifelong-cardinal": "Imitation of windowed planning in lifelong episodes, cardinal actions.",
+    "oneshot": "Imitation of LaCAM in episodes with one goal per agent, agents that turn.",
+    "oneshot-cardinal": "Imitation of LaCAM in episodes with one goal per agent, cardinal actions.",
+}
+"""A sentence about each preset."""

@@ -17,7 +17,7 @@ from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.behavior_cloning import of_size
 from mapf_pz.rl.config import ImitationConfig
-from mapf_pz.rl.train import resume
+from mapf_pz.rl.training import resume
 from tests.helpers.small_run import TINY, changed, rows, untimed
 
 RULES = {"action_model": "cardinal", "on_target": "restart"}

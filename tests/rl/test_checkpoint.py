@@ -20,7 +20,7 @@ from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.checkpoint import Checkpoints, Position, read_position, restore
 from mapf_pz.rl.config import ModelConfig
 from mapf_pz.rl.run import RunFolder
-from mapf_pz.rl.train import resume
+from mapf_pz.rl.training import resume
 from tests.helpers import small_run as tiny
 from tests.helpers.small_run import rows
 

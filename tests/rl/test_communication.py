@@ -22,7 +22,7 @@ from mapf_pz.rl.config import ImitationConfig, ModelConfig
 from mapf_pz.rl.config_file import CONFIG
 from mapf_pz.rl.expert import NO_LABEL
 from mapf_pz.rl.observation_shape import ObservationShape
-from mapf_pz.rl.train import resume
+from mapf_pz.rl.training import resume
 from tests.helpers.small_run import TINY, changed, untimed
 
 SHAPE = ObservationShape((2, 3, 3), 8, 4, slice(2, 8))

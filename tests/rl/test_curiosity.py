@@ -14,7 +14,7 @@ from mapf_pz.rl.checkpoint import Checkpoints, Position, restore
 from mapf_pz.rl.config import CuriosityConfig
 from mapf_pz.rl.curiosity import RewardScale, make_curiosity
 from mapf_pz.rl.observation_shape import ObservationShape
-from mapf_pz.rl.train import resume
+from mapf_pz.rl.training import resume
 from tests.helpers import small_run as tiny
 from tests.helpers.small_run import changed, rows, untimed
 

@@ -11,7 +11,7 @@ from mapf_pz.planners import BatchShield
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.collect import MakeEnv
-from mapf_pz.rl.train import resume
+from mapf_pz.rl.training import resume
 from tests.helpers.small_run import TINY, changed, rows, untimed
 
 ONE_UPDATE = dataclasses.replace(TINY, agent_steps=192)

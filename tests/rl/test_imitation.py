@@ -18,7 +18,7 @@ from mapf_pz.rl.config import ImitationConfig
 from mapf_pz.rl.execution import ExecutePreferences, OrderActions, SamplePreferences
 from mapf_pz.rl.expert import NO_LABEL, ExpertActions
 from mapf_pz.rl.imitation_learner import ImitationLearner
-from mapf_pz.rl.train import resume
+from mapf_pz.rl.training import resume
 from tests.helpers.small_run import TINY, changed, rows, untimed
 
 DAGGER = dataclasses.replace(

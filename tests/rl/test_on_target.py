@@ -12,7 +12,7 @@ from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.ranks import Ranks
-from mapf_pz.rl.train import resume
+from mapf_pz.rl.training import resume
 from mapf_pz.rl.validation import Validation, episode_means
 from tests.helpers.small_run import TINY, changed, rows
 

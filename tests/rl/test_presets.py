@@ -6,7 +6,7 @@ from torch import nn
 
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.config import TrainConfig
-from mapf_pz.rl.presets import PRESETS
+from mapf_pz.rl.presets import PRESETS, SUMMARIES
 
 
 def described(config):
@@ -59,6 +59,10 @@ def test_the_default_run():
 )
 def test_presets_without_a_bundled_policy(name, expected):
     assert described(PRESETS[name]) == expected
+
+
+def test_every_preset_is_summarized_on_the_command_line():
+    assert list(SUMMARIES) == list(PRESETS)
 
 
 def test_the_report_has_the_sizes_of_its_figures():

@@ -21,7 +21,7 @@ from mapf_pz.rl.config_file import CONFIG, load_config
 from mapf_pz.rl.launch import connecting
 from mapf_pz.rl.policy import WEIGHTS
 from mapf_pz.rl.ranks import Ranks
-from mapf_pz.rl.train import resume
+from mapf_pz.rl.training import resume
 from tests.evaluation.test_parallel import children_of, is_alive, wait_for
 from tests.helpers.small_run import TINY, rows, untimed
 

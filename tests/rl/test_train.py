@@ -16,7 +16,7 @@ from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.config import CuriosityConfig
 from mapf_pz.rl.observation_shape import ObservationShape
 from mapf_pz.rl.ppo import MAPPO
-from mapf_pz.rl.train import Progress
+from mapf_pz.rl.training import Progress
 from tests.helpers.small_run import TINY, changed, rows, untimed
 
 
