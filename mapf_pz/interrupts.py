@@ -14,7 +14,7 @@ def interruptible() -> Generator[Callable[[], None]]:
 
     Python drops a `KeyboardInterrupt` that is raised in a finalizer or in a callback from C; the check raises it again.
     """
-    with _interrupts(patience=0) as interrupted:
+    with _interrupts(0) as interrupted:
 
         def check() -> None:
             if interrupted():
@@ -23,13 +23,15 @@ def interruptible() -> Generator[Callable[[], None]]:
         yield check
 
 
-def interrupts_deferred() -> AbstractContextManager[Callable[[], bool]]:
+def interrupts_deferred(on_first: Callable[[], None] = lambda: None) -> AbstractContextManager[Callable[[], bool]]:
     """Defer Ctrl-C and SIGTERM: yield a function that returns whether one was received; a second one is raised.
+
+    `on_first` is called as soon as the first one is received.
 
     Libraries may convert an interrupt within their code into another error, or be left waiting for something that never
     happens.
     """
-    return _interrupts(patience=1)
+    return _interrupts(1, on_first)
 
 
 @contextmanager
@@ -43,7 +45,7 @@ def unheard_by_children() -> Generator[None]:
 
 
 @contextmanager
-def _interrupts(patience: int) -> Generator[Callable[[], bool]]:
+def _interrupts(patience: int, on_first: Callable[[], None] = lambda: None) -> Generator[Callable[[], bool]]:
     """Count interrupts, and raise those after the first `patience`; yield whether there were any, as a function."""
     received = 0
 
@@ -52,6 +54,7 @@ def _interrupts(patience: int) -> Generator[Callable[[], bool]]:
         received += 1
         if received > patience:
             raise KeyboardInterrupt
+        on_first()
 
     with _handling(handle, signal.SIGTERM, signal.SIGINT):
         yield lambda: received > 0

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import logging
+import math
+import os
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from rich.console import Console
+from rich.logging import RichHandler
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from tyro.conf import Positional, subcommand
 from tyro.extras import subcommand_type_from_defaults
@@ -28,7 +31,9 @@ EPISODE_FILE = "episode.gif"
 SUITES = {"quickstart": "quickstart", "central-ppo": "central-4", "central-ppo-8": "central-8", "report": "report-10"}
 """The suites that presets are evaluated on afterwards; the others on `standard`."""
 SHOWN = ("CSR", "ISR", "throughput", "return")
-"""Means of training episodes beside the progress bar, those that the run has."""
+"""Means of training episodes that are shown as progress."""
+SECONDS_PER_LINE = 20.0
+"""Seconds between lines of progress where there is no terminal."""
 RULES = ("on_target", "collision_system")
 """Keywords under which a policy is evaluated as it was trained, where the suite does not set them."""
 
@@ -81,6 +86,7 @@ def train(run: Run) -> None:
 
 
 def _train(run: Run) -> None:
+    os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # otherwise TorchRL reports every buffer that it makes
     from mapf_pz.rl.launch import is_first  # torch is loaded here, so that `--help` is quick
 
     config = _config_of(run)
@@ -89,7 +95,6 @@ def _train(run: Run) -> None:
         _check_fits(config, task)
     if isinstance(run, TrainOptions) and is_first() and not run.overwrite:
         _check_no_evaluation(run.output)
-    logging.getLogger("torchrl").setLevel(logging.WARNING)  # it reports every buffer that it makes
     if not is_first():
         _train_policy(run, lambda _: None)
         return
@@ -138,11 +143,17 @@ def _check_no_evaluation(output: Path) -> None:
 
 
 def _learn(run: Run, config: TrainConfig) -> None:
-    """Train or resume with a bar of progress."""
+    """Train or resume, and show the progress."""
     agent_steps = config.num_updates * config.steps_per_update
     print(f"training: {config.num_updates} updates of {config.steps_per_update} agent steps, {agent_steps} in all")
-    with _progress_bar(agent_steps) as show:
-        _train_policy(run, show)
+    console = Console(stderr=True)
+    try:
+        with _progress_bar(console, agent_steps) if console.is_terminal else nullcontext(Lines(agent_steps)) as show:
+            _train_policy(run, show)
+    except KeyboardInterrupt:
+        if any((run.output / "checkpoints").glob("*")):
+            print(f"to continue: mapf-pz train resume {run.output}")
+        raise
 
 
 def _train_policy(run: Run, show: Callable[[dict[str, float]], None]) -> None:
@@ -156,8 +167,8 @@ def _train_policy(run: Run, show: Callable[[dict[str, float]], None]) -> None:
 
 
 @contextmanager
-def _progress_bar(agent_steps: int) -> Generator[Callable[[dict[str, float]], None]]:
-    """Show a bar with the latest means over training episodes; yield what feeds it a row of progress."""
+def _progress_bar(console: Console, agent_steps: int) -> Generator[Callable[[dict[str, float]], None]]:
+    """Show a bar and messages on a terminal; yield what feeds it a row of progress."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -165,14 +176,38 @@ def _progress_bar(agent_steps: int) -> Generator[Callable[[dict[str, float]], No
         TimeRemainingColumn(),
         TextColumn("{task.fields[means]}"),
     )
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("training", total=agent_steps, means="")
+    logger, handler = logging.getLogger("mapf_pz"), RichHandler(console=console, show_path=False)
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    try:
+        with Progress(*columns, console=console) as bar:
+            task = bar.add_task("training", total=agent_steps, means="")
 
-        def show(row: dict[str, float]) -> None:
-            means = "  ".join(f"{key} {row[key]:.2f}" for key in SHOWN if key in row)
-            speed = f"{row['agent_steps_per_second']:,.0f} steps/s"
-            bar.update(task, completed=row["agent_steps"], means=f"{speed}  {means}")
+            def show(row: dict[str, float]) -> None:
+                bar.update(task, completed=row["agent_steps"], means=_means(row))
 
-        yield show
-        bar.update(task, completed=agent_steps)
+            yield show
+            bar.update(task, completed=agent_steps)
+    finally:
+        logger.removeHandler(handler)
+
+
+class Lines:
+    """Prints rows of progress where there is no terminal: the first, the last, and others at intervals."""
+
+    def __init__(self, agent_steps: int) -> None:
+        """Start before the first row of a run of so many agent steps."""
+        self._agent_steps = agent_steps
+        self._due = 0.0
+
+    def __call__(self, row: dict[str, float]) -> None:
+        """Print a row, if one is due."""
+        if row["seconds"] >= self._due or row["agent_steps"] >= self._agent_steps:
+            self._due = row["seconds"] + SECONDS_PER_LINE
+            print(f"{row['agent_steps'] / self._agent_steps:4.0%}  {_means(row)}", flush=True)
+
+
+def _means(row: dict[str, float]) -> str:
+    """Return the speed and the means of training episodes, those that the run has."""
+    means = "  ".join(f"{key} {row[key]:.2f}" for key in SHOWN if not math.isnan(row.get(key, math.nan)))
+    return f"{row['agent_steps_per_second']:,.0f} steps/s  {means}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
@@ -29,6 +30,8 @@ from mapf_pz.rl.policy import load_policy
 from mapf_pz.rl.ranks import Ranks
 from mapf_pz.rl.run import RunFolder
 from mapf_pz.rl.updates import updates
+
+LOGGER = logging.getLogger(__name__)
 
 Progress = Callable[[dict[str, float]], None]
 MakeAlgorithm = Callable[[TrainConfig], Algorithm]
@@ -156,7 +159,7 @@ def _lead(
     algorithm, learner = _prepare(config, make, ranks)
     done = 0 if checkpoint is None else run.restore(checkpoint, learner)
     _synchronize(learner, done)
-    with interrupts_deferred() as interrupted, _batches(config, algorithm, done, ranks) as batches:
+    with interrupts_deferred(_announce_end) as interrupted, _batches(config, algorithm, done, ranks) as batches:
         with naming(run.path):
             run.prepare(config)
         try:
@@ -177,6 +180,10 @@ def _lead(
         finally:
             with naming(run.path):
                 run.finish(algorithm.network)
+
+
+def _announce_end() -> None:
+    LOGGER.info("stopping after this update")
 
 
 def _follow(config: TrainConfig, make: MakeAlgorithm, ranks: Ranks) -> None:
