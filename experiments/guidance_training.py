@@ -27,7 +27,7 @@ from mapf_pz.optimization.optimize import optimize
 from mapf_pz.optimization.task import LIFELONG, GuidanceTask
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.presets import PRESETS
-from mapf_pz.rl.run import PROGRESS
+from mapf_pz.rl.progress import PROGRESS
 from mapf_pz.rl.training import train
 
 MAP, NUM_AGENTS = "random-16-16-20", 32

@@ -29,8 +29,8 @@ from mapf_pz.rl.algorithm import Algorithm
 from mapf_pz.rl.algorithms import algorithm_of
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.presets import PRESETS
+from mapf_pz.rl.progress import PROGRESS
 from mapf_pz.rl.ranks import Ranks
-from mapf_pz.rl.run import PROGRESS
 from mapf_pz.rl.training import train
 from mapf_pz.rl.validation import Validation
 

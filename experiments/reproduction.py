@@ -24,7 +24,7 @@ from experiments.flaws import AllGoals, Bytes, Flaw, FlawedPPO, Freeze
 from mapf_pz.config import REWARDS, RewardConfig
 from mapf_pz.rl.config import OptimizationConfig, PPOConfig, TrainConfig
 from mapf_pz.rl.presets import PRESETS
-from mapf_pz.rl.run import PROGRESS
+from mapf_pz.rl.progress import PROGRESS
 from mapf_pz.rl.training import train
 
 DOCS = Path(__file__).parents[1] / "docs"

@@ -5,14 +5,14 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from importlib import import_module
+from pathlib import Path
 from typing import NamedTuple
 
 import tyro
 
-import mapf_pz
 from mapf_pz.interrupts import interrupts_deferred
 
 USAGE_ERROR, INTERRUPTED, BROKEN_PIPE = 2, 130, 141
@@ -38,6 +38,7 @@ COMMANDS: dict[str, Command] = {
     "guidance": Command("mapf_pz.commands.guidance:guidance", "draw, generate, evaluate and optimize guidance graphs"),
     "maps": Command("mapf_pz.commands.maps:maps", "list the bundled maps, write them, or download the benchmark"),
     "play": Command("mapf_pz.commands.play:play", "control an agent with the keyboard"),
+    "plot": Command("mapf_pz.commands.plot:plot", "draw the learning curves of training runs"),
     "render": Command("mapf_pz.commands.render:render", "save an episode or a plan as a web page, video or image"),
     "schedule": Command(
         "mapf_pz.commands.schedule:schedule", "run a League of Robot Runners problem, tasks assigned by a scheduler"
@@ -76,7 +77,9 @@ def _main(words: list[str]) -> int:
         print(_overview())
         return 0 if words else USAGE_ERROR
     if words[0] == "--version":
-        print(f"mapf-pz {mapf_pz.__version__}")
+        from mapf_pz.version import __version__
+
+        print(f"mapf-pz {__version__}")
         return 0
     name = words[0]
     if name not in COMMANDS:
@@ -95,24 +98,31 @@ def _main(words: list[str]) -> int:
 
 
 def _run(name: str, words: list[str]) -> None:
-    module, _, function = COMMANDS[name].function.partition(":")
-    if name == "train" and words and ":" in words[0]:  # package.module:Class, with the settings of `mappo`
-        words = ["mappo", "--algorithm", *words]
     if "" not in sys.path:
         sys.path.append("")  # parts that users plug in may be in the current folder, as with `python -m`
     config = (tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes)
     try:
         with interrupts_deferred() as interrupted:  # packages may lose an interrupt during their import
-            command = getattr(import_module(module), function)
+            command, options = _command(name, words)
             from mapf_pz.commands.env_flags import ENV_FLAGS
             from mapf_pz.core.jit import reporting_compilation
 
             if interrupted():
                 raise KeyboardInterrupt
         with reporting_compilation(_report_compilation):
-            tyro.cli(command, prog=f"mapf-pz {name}", args=words, config=config, registry=ENV_FLAGS)
+            tyro.cli(command, prog=f"mapf-pz {name}", args=options, config=config, registry=ENV_FLAGS)
     except ModuleNotFoundError as error:
         raise ImportError(f"{error}: pip install 'mapf-pz[train,render]'") from error
+
+
+def _command(name: str, words: list[str]) -> tuple[Callable[..., None], list[str]]:
+    """Return the function of a command, and its options; `train` accepts more than presets."""
+    module, _, function = COMMANDS[name].function.partition(":")
+    if name == "train" and words and words[0].endswith(".json"):  # a file with a configuration
+        return import_module(module).train_from(Path(words[0])), words[1:]
+    if name == "train" and words and ":" in words[0]:  # package.module:Class, with the settings of `mappo`
+        words = ["mappo", "--algorithm", *words]
+    return getattr(import_module(module), function), words
 
 
 def _report_compilation() -> None:

@@ -1,5 +1,6 @@
 import json
 import os
+import re
 import subprocess
 import sys
 import types
@@ -9,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import mapf_pz
 from mapf_pz import cli
 from mapf_pz.benchmark import scaling
 from mapf_pz.benchmark.candidates import COPY, as_table
@@ -76,6 +78,19 @@ def test_as_a_module():
     done = python("-m", "mapf_pz", "benchmark", "--map", "nowhere.map")
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr == "mapf-pz benchmark: nowhere.map: no such file\n"
+
+
+def test_the_version_is_that_of_the_package(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"mapf-pz {mapf_pz.__version__}\n"
+    assert re.fullmatch(r"\d+\.\d+\.\d+", mapf_pz.__version__)
+
+
+def test_the_help_of_training_needs_no_torch():
+    command = "try: main(['train', '-h'])\nfinally: print({'torch'} & {*sys.modules})"
+    done = python("-c", f"import sys; from mapf_pz.cli import main\n{command}")
+    assert done.stdout.splitlines()[-1] == "set()"
+    assert "A first policy within minutes" in done.stdout
 
 
 def test_the_overview_loads_little():

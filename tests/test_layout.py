@@ -159,7 +159,7 @@ heavy = {"torch", "torchrl", "tensordict", "pygame", "numba", "matplotlib", "PIL
 own = {name for name in sys.modules if name.startswith("mapf_pz")}
 print(sorted(heavy & sys.modules.keys()), sorted(own))
 """
-    assert run(code) == "[] ['mapf_pz']"
+    assert run(code) == "[] ['mapf_pz', 'mapf_pz.lazy']"
 
 
 def test_the_environment_needs_no_torch():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-import os
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
@@ -50,6 +49,8 @@ class TrainOptions:
     """The suite to evaluate on afterwards, a name or a file; `none`: no evaluation and no episode."""
     overwrite: bool = False
     """Replace the run that the folder holds."""
+    seeds: tuple[int, ...] = ()
+    """Train a run with each of these seeds, in subfolders of the output, and draw their learning curves."""
 
 
 @dataclass(frozen=True)
@@ -82,11 +83,42 @@ else:
 def train(run: Run) -> None:
     """Train a policy or continue its training, evaluate it on instances that it never saw, and draw an episode."""
     with interruptible():
-        _train(run)
+        if isinstance(run, TrainOptions) and run.seeds:
+            _train_seeds(run)
+        else:
+            _train(run)
+
+
+def train_from(file: Path) -> Callable[[TrainOptions], None]:
+    """Return the command that trains with the configuration in a file, in which options change fields.
+
+    Raises `FileNotFoundError` or `FormatError` if there is no such file, or if it is malformed.
+    """
+    default = TrainOptions(load_config(file), Path("runs") / file.stem, evaluate="standard")
+
+    def train_with(run: TrainOptions = default) -> None:
+        train(run)
+
+    train_with.__doc__ = train.__doc__
+    return train_with
+
+
+def _train_seeds(run: TrainOptions) -> None:
+    """Train with several seeds, one after the other."""
+    from mapf_pz.rl import curves
+    from mapf_pz.rl.launch import is_first
+    from mapf_pz.rl.run import CURVE, CURVES
+
+    folders = [run.output / f"seed-{seed}" for seed in run.seeds]
+    for seed, folder in zip(run.seeds, folders, strict=True):
+        print(f"seed {seed}")
+        _train(replace(run, config=replace(run.config, seed=seed), output=folder, seeds=()))
+    if is_first():
+        curves.draw_curves([curves.Run.read(folder) for folder in folders], CURVES, run.output / CURVE)
+        print(f"learning curves written to {run.output / CURVE}")
 
 
 def _train(run: Run) -> None:
-    os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # otherwise TorchRL reports every buffer that it makes
     from mapf_pz.rl.launch import is_first  # torch is loaded here, so that `--help` is quick
 
     config = _config_of(run)
@@ -160,6 +192,7 @@ def _train_policy(run: Run, show: Callable[[dict[str, float]], None]) -> None:
     """Train or resume."""
     from mapf_pz.rl.training import resume, train
 
+    logging.getLogger("torchrl").setLevel(logging.WARNING)  # it reports every buffer that it makes
     if isinstance(run, TrainOptions):
         train(run.config, run.output, show, overwrite=run.overwrite)
     else:

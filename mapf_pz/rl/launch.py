@@ -5,6 +5,7 @@ torch.distributed connects them: Gloo on CPUs, NCCL on GPUs. Rank 0 writes the r
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import sys
@@ -74,7 +75,8 @@ def _started_here(size: int, work: Callable[[Ranks], None]) -> Generator[Ranks]:
     loaded = spawn.Semaphore(0)
     with TemporaryDirectory() as folder:
         meeting = Path(folder, "meeting").as_uri()
-        others = [spawn.Process(target=_be_rank, args=(Ranks(r, size), meeting, loaded, work)) for r in range(1, size)]
+        shared = meeting, loaded, logging.getLogger("torchrl").level, work
+        others = [spawn.Process(target=_be_rank, args=(Ranks(rank, size), *shared)) for rank in range(1, size)]
         try:
             with unheard_by_children():
                 for process in others:
@@ -92,8 +94,9 @@ def _started_here(size: int, work: Callable[[Ranks], None]) -> Generator[Ranks]:
                 dist.destroy_process_group()
 
 
-def _be_rank(ranks: Ranks, meeting: str, loaded: Semaphore, work: Callable[[Ranks], None]) -> None:
+def _be_rank(ranks: Ranks, meeting: str, loaded: Semaphore, torchrl_level: int, work: Callable[[Ranks], None]) -> None:
     """Do the work of a rank other than 0, in a process that was started for it."""
+    logging.getLogger("torchrl").setLevel(torchrl_level)  # as in rank 0
     for number in (signal.SIGINT, signal.SIGTERM):  # rank 0 handles them
         signal.signal(number, signal.SIG_IGN)
     loaded.release()

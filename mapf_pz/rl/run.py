@@ -2,36 +2,30 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import shutil
-from itertools import islice
 from pathlib import Path
 
 from torch import nn
 from torchrl.record.loggers.tensorboard import TensorboardLogger
 
 from mapf_pz.errors import FormatError
-from mapf_pz.io.atomic import replacing, write_whole
 from mapf_pz.rl.checkpoint import FOLDER, Checkpoints, Position, read_position, restore
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG_FILES, save_config
+from mapf_pz.rl.curves import Run, draw_curves
 from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.policy import WEIGHTS, save_weights
+from mapf_pz.rl.progress import PROGRESS, Row, append_progress, read_progress, write_progress
 
-PROGRESS, CURVE, TENSORBOARD = "progress.csv", "learning_curve.png", "tensorboard"
+CURVE, TENSORBOARD = "learning_curve.png", "tensorboard"
+CURVES = ("CSR", "ISR", "throughput", "agreement", "return")
+"""Columns of the progress file that are drawn if there are any."""
 RUN_FILES = (*CONFIG_FILES, WEIGHTS, PROGRESS, CURVE, FOLDER, TENSORBOARD)
 """All files and folders that a run writes into its folder."""
 RECENT_EPISODES = 100
 """Number of latest training episodes whose mean CSR, or throughput, determines the best checkpoint. Without training
 episodes (`bc`), the latest validation determines it."""
-CURVES = {
-    "CSR": "all agents at their goals (CSR)",
-    "ISR": "agents at their goals (ISR)",
-    "throughput": "goals per step (throughput)",
-    "agreement": "actions of the planner (agreement)",
-}
-"""Columns of the progress file that are plotted as learning curves if present, and their labels."""
 
 
 class RunFolder:
@@ -41,7 +35,7 @@ class RunFolder:
         """Refer to the folder; nothing is written before `prepare`."""
         self.path = path
         self.checkpoints = Checkpoints(path)
-        self._rows: list[dict[str, float]] = []
+        self._rows: list[Row] = []
         self._saved_steps = 0  # agent steps at the latest checkpoint
         self._tensorboard: TensorboardLogger | None = None
 
@@ -61,7 +55,11 @@ class RunFolder:
         """
         restore(checkpoint, learner)
         position = read_position(checkpoint)
-        self._rows = _read_rows(self.path / PROGRESS, position)
+        self._rows = read_progress(self.path, position.updates)
+        last = self._rows[-1]["agent_steps"] if self._rows else 0
+        if len(self._rows) < position.updates or last != position.agent_steps:
+            expected = f"{position.updates} rows, the last of agent step {position.agent_steps}"
+            raise FormatError(self.path / PROGRESS, f"expected {expected}")
         self._saved_steps = position.agent_steps
         return position.updates
 
@@ -70,8 +68,7 @@ class RunFolder:
         self.path.mkdir(parents=True, exist_ok=True)
         if self._rows:
             self.checkpoints.sweep()
-            lines = [list(self._rows[0]), *map(_texts, self._rows)]
-            write_whole(self.path / PROGRESS, "".join(map(_line, lines)).encode())
+            write_progress(self.path, self._rows)
         else:
             self.checkpoints.clear()
             for name in (PROGRESS, CURVE, WEIGHTS):
@@ -84,11 +81,9 @@ class RunFolder:
         """Duration of the run in seconds, up to the latest row."""
         return self._rows[-1]["seconds"] if self._rows else 0.0
 
-    def log(self, row: dict[str, float]) -> None:
+    def log(self, row: Row) -> None:
         """Append one row to the progress file; all rows have the same keys."""
-        lines = [_texts(row)] if self._rows else [list(row), _texts(row)]
-        with (self.path / PROGRESS).open("a" if self._rows else "w", newline="") as file:
-            file.write("".join(map(_line, lines)))
+        append_progress(self.path, row, is_first=not self._rows)
         self._rows.append(row)
         self._log_scalars(row)
 
@@ -101,13 +96,13 @@ class RunFolder:
         self.checkpoints.save(learner, position)
         self._saved_steps = position.agent_steps
 
-    def finish(self, network: nn.Module) -> None:
+    def finish(self, network: nn.Module, config: TrainConfig) -> None:
         """Write the policy and the learning curve."""
         save_weights(self.path, network)
         if self._tensorboard is not None:
             self._tensorboard.experiment.close()
         if self._rows:
-            self._draw_curve()
+            draw_curves([Run(self.path.name, config, self._rows)], CURVES, self.path / CURVE)
 
     def _start_tensorboard(self) -> None:
         """Rewrite TensorBoard's files from the rows so far, since events after the checkpoint cannot be removed."""
@@ -116,7 +111,7 @@ class RunFolder:
         for row in self._rows:
             self._log_scalars(row)
 
-    def _log_scalars(self, row: dict[str, float]) -> None:
+    def _log_scalars(self, row: Row) -> None:
         if self._tensorboard is not None:
             for name, value in row.items():
                 if not math.isnan(value):
@@ -140,45 +135,3 @@ class RunFolder:
             if not math.isnan(score):
                 return score
         return 0.0
-
-    def _draw_curve(self) -> None:
-        from matplotlib.figure import Figure
-
-        figure = Figure(figsize=(7, 4), layout="constrained")
-        rates = figure.add_subplot()
-        steps = [row["agent_steps"] / 1e6 for row in self._rows]
-        curves = {key: label for key, label in CURVES.items() if key in self._rows[0]}
-        for key, label in curves.items():
-            rates.plot(steps, [row[key] for row in self._rows], label=label)
-        if "return" in self._rows[0]:
-            returns = rates.twinx()
-            returns.plot(steps, [row["return"] for row in self._rows], color="0.7", zorder=0)
-            returns.set_ylabel("mean episode return per agent", color="0.5")
-        lifelong = "throughput" in curves
-        rates.set(xlabel="million agent steps", ylabel="training data", ylim=(0, None if lifelong else 1.02))
-        rates.legend(loc="lower right")
-        with replacing(self.path / CURVE) as temporary:
-            figure.savefig(temporary, dpi=150)
-
-
-def _read_rows(file: Path, position: Position) -> list[dict[str, float]]:
-    """Return the rows up to `position`; raises `FormatError` if some are missing."""
-    try:
-        with file.open(newline="") as lines:
-            rows = list(islice(csv.DictReader(lines), position.updates))
-        numbers = [{key: float(value) for key, value in row.items()} for row in rows]
-        last = numbers[-1]["agent_steps"]
-    except (ValueError, TypeError, LookupError, csv.Error) as error:
-        raise FormatError(file, f"damaged: {error}") from None
-    if len(numbers) < position.updates or last != position.agent_steps:
-        raise FormatError(file, f"expected {position.updates} rows, the last of agent step {position.agent_steps}")
-    return numbers
-
-
-def _texts(row: dict[str, float]) -> list[str]:
-    """Format numbers with six digits, and counts in full."""
-    return [f"{value:.0f}" if key == "agent_steps" else f"{value:.6g}" for key, value in row.items()]
-
-
-def _line(cells: list[str]) -> str:
-    return ",".join(cells) + "\r\n"

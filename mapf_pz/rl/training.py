@@ -179,7 +179,7 @@ def _lead(
             raise
         finally:
             with naming(run.path):
-                run.finish(algorithm.network)
+                run.finish(algorithm.network, config)
 
 
 def _announce_end() -> None:

@@ -140,3 +140,41 @@ def test_a_policy_is_evaluated_as_it_was_trained_with_or_without_the_safety_laye
         collisions = [float(row["collisions"]) for row in csv.DictReader(episodes)]
     assert len(collisions) == 2
     assert (sum(collisions) == 0) == shield
+
+
+def test_progress_is_printed_where_there_is_no_terminal(capsys, tmp_path):
+    assert main(["train", "quickstart", *SMALL.split(), "--evaluate", "none", "--output", str(tmp_path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line[:4] for line in lines if "steps/s" in line] == [" 50%", "100%"]
+
+
+def test_several_seeds_are_runs_in_subfolders(capsys, tmp_path):
+    words = ["quickstart", *SMALL.split(), "--seeds", "3", "5", "--evaluate", "none", "--output", tmp_path / "runs"]
+    assert train(capsys, *words) == (0, [])
+    assert {file.name for file in (tmp_path / "runs").iterdir()} == {"seed-3", "seed-5", "learning_curve.png"}
+    for seed in (3, 5):
+        assert load_config(tmp_path / "runs" / f"seed-{seed}" / "config.json").seed == seed
+    status, [line] = train(capsys, *words)
+    assert status == 1
+    assert "holds a run" in line
+
+
+def test_a_run_starts_from_a_configuration_file(capsys, tmp_path):
+    words = ["quickstart", *SMALL.split(), "--evaluate", "none", "--output", tmp_path / "first"]
+    assert train(capsys, *words) == (0, [])
+    file = tmp_path / "first" / "config.json"
+    words = [file, "--seed", "4", "--gamma", "0.9", "--evaluate", "none", "--output", tmp_path / "second"]
+    assert train(capsys, *words) == (0, [])
+    first, second = (load_config(tmp_path / name / "config.json") for name in ("first", "second"))
+    assert second == replace(first, seed=4, ppo=replace(first.ppo, gamma=0.9))
+
+
+@pytest.mark.parametrize("text", [None, "{", '{"seed": -1}'])
+def test_a_missing_or_malformed_configuration_file_is_refused(capsys, tmp_path, text):
+    file = tmp_path / "mine.json"
+    if text is not None:
+        file.write_text(text)
+    status, [line] = train(capsys, file, "--output", tmp_path / "run")
+    assert status == 1
+    assert str(file) in line
+    assert not (tmp_path / "run").exists()
