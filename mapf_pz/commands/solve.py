@@ -13,7 +13,7 @@ from mapf_pz.commands.env_flags import EnvKeywords
 from mapf_pz.config import EnvConfig
 from mapf_pz.instance import Instance, Scenario
 from mapf_pz.instances.configured import sample_instance
-from mapf_pz.planners import PLANNERS, validate
+from mapf_pz.planners import planner_of, validate
 from mapf_pz.planners.base import simulator_of
 from mapf_pz.plans.files import PlanMetadata, check_format, write_plan
 
@@ -38,7 +38,7 @@ class SolveOptions:
     output: Positional[Path]
     """Output file: `.json` (League of Robot Runners), `.csv` (MAPF tracker, cardinal agents), `.txt` (PIBT, LaCAM)."""
     planner: str = "pibt"
-    """Name of the planner."""
+    """Planner, optionally with options, such as `epibt:depth=5` or `lacam:anytime=False`."""
     env: PlanningKeywords = SOLVED
     """The instance, and limits of the plan. The reported costs are in steps, whatever the edge weights are."""
     time_limit: float = 10.0
@@ -49,12 +49,10 @@ class SolveOptions:
 
 def solve(options: SolveOptions) -> None:
     """Solve an instance, validate and write the plan, and print its costs. The exit status is 1 if there is no plan."""
-    if options.planner not in PLANNERS:
-        raise ValueError(f"planner {options.planner!r}: expected one of {', '.join(PLANNERS)}")
+    planner = planner_of(options.planner, options.seed)
     env = options.env.config()
     check_format(options.output, env.action_model)
     instance = sample_instance(env, options.seed)
-    planner = PLANNERS[options.planner](seed=options.seed)
     planner.compile(env.action_model)
     start = time.perf_counter()
     plan = planner.solve(instance, options.time_limit, env.max_steps, env.edge_weights, env.distance_bytes)

@@ -117,6 +117,7 @@ def test_a_wrong_plan_is_not_written(capsys, tmp_path, idle, monkeypatch):
     ("words", "message"),
     [
         (["a.txt", "--planner", "none"], "planner 'none': expected one of "),
+        (["a.txt", "--planner", "lacam:depth=1"], "option 'depth=1': LaCAM has the options time_limit, anytime"),
         (["a.gif", "--num-agents", "2"], "a.gif: expected a file name that ends in .json, .csv, .txt"),
         (["a.csv", "--num-agents", "2"], "a.csv: a tracker CSV file cannot hold headings, expected act"),
         (["a.txt", "--num-agents", "65"], "65 agents do not fit on the 64 cells"),
@@ -129,3 +130,13 @@ def test_errors(capsys, tmp_path, monkeypatch, words, message):
     assert (status, out, len(err)) == (1, [], 1)
     assert message in err[0]
     assert not list(tmp_path.iterdir())
+
+
+def test_a_planner_has_options(tmp_path, capsys):
+    costs = []
+    for planner in ("lacam", "lacam:anytime=False"):
+        words = ["--planner", planner, "--map", "empty-8-8", "--num-agents", 12, "--time-limit", 1]
+        status, [out], _ = run(capsys, "solve", tmp_path / "plan.json", *words)
+        assert status == 0
+        costs.append(int(out.split("sum of costs ")[1].split(",")[0]))
+    assert costs[0] < costs[1]  # the first plan is not improved
