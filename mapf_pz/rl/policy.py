@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -19,9 +19,12 @@ from mapf_pz.arrays import Floats
 from mapf_pz.errors import FormatError
 from mapf_pz.io.atomic import write_whole
 from mapf_pz.rl.algorithms import algorithm_of
+from mapf_pz.rl.batched_network import BatchedNetwork, Memory, Seen
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
+from mapf_pz.rl.learned_batch import LearnedBatch
 from mapf_pz.rl.observation_shape import ObservationShape
+from mapf_pz.simulator import Simulator
 
 Infos: TypeAlias = "Mapping[str, Mapping[str, Any]]"
 """Infos by agent, as the environment gives them."""
@@ -75,6 +78,8 @@ class LearnedPolicy:
         self.num_agents = algorithm_of(config.algorithm).fixed_num_agents(config)
         self.temperature = 0.0 if deterministic else float(temperature)
         self._seed = seed
+        model = config.model
+        self._batched = BatchedNetwork(self.network, model.communication > 0, self.num_agents, model.recurrent)
         self.reset_states()
 
     def act(self, observations: dict[str, Any], infos: Infos | None = None) -> dict[str, int]:
@@ -88,7 +93,7 @@ class LearnedPolicy:
         """
         if self.needs_infos and infos is None:
             raise ValueError("this policy masks actions: expected act(observations, infos)")
-        chosen = self._choose(self._rate(observations, infos)) if observations else []
+        chosen = self.choose(self._rate_one(observations, infos), self._memory) if observations else []
         return dict(zip(observations, chosen, strict=True))
 
     def preferences(self, observations: dict[str, Any], infos: Infos | None = None) -> dict[str, Floats]:
@@ -96,103 +101,106 @@ class LearnedPolicy:
 
         With `needs_infos`, the preference for an action that is not allowed is -inf; without infos, none is masked.
         """
-        rated = self._rate(observations, infos).numpy() if observations else []
+        rated = self._rate_one(observations, infos).numpy() if observations else []
         return dict(zip(observations, rated, strict=True))
 
-    def _rate(self, observations: dict[str, Any], infos: Infos | None) -> Tensor:
-        """Return the preferences (N, A) of the N agents in `observations`."""
-        self._check(observations)
-        values = list(observations.values())
-        if self._shape.features:
-            inputs = [_stack([value[name] for value in values]) for name in ("image", "features")]
-        else:
-            inputs = [_stack(values)]
-        mask = None
-        if self.needs_infos and infos is not None:
-            mask = _stack([infos[name]["action_mask"] for name in observations]).bool()
-        with torch.no_grad():
-            return self._prefer(list(observations), mask, *inputs)
+    def reset_states(self) -> None:
+        """Reset hidden states and random generators; called before each episode, so that they are independent."""
+        self._memory = self.new_memory()
 
-    def _check(self, observations: dict[str, Any]) -> None:
-        """Raise `ValueError` unless all observations have the shapes that the network was trained with."""
+    def in_batch(self, simulator: Simulator) -> LearnedBatch:
+        """Return the policy in all environments of a simulator; raises `ValueError` for other observations."""
+        return LearnedBatch(self, simulator)
+
+    def check(self, agent: str, shapes: Any) -> None:
+        """Raise `ValueError` unless an observation has the shapes that the network was trained with.
+
+        Args:
+            agent: name of the agent that observes.
+            shapes: shape of the image; with features, a dictionary with the shapes of `image` and `features`.
+        """
         expected: Any = self._shape.image
         if self._shape.features:
             expected = {"image": self._shape.image, "features": (self._shape.features,)}
-        for agent, observation in observations.items():
-            if (got := _shapes(observation)) != expected:
-                raise ValueError(
-                    f"observation of {agent!r}: this policy observes {_described(expected)}, got {_described(got)}; "
-                    "mapf_pz.evaluation.make_env(policy, ...) makes an environment for it"
-                )
+        if shapes != expected:
+            raise ValueError(
+                f"observation of {agent!r}: this policy observes {_described(expected)}, got {_described(shapes)}; "
+                "mapf_pz.evaluation.make_env(policy, ...) makes an environment for it"
+            )
 
-    def _prefer(self, names: list[str], mask: Tensor | None, image: Tensor, features: Tensor | None = None) -> Tensor:
-        """Return the preferences (N, A) of the agents `names`.
+    def new_memory(self) -> Memory:
+        """Return what the policy keeps during an episode, at the beginning of one."""
+        return Memory(self._seed)
 
-        Their observations are `image` (N, K, h, w) and `features` (N, F); `mask` (N, A) bool are allowed actions.
+    def rate(self, episodes: Sequence[Seen], memories: Sequence[Memory]) -> list[Tensor]:
+        """Return the preferences (n, A) of the n agents of each episode.
+
+        Args:
+            episodes: what the agents of each episode observe.
+            memories: what the policy keeps during each of these episodes, which is updated.
         """
+        with torch.no_grad():
+            outputs = self._batched(episodes, memories)
+            return [self._prefer(*rows) for rows in zip(episodes, memories, outputs, strict=True)]
+
+    def choose(self, preferences: Tensor, memory: Memory) -> list[int]:
+        """Return the actions for the preferences (n, A) of the agents of an episode."""
         raise NotImplementedError
 
-    def _choose(self, preferences: Tensor) -> list[int]:
-        """Return the actions for the preferences (N, A)."""
+    def _rate_one(self, observations: dict[str, Any], infos: Infos | None) -> Tensor:
+        """Return the preferences (n, A) of the n agents in `observations`."""
+        for agent, observation in observations.items():
+            self.check(agent, _shapes(observation))
+        values = list(observations.values())
+        if self._shape.features:
+            image, features = (_stack([value[name] for value in values]) for name in ("image", "features"))
+        else:
+            image, features = _stack(values), None
+        mask = None
+        if self.needs_infos and infos is not None:
+            mask = _stack([infos[name]["action_mask"] for name in observations])
+        return self.rate([Seen(list(observations), image, features, mask)], [self._memory])[0]
+
+    def _prefer(self, seen: Seen, memory: Memory, outputs: tuple[Tensor, ...]) -> Tensor:
+        """Return the preferences (n, A) of the n agents of an episode, for which the network has these outputs."""
         raise NotImplementedError
-
-    def _run(self, names: list[str], image: Tensor, features: Tensor | None) -> tuple[Tensor, ...]:
-        """Return the network's outputs; recurrent networks use and update the hidden states of `names`."""
-        size = self.config.model.recurrent
-        if size == 0:
-            return self.network(image, features)
-        hidden_state = torch.stack([self._hidden_states.get(name, torch.zeros(size)) for name in names])
-        # Batches of one. Initial hidden states are zero already, so no step needs to be marked as the first.
-        batch = None if features is None else features[None]
-        *parameters, after = self.network(hidden_state[None], torch.zeros(1, 1, dtype=torch.bool), image[None], batch)
-        self._hidden_states.update(zip(names, after[0], strict=True))
-        return tuple(parameter[0] for parameter in parameters)
-
-    def reset_states(self) -> None:
-        """Reset hidden states and the random generator; called before each episode, so that they are independent."""
-        self._generator = torch.Generator().manual_seed(self._seed)
-        self._hidden_states: dict[str, Tensor] = {}
 
 
 class SharedPolicy(LearnedPolicy):
     """Each agent acts by itself, and all share one network: works with any number of agents."""
 
-    def _prefer(self, names: list[str], mask: Tensor | None, image: Tensor, features: Tensor | None = None) -> Tensor:
-        (logits,) = self._run(names, image, features)
-        if mask is not None:
-            logits = logits.masked_fill(~mask, -torch.inf)
+    def _prefer(self, seen: Seen, memory: Memory, outputs: tuple[Tensor, ...]) -> Tensor:
+        (logits,) = outputs
+        if seen.mask is not None:
+            logits = logits.masked_fill(seen.mask == 0, -torch.inf)
         # The argmax of logits with Gumbel noise is a sample from their distribution; the order of all of them is a
         # sample without replacement.
-        return logits - self.temperature * torch.empty_like(logits).exponential_(generator=self._generator).log()
+        return logits - self.temperature * torch.empty_like(logits).exponential_(generator=memory.generator).log()
 
-    def _choose(self, preferences: Tensor) -> list[int]:
+    def choose(self, preferences: Tensor, memory: Memory) -> list[int]:
+        """Return each agent's best action."""
         return preferences.argmax(-1).tolist()
 
 
 class TeamPolicy(LearnedPolicy):
     """One network acts for all agents: for any number with communication, otherwise for the number of its training."""
 
-    def reset_states(self) -> None:
-        """Reset the policy for a new episode, as in `LearnedPolicy`."""
-        super().reset_states()
-        self._rng = np.random.default_rng(self._seed)
+    def rate(self, episodes: Sequence[Seen], memories: Sequence[Memory]) -> list[Tensor]:
+        """Return the preferences as in `LearnedPolicy`; raises `ValueError` for another number of agents."""
+        for seen in episodes:
+            if self.num_agents not in (None, len(seen.agents)):
+                raise ValueError(f"this policy acts for exactly {self.num_agents} agents, {len(seen.agents)} observe")
+        return super().rate(episodes, memories)
 
-    def _prefer(self, names: list[str], mask: Tensor | None, image: Tensor, features: Tensor | None = None) -> Tensor:
-        mean, scale = self._parameters(names, image, features)
+    def _prefer(self, seen: Seen, memory: Memory, outputs: tuple[Tensor, ...]) -> Tensor:
+        mean, scale = outputs
         # A normal distribution to the power 1 / T is one with the scale multiplied by the square root of T.
-        noise = math.sqrt(self.temperature) * torch.randn(mean.shape, generator=self._generator)
+        noise = math.sqrt(self.temperature) * torch.randn(mean.shape, generator=memory.generator)
         return (mean + scale * noise).clamp(-1, 1)
 
-    def _parameters(self, names: list[str], image: Tensor, features: Tensor | None) -> tuple[Tensor, ...]:
-        """Return the mean and the standard deviation of the matrix, both (N, A)."""
-        if self.num_agents is None:
-            return self._run(names, image, features)
-        if len(image) != self.num_agents:
-            raise ValueError(f"this policy acts for exactly {self.num_agents} agents, {len(image)} observe")
-        return self._run(["team"], image.flatten(0, 1), None if features is None else features.flatten())
-
-    def _choose(self, preferences: Tensor) -> list[int]:
-        return ACTION_MODES[self.config.task.action_mode](preferences.numpy().astype(np.float64), self._rng).tolist()
+    def choose(self, preferences: Tensor, memory: Memory) -> list[int]:
+        """Return the actions that the action mode decodes from the preferences."""
+        return ACTION_MODES[self.config.task.action_mode](preferences.numpy().astype(np.float64), memory.rng).tolist()
 
 
 def save_weights(folder: Path, network: nn.Module) -> None:
