@@ -50,8 +50,8 @@ class BatchPolicy(Protocol):
 class EpisodeBatch:
     """Runs episodes of a task in the environments of one simulator, several at the same time.
 
-    An episode that is over is followed by the next one in the same environment. Metrics other than the runtime are those
-    of the same episode in a single environment.
+    An episode that is over is followed by the next one in the same environment. Its metrics other than the runtime are
+    those of the same episode in a single environment.
     """
 
     def __init__(self, simulator: Simulator, policy: PolicyInBatch, task: EvaluationTask) -> None:
@@ -78,10 +78,12 @@ class EpisodeBatch:
         while running:
             self._step(list(running))
             for b in [b for b in running if self._simulator.over[b]]:
-                metrics[running.pop(b)] = self._measures[b].added_to(self._simulator.metrics(b), self._task.best)
+                metrics[running[b]] = self._measures[b].added_to(self._simulator.metrics(b), self._task.best)
                 if waiting:
                     running[b] = waiting.popleft()
                     self._start({b: running[b]})
+                else:
+                    del running[b]
         return metrics
 
     def _start(self, episodes: Mapping[int, int]) -> None:

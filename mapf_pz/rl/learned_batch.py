@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from mapf_pz.arrays import Floats, Ints
 from mapf_pz.rl.batched_network import Seen
@@ -44,32 +45,33 @@ class LearnedBatch:
             envs: the environments to act in; in the others, actions are 0.
         """
         mask = observation.action_mask if self._policy.needs_infos else None
+        rows, rated = self._rate(observation, mask, envs)
         actions = np.zeros(self._simulator.agents.shape, np.int64)
-        episodes = [self._seen(observation, mask, b) for b in envs]
-        memories = [self._memories[b] for b in envs]
-        rated = self._policy.rate(episodes, memories)
-        for b, seen, preferences, memory in zip(envs, episodes, rated, memories, strict=True):
-            actions[b, seen.agents] = self._policy.choose(preferences, memory)
+        for b, agents, preferences in zip(envs, rows, rated, strict=True):
+            actions[b, agents] = self._policy.choose(preferences, self._memories[b])
         return actions
 
     def preferences(self, observation: Observation, envs: Sequence[int]) -> Floats:
-        """Return preferences (B, N, A) float32 over actions; no action is masked.
+        """Return preferences (B, N, A) float32 over actions; none of them is masked.
 
-        Arguments are those of `actions`. Preferences in other environments, and of agents that have disappeared, are 0.
+        Arguments are those of `actions`. Preferences of agents that have disappeared, and in other environments, are 0.
         """
+        rows, rated = self._rate(observation, None, envs)
         preferences = np.zeros(observation.action_mask.shape, np.float32)
-        episodes = [self._seen(observation, None, b) for b in envs]
-        rated = self._policy.rate(episodes, [self._memories[b] for b in envs])
-        for b, seen, found in zip(envs, episodes, rated, strict=True):
-            preferences[b, seen.agents] = found
+        for b, agents, found in zip(envs, rows, rated, strict=True):
+            preferences[b, agents] = found
         return preferences
 
-    def _seen(self, observation: Observation, mask: Ints | None, b: int) -> Seen:
-        """Return what the agents of environment `b` observe, other than those that have disappeared."""
-        agents = np.flatnonzero(self._simulator.agents["was_active"][b])
-        every = len(agents) == self._simulator.num_agents
-        image, features, allowed = (
-            None if part is None else torch.from_numpy(part[b] if every else part[b, agents])
-            for part in (observation.image, observation.features if self._has_features else None, mask)
-        )
-        return Seen(agents, image, features, allowed)
+    def _rate(
+        self, observation: Observation, mask: Ints | None, envs: Sequence[int]
+    ) -> tuple[Sequence[Ints], list[Tensor]]:
+        """Return the agents in each of the environments `envs`, without those that disappeared, and preferences."""
+        present = self._simulator.agents["was_active"]
+        rows = [np.flatnonzero(present[b]) for b in envs]
+        seen: list[Seen] = []
+        for b, agents in zip(envs, rows, strict=True):
+            image = torch.from_numpy(observation.image[b, agents])
+            features = torch.from_numpy(observation.features[b, agents]) if self._has_features else None
+            allowed = None if mask is None else torch.from_numpy(mask[b, agents])
+            seen.append(Seen(agents.tolist(), image, features, allowed))
+        return rows, self._policy.rate(seen, [self._memories[b] for b in envs])
