@@ -101,9 +101,10 @@ class EpisodeBatch:
         actions = self._policy.actions(observation, envs)
         runtime = (time.perf_counter() - start) / len(envs)
         self._simulator.step(actions)
+        acting, blocked = (self._simulator.agents[name].sum(1).tolist() for name in ("was_active", "blocked"))
         for b in envs:
             self._measures[b].runtime += runtime
-            self._measures[b].add_step(self._simulator.agents[b])
+            self._measures[b].add_step(acting[b], blocked[b])
 
 
 def batch_of(single: Simulator, task: EvaluationTask, episodes: Sequence[int]) -> Simulator:

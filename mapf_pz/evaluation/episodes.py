@@ -178,7 +178,7 @@ def _metrics(env: AnyEnv, policy: Policy, task: EvaluationTask, episode: int) ->
 
     def measure() -> None:
         if env.step_count:
-            measures.add_step(agents)
+            measures.add_step(int(agents["was_active"].sum()), int(agents["blocked"].sum()))
 
     result = rollout(env, policy, task.seed + episode, task.instance(episode), measure)
     measures.runtime = result.runtime

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 Metrics = dict[str, float]
 
 
@@ -22,11 +20,11 @@ class Measures:
     blocked: int = 0
     """Number of agent steps with a move that an obstacle or another agent blocked."""
 
-    def add_step(self, agents: np.ndarray) -> None:
-        """Add a step of the episode, after which the agents' records are `agents` (N,)."""
+    def add_step(self, agent_steps: int, blocked: int) -> None:
+        """Add a step of the episode, with the numbers of agents that took it and that were blocked."""
         self.num_steps += 1
-        self.agent_steps += int(agents["was_active"].sum())
-        self.blocked += int(agents["blocked"].sum())
+        self.agent_steps += agent_steps
+        self.blocked += blocked
 
     def added_to(self, metrics: Metrics, best: float | None) -> Metrics:
         """Return the metrics of the episode, and those of `run_episodes`; `best` is the best known throughput."""

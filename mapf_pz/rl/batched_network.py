@@ -1,4 +1,4 @@
-"""A policy's network for several episodes at the same time, what it reads of each, and what is kept of each."""
+"""A policy's network for several episodes at the same time, what it reads of them, and what is kept of each."""
 
 from __future__ import annotations
 
@@ -19,16 +19,18 @@ result does not depend on the others, to the bit, unless the last hidden layer h
 
 
 class Seen(NamedTuple):
-    """What the n agents of an episode observe in a step."""
+    """What the agents of several episodes observe in a step: R rows, those of the first episode first."""
 
+    counts: Sequence[int]
+    """Number of agents of each episode; R is their sum."""
     agents: Sequence[Hashable]
-    """Their names or numbers."""
+    """(R,): the agents' names or numbers."""
     image: Tensor
-    """(n, K, h, w) float32."""
+    """(R, K, h, w) float32."""
     features: Tensor | None = None
-    """(n, F) float32, if features are observed."""
+    """(R, F) float32, if features are observed."""
     mask: Tensor | None = None
-    """(n, A) int8: 1 for actions that are allowed. None: all are allowed."""
+    """(R, A) int8: 1 for actions that are allowed. None: all are allowed."""
 
 
 class Memory:
@@ -62,59 +64,75 @@ class BatchedNetwork:
         self._stacks = num_agents is not None
         self._recurrent = recurrent
 
-    def __call__(self, episodes: Sequence[Seen], memories: Sequence[Memory]) -> list[tuple[Tensor, ...]]:
-        """Return the network's outputs (n, A) for the agents of each episode, and update the hidden states.
+    def __call__(self, seen: Seen, memories: Sequence[Memory]) -> tuple[Tensor, ...]:
+        """Return the network's outputs (R, A), and update the hidden states.
 
         Args:
-            episodes: what the agents of each episode observe.
-            memories: what is kept during each of these episodes.
+            seen: what the agents of E episodes observe.
+            memories: (E,): what is kept during each of these episodes.
         """
         if not self._in_teams:
-            return self._run(episodes, memories, 1)
-        outputs: dict[int, tuple[Tensor, ...]] = {}
-        for size in {len(seen.agents) for seen in episodes}:  # teams of different sizes cannot be one tensor
-            chosen = [k for k, seen in enumerate(episodes) if len(seen.agents) == size]
-            found = self._run([episodes[k] for k in chosen], [memories[k] for k in chosen], size)
-            outputs.update(zip(chosen, found, strict=True))
-        return [outputs[k] for k in range(len(episodes))]
+            return self._run(seen, memories, 1)
+        sizes = set(seen.counts)
+        if len(sizes) == 1:
+            return self._run(seen, memories, sizes.pop())
+        # Teams of different sizes cannot be one tensor.
+        counts = torch.tensor(seen.counts)
+        row_sizes = counts.repeat_interleave(counts)
+        outputs: tuple[Tensor, ...] = ()
+        for size in sizes:
+            rows = (row_sizes == size).nonzero().flatten()
+            kept = [memory for memory, count in zip(memories, seen.counts, strict=True) if count == size]
+            found = self._run(_with_size(seen, rows, size), kept, size)
+            outputs = outputs or tuple(part.new_empty(len(row_sizes), part.shape[-1]) for part in found)
+            for output, part in zip(outputs, found, strict=True):
+                output[rows] = part
+        return outputs
 
-    def _run(self, episodes: Sequence[Seen], memories: Sequence[Memory], size: int) -> list[tuple[Tensor, ...]]:
-        """Return the outputs for episodes whose agents act in teams of `size`."""
+    def _run(self, seen: Seen, memories: Sequence[Memory], size: int) -> tuple[Tensor, ...]:
+        """Return the outputs for agents that act in teams of `size`."""
         rows = 1 if self._stacks else size  # of a team in the network's input
         num_teams = math.ceil(MIN_ROWS / rows)
-        observed = [seen.image for seen in episodes], [seen.features for seen in episodes if seen.features is not None]
-        inputs = [_teams(parts, size, num_teams) for parts in observed if parts]
+        inputs = [_teams(part, size, num_teams) for part in (seen.image, seen.features) if part is not None]
         if self._stacks:
             inputs = [part.flatten(1, 2) for part in inputs]
-        if self._recurrent:
-            names = [("team",) if self._stacks else seen.agents for seen in episodes]
-            before = [_hidden_states(*pair, self._recurrent) for pair in zip(memories, names, strict=True)]
-            hidden_states = _teams(before, rows, num_teams)
-            # Initial hidden states are zero already, so no step needs to be marked as the first.
-            is_init = torch.zeros(len(hidden_states), 1, dtype=torch.bool)
-            *outputs, hidden_states = self._network(hidden_states, is_init, *inputs)
-            for memory, keys, after in zip(memories, names, _split(hidden_states, list(map(len, names))), strict=True):
-                memory.hidden_states.update(zip(keys, after, strict=True))
+        outputs = self._run_recurrent(inputs, seen, memories, rows) if self._recurrent else self._network(*inputs)
+        return tuple(output.flatten(0, 1)[: len(seen.image)] for output in outputs)
+
+    def _run_recurrent(
+        self, inputs: list[Tensor], seen: Seen, memories: Sequence[Memory], rows: int
+    ) -> tuple[Tensor, ...]:
+        """Return the outputs for `inputs`, teams that are so many rows each, and update the hidden states."""
+        if self._stacks:
+            owners = [(memory, "team") for memory in memories]
         else:
-            outputs = self._network(*inputs)
-        counts = [len(seen.agents) for seen in episodes]
-        return list(zip(*(_split(output, counts) for output in outputs), strict=True))
+            agents = iter(seen.agents)
+            owners = [
+                (memory, next(agents))
+                for memory, count in zip(memories, seen.counts, strict=True)
+                for _ in range(count)
+            ]
+        first = torch.zeros(self._recurrent)
+        before = torch.stack([memory.hidden_states.get(key, first) for memory, key in owners])
+        hidden_states = _teams(before, rows, len(inputs[0]))
+        # Initial hidden states are zero already, so no step needs to be marked as the first.
+        is_init = torch.zeros(len(hidden_states), 1, dtype=torch.bool)
+        *outputs, after = self._network(hidden_states, is_init, *inputs)
+        for (memory, key), state in zip(owners, after.flatten(0, 1), strict=False):  # others are of padding
+            memory.hidden_states[key] = state
+        return tuple(outputs)
 
 
-def _teams(parts: Sequence[Tensor], size: int, least: int) -> Tensor:
-    """Return the rows (n, ...) of all parts as B teams (B, size, ...), with teams of zeros up to B = `least`."""
-    rows = torch.cat(list(parts))
+def _with_size(seen: Seen, rows: Tensor, size: int) -> Seen:
+    """Return the observations of some rows, which are episodes with `size` agents."""
+    agents = [seen.agents[row] for row in rows.tolist()]
+    features = None if seen.features is None else seen.features[rows]
+    return Seen([size] * (len(rows) // size), agents, seen.image[rows], features)
+
+
+def _teams(rows: Tensor, size: int, least: int) -> Tensor:
+    """Return rows (R, ...) as B teams (B, size, ...), with teams of zeros up to B = `least`."""
     missing = least * size - len(rows)
     if missing > 0:
         rows = torch.cat([rows, rows.new_zeros(missing, *rows.shape[1:])])
     return rows.unflatten(0, (-1, size))
-
-
-def _split(teams: Tensor, counts: list[int]) -> tuple[Tensor, ...]:
-    """Return the first rows of teams (B, size, ...) as parts of the lengths `counts`."""
-    return teams.flatten(0, 1)[: sum(counts)].split(counts)
-
-
-def _hidden_states(memory: Memory, keys: Sequence[Hashable], size: int) -> Tensor:
-    """Return the hidden states (len(keys), size) in the memory; at first they are zero."""
-    return torch.stack([memory.hidden_states.get(key, torch.zeros(size)) for key in keys])

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
-from torch import Tensor
 
-from mapf_pz.arrays import Floats, Ints
-from mapf_pz.rl.batched_network import Seen
+from mapf_pz.arrays import Bools, Floats, Ints
+from mapf_pz.rl.batched_network import Memory, Seen
 from mapf_pz.simulator import Observation, Simulator
 
 if TYPE_CHECKING:
@@ -45,10 +44,9 @@ class LearnedBatch:
             envs: the environments to act in; in the others, actions are 0.
         """
         mask = observation.action_mask if self._policy.needs_infos else None
-        rows, rated = self._rate(observation, mask, envs)
-        actions = np.zeros(self._simulator.agents.shape, np.int64)
-        for b, agents, preferences in zip(envs, rows, rated, strict=True):
-            actions[b, agents] = self._policy.choose(preferences, self._memories[b])
+        seen, rows, memories = self._select(observation, mask, envs)
+        actions = np.zeros(rows.shape, np.int64)
+        actions[rows] = self._policy.choose(self._policy.rate(seen, memories), seen.counts, memories)
         return actions
 
     def preferences(self, observation: Observation, envs: Sequence[int]) -> Floats:
@@ -56,22 +54,24 @@ class LearnedBatch:
 
         Arguments are those of `actions`. Preferences of agents that have disappeared, and in other environments, are 0.
         """
-        rows, rated = self._rate(observation, None, envs)
+        seen, rows, memories = self._select(observation, None, envs)
         preferences = np.zeros(observation.action_mask.shape, np.float32)
-        for b, agents, found in zip(envs, rows, rated, strict=True):
-            preferences[b, agents] = found
+        preferences[rows] = self._policy.rate(seen, memories)
         return preferences
 
-    def _rate(
+    def _select(
         self, observation: Observation, mask: Ints | None, envs: Sequence[int]
-    ) -> tuple[Sequence[Ints], list[Tensor]]:
-        """Return the agents in each of the environments `envs`, without those that disappeared, and preferences."""
+    ) -> tuple[Seen, Bools, list[Memory]]:
+        """Return what is observed in the environments `envs`, by which agents (B, N) bool, and the memories.
+
+        Agents that have disappeared are left out.
+        """
         present = self._simulator.agents["was_active"]
-        rows = [np.flatnonzero(present[b]) for b in envs]
-        seen: list[Seen] = []
-        for b, agents in zip(envs, rows, strict=True):
-            image = torch.from_numpy(observation.image[b, agents])
-            features = torch.from_numpy(observation.features[b, agents]) if self._has_features else None
-            allowed = None if mask is None else torch.from_numpy(mask[b, agents])
-            seen.append(Seen(agents.tolist(), image, features, allowed))
-        return rows, self._policy.rate(seen, [self._memories[b] for b in envs])
+        chosen = sorted(envs)
+        rows = np.zeros(present.shape, np.bool_)
+        rows[chosen] = present[chosen]
+        counts, agents = rows[chosen].sum(1).tolist(), rows.nonzero()[1].tolist()
+        image = torch.from_numpy(observation.image[rows])
+        features = torch.from_numpy(observation.features[rows]) if self._has_features else None
+        allowed = None if mask is None else torch.from_numpy(mask[rows])
+        return Seen(counts, agents, image, features, allowed), rows, [self._memories[b] for b in chosen]

@@ -15,7 +15,7 @@ from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
 from mapf_pz.action_modes import ACTION_MODES
-from mapf_pz.arrays import Floats
+from mapf_pz.arrays import Floats, Ints
 from mapf_pz.errors import FormatError
 from mapf_pz.io.atomic import write_whole
 from mapf_pz.rl.algorithms import algorithm_of
@@ -93,15 +93,18 @@ class LearnedPolicy:
         """
         if self.needs_infos and infos is None:
             raise ValueError("this policy masks actions: expected act(observations, infos)")
-        chosen = self.choose(self._rate_one(observations, infos), self._memory) if observations else []
-        return dict(zip(observations, chosen, strict=True))
+        if not observations:
+            return {}
+        seen = self._seen(observations, infos)
+        chosen = self.choose(self.rate(seen, [self._memory]), seen.counts, [self._memory])
+        return dict(zip(observations, chosen.tolist(), strict=True))
 
     def preferences(self, observations: dict[str, Any], infos: Infos | None = None) -> dict[str, Floats]:
         """Return preferences (A,) over actions for each agent; `act` converts them to actions.
 
         With `needs_infos`, the preference for an action that is not allowed is -inf; without infos, none is masked.
         """
-        rated = self._rate_one(observations, infos).numpy() if observations else []
+        rated = self.rate(self._seen(observations, infos), [self._memory]) if observations else []
         return dict(zip(observations, rated, strict=True))
 
     def reset_states(self) -> None:
@@ -132,23 +135,22 @@ class LearnedPolicy:
         """Return what the policy keeps during an episode, at the beginning of one."""
         return Memory(self._seed)
 
-    def rate(self, episodes: Sequence[Seen], memories: Sequence[Memory]) -> list[Tensor]:
-        """Return the preferences (n, A) of the n agents of each episode.
+    def rate(self, seen: Seen, memories: Sequence[Memory]) -> Floats:
+        """Return the preferences (R, A) float32 of the agents of several episodes.
 
         Args:
-            episodes: what the agents of each episode observe.
+            seen: what the agents observe, in R rows.
             memories: what the policy keeps during each of these episodes, which is updated.
         """
         with torch.no_grad():
-            outputs = self._batched(episodes, memories)
-            return [self._prefer(*rows) for rows in zip(episodes, memories, outputs, strict=True)]
+            return self._prefer(self._batched(seen, memories), seen, memories).numpy()
 
-    def choose(self, preferences: Tensor, memory: Memory) -> list[int]:
-        """Return the actions for the preferences (n, A) of the agents of an episode."""
+    def choose(self, preferences: Floats, counts: Sequence[int], memories: Sequence[Memory]) -> Ints:
+        """Return the actions (R,) int64 for preferences (R, A); episodes have so many rows and these memories."""
         raise NotImplementedError
 
-    def _rate_one(self, observations: dict[str, Any], infos: Infos | None) -> Tensor:
-        """Return the preferences (n, A) of the n agents in `observations`."""
+    def _seen(self, observations: dict[str, Any], infos: Infos | None) -> Seen:
+        """Return the observations of one episode as arrays."""
         for agent, observation in observations.items():
             self.check(agent, _shapes(observation))
         values = list(observations.values())
@@ -159,48 +161,55 @@ class LearnedPolicy:
         mask = None
         if self.needs_infos and infos is not None:
             mask = _stack([infos[name]["action_mask"] for name in observations])
-        return self.rate([Seen(list(observations), image, features, mask)], [self._memory])[0]
+        return Seen([len(values)], list(observations), image, features, mask)
 
-    def _prefer(self, seen: Seen, memory: Memory, outputs: tuple[Tensor, ...]) -> Tensor:
-        """Return the preferences (n, A) of the n agents of an episode, for which the network has these outputs."""
+    def _prefer(self, outputs: tuple[Tensor, ...], seen: Seen, memories: Sequence[Memory]) -> Tensor:
+        """Return the preferences (R, A) of agents for which the network has these outputs."""
         raise NotImplementedError
 
 
 class SharedPolicy(LearnedPolicy):
     """Each agent acts by itself, and all share one network: works with any number of agents."""
 
-    def _prefer(self, seen: Seen, memory: Memory, outputs: tuple[Tensor, ...]) -> Tensor:
+    def _prefer(self, outputs: tuple[Tensor, ...], seen: Seen, memories: Sequence[Memory]) -> Tensor:
         (logits,) = outputs
         if seen.mask is not None:
             logits = logits.masked_fill(seen.mask == 0, -torch.inf)
+        noise = torch.empty_like(logits)
+        for part, memory in zip(noise.split(list(seen.counts)), memories, strict=True):
+            part.exponential_(generator=memory.generator)
         # The argmax of logits with Gumbel noise is a sample from their distribution; the order of all of them is a
         # sample without replacement.
-        return logits - self.temperature * torch.empty_like(logits).exponential_(generator=memory.generator).log()
+        return logits - self.temperature * noise.log()
 
-    def choose(self, preferences: Tensor, memory: Memory) -> list[int]:
+    def choose(self, preferences: Floats, counts: Sequence[int], memories: Sequence[Memory]) -> Ints:
         """Return each agent's best action."""
-        return preferences.argmax(-1).tolist()
+        return preferences.argmax(-1)
 
 
 class TeamPolicy(LearnedPolicy):
     """One network acts for all agents: for any number with communication, otherwise for the number of its training."""
 
-    def rate(self, episodes: Sequence[Seen], memories: Sequence[Memory]) -> list[Tensor]:
+    def rate(self, seen: Seen, memories: Sequence[Memory]) -> Floats:
         """Return the preferences as in `LearnedPolicy`; raises `ValueError` for another number of agents."""
-        for seen in episodes:
-            if self.num_agents not in (None, len(seen.agents)):
-                raise ValueError(f"this policy acts for exactly {self.num_agents} agents, {len(seen.agents)} observe")
-        return super().rate(episodes, memories)
+        for count in seen.counts:
+            if self.num_agents not in (None, count):
+                raise ValueError(f"this policy acts for exactly {self.num_agents} agents, {count} observe")
+        return super().rate(seen, memories)
 
-    def _prefer(self, seen: Seen, memory: Memory, outputs: tuple[Tensor, ...]) -> Tensor:
+    def _prefer(self, outputs: tuple[Tensor, ...], seen: Seen, memories: Sequence[Memory]) -> Tensor:
         mean, scale = outputs
+        noise = torch.empty_like(mean)
+        for part, memory in zip(noise.split(list(seen.counts)), memories, strict=True):
+            part.normal_(generator=memory.generator)
         # A normal distribution to the power 1 / T is one with the scale multiplied by the square root of T.
-        noise = math.sqrt(self.temperature) * torch.randn(mean.shape, generator=memory.generator)
-        return (mean + scale * noise).clamp(-1, 1)
+        return (mean + scale * (math.sqrt(self.temperature) * noise)).clamp(-1, 1)
 
-    def choose(self, preferences: Tensor, memory: Memory) -> list[int]:
+    def choose(self, preferences: Floats, counts: Sequence[int], memories: Sequence[Memory]) -> Ints:
         """Return the actions that the action mode decodes from the preferences."""
-        return ACTION_MODES[self.config.task.action_mode](preferences.numpy().astype(np.float64), memory.rng).tolist()
+        decode = ACTION_MODES[self.config.task.action_mode]
+        parts = np.split(preferences.astype(np.float64), np.cumsum(counts)[:-1])
+        return np.concatenate([decode(part, memory.rng) for part, memory in zip(parts, memories, strict=True)])
 
 
 def save_weights(folder: Path, network: nn.Module) -> None:
