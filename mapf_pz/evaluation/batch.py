@@ -77,7 +77,8 @@ class EpisodeBatch:
         metrics: dict[int, Metrics] = {}
         while running:
             self._step(list(running))
-            for b in [b for b in running if self._simulator.over[b]]:
+            over = self._simulator.over
+            for b in [b for b in running if over[b]]:
                 metrics[running[b]] = self._measures[b].added_to(self._simulator.metrics(b), self._task.best)
                 if waiting:
                     running[b] = waiting.popleft()
