@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+
 from mapf_pz.arrays import Ints
 from mapf_pz.core.cost_tables import CACHE_BYTES
 from mapf_pz.evaluation.measures import Measures, Metrics
@@ -101,11 +103,22 @@ class EpisodeBatch:
         start = time.perf_counter()
         actions = self._policy.actions(observation, envs)
         runtime = (time.perf_counter() - start) / len(envs)
-        self._simulator.step(actions)
+        self._simulator.step(self._checked(actions))
         acting, blocked = (self._simulator.agents[name].sum(1).tolist() for name in ("was_active", "blocked"))
         for b in envs:
             self._measures[b].runtime += runtime
             self._measures[b].add_step(acting[b], blocked[b])
+
+    def _checked(self, actions: Ints) -> Ints:
+        """Return the actions as int64; raises `ValueError` unless they are whole numbers (B, N) from 0 to A - 1."""
+        numbers, expected, last = np.asarray(actions), self._simulator.agents.shape, self._simulator.num_actions - 1
+        if numbers.shape != expected or not np.issubdtype(numbers.dtype, np.integer):
+            got = f"{numbers.dtype} of shape {numbers.shape}"
+            raise ValueError(f"actions of a policy in a batch: expected integers of shape {expected}, got {got}")
+        if numbers.min() < 0 or numbers.max() > last:
+            got = f"{numbers.min()} to {numbers.max()}"
+            raise ValueError(f"actions of a policy in a batch: expected numbers from 0 to {last}, got {got}")
+        return np.ascontiguousarray(numbers, np.int64)
 
 
 def batch_of(single: Simulator, task: EvaluationTask, episodes: Sequence[int]) -> Simulator:

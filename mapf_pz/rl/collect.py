@@ -66,10 +66,8 @@ class MakeWorkerEnv(MakeEnv):
 def collecting(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int) -> Generator[BaseCollector]:
     """Yield a collector of `updates` batches of B x T steps, sampled with the algorithm's current actor.
 
-    A batch may be overwritten by the next one.
-
     The environments start with the episodes of the seeds `seed`, `seed + 1`, ... With W workers, batches have the shape
-    W x (B / W) x T, and `update_policy_weights_` sends them the new weights.
+    W x (B / W) x T, and `update_policy_weights_` sends them the new weights. The next batch may overwrite a batch.
 
     Raises:
         ImportError: The collector is `ray`, and Ray is not installed.

@@ -98,6 +98,29 @@ def test_maps_of_different_sizes():
     assert max(map(len, policy.calls)) == 2
 
 
+@pytest.mark.parametrize(
+    ("actions", "message"),
+    [
+        ([[0, 0]], r"expected integers of shape \(2, 1\), got int64 of shape \(1, 2\)"),
+        ([[0.5], [1]], r"expected integers of shape \(2, 1\), got float64 of shape \(2, 1\)"),
+        ([[0], [5]], "expected numbers from 0 to 4, got 0 to 5"),
+        ([[-1], [1]], "expected numbers from 0 to 4, got -1 to 1"),
+    ],
+)
+def test_invalid_actions(monkeypatch, actions, message):
+    policy = RightInBatch()
+    in_batch = policy.in_batch
+
+    def invalid(simulator):
+        batch = in_batch(simulator)
+        batch.actions = lambda observation, envs: np.array(actions)
+        return batch
+
+    monkeypatch.setattr(policy, "in_batch", invalid)
+    with pytest.raises(ValueError, match=f"^actions of a policy in a batch: {message}$"):
+        list(run_episodes(factory_for(policy), on("a...A", "a..A."), range(2)))
+
+
 def test_a_wrapped_environment_is_for_single_episodes():
     policy, task = RightInBatch(), on("a...A", "a..A.")
 
