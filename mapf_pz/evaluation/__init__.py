@@ -1,5 +1,6 @@
 """Evaluation of policies and planners on the same episodes, with the same rules."""
 
+from mapf_pz.evaluation.batch import BatchPolicy, PolicyInBatch
 from mapf_pz.evaluation.episodes import Policy, Rollout, make_env, rollout
 from mapf_pz.evaluation.evaluate_policies import evaluate
 from mapf_pz.evaluation.policies import policy_factory
@@ -9,9 +10,11 @@ from mapf_pz.evaluation.suite import load_suite, suite_names
 from mapf_pz.evaluation.task import EvaluationTask
 
 __all__ = [
+    "BatchPolicy",
     "Episode",
     "EvaluationTask",
     "Policy",
+    "PolicyInBatch",
     "Rollout",
     "evaluate",
     "load_suite",

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import groupby
 from typing import Any, Protocol, TypeAlias, cast
 
 from pettingzoo.utils import BaseParallelWrapper
@@ -12,6 +14,8 @@ from pettingzoo.utils import BaseParallelWrapper
 from mapf_pz.config import EnvConfig
 from mapf_pz.core.reward import RewardConfig
 from mapf_pz.environment import AgentObservation, MapfEnv, parallel_env
+from mapf_pz.evaluation.batch import BatchPolicy, EpisodeBatch, batch_of
+from mapf_pz.evaluation.measures import Measures, Metrics
 from mapf_pz.evaluation.task import EvaluationTask
 from mapf_pz.instance import Instance
 from mapf_pz.simulator import Simulator
@@ -19,14 +23,12 @@ from mapf_pz.simulator import Simulator
 AnyEnv: TypeAlias = "MapfEnv | BaseParallelWrapper[str, AgentObservation, Any]"
 """A `MapfEnv`, or a wrapper of one, which has the same attributes."""
 
-Metrics = dict[str, float]
-
 
 class Policy(Protocol):
     """Protocol of policies, which is that of POGEMA's toolbox.
 
     A policy that also needs the agents' infos, such as their action masks, has an attribute `needs_infos = True`, and a
-    method `act(observations, infos)`.
+    method `act(observations, infos)`. `BatchPolicy` has another method for evaluations of several episodes at once.
     """
 
     def act(self, observations: dict[str, Any]) -> dict[str, int]:
@@ -130,16 +132,36 @@ def run_episodes(factory: PolicyFactory, task: EvaluationTask, episodes: Iterabl
     `step_ms` and `agent_us`, this runtime per step in milliseconds and per agent step in microseconds; `collisions`,
     the fraction of agent steps with a move that an obstacle or another agent blocked; `best_ratio`, the throughput
     divided by the best known throughput.
+
+    A policy with `in_batch` acts in several episodes at the same time, and its runtime in a step is divided equally
+    among them. The other metrics do not depend on which episodes these are.
     """
-    setup: tuple[AnyEnv, Policy] | None = None
-    size = ""
-    for episode in episodes:
-        keywords = task.env_keywords(episode)
-        needed = keywords["source"].size if task.instances else ""
-        if setup is None or size != needed:
-            setup, size = factory(keywords), needed
-            _compile(*setup, task.seed + episode)
-        yield _metrics(*setup, task, episode)
+    for _, group in groupby(episodes, partial(_map_size, task)):
+        numbers = list(group)
+        env, policy = factory(task.env_keywords(numbers[0]))
+        batch = _batch(env, policy, task, numbers)
+        if batch is not None:
+            metrics = batch.run(numbers)
+            yield from (metrics[number] for number in numbers)
+        else:
+            _compile(env, policy, task.seed + numbers[0])
+            for number in numbers:
+                yield _metrics(env, policy, task, number)
+
+
+def _map_size(task: EvaluationTask, episode: int) -> tuple[int, int] | None:
+    """Return the size of an episode's map; None if the environment generates the episodes, all of the same size."""
+    instance = task.instance(episode)
+    return None if instance is None else instance.grid.shape
+
+
+def _batch(env: AnyEnv, policy: Policy | BatchPolicy, task: EvaluationTask, episodes: list[int]) -> EpisodeBatch | None:
+    """Return a batch for the episodes; None if the policy or the environment, such as a wrapper, is for single ones."""
+    if type(env) is not MapfEnv or not isinstance(policy, BatchPolicy):
+        return None
+    simulator = batch_of(env.simulator, task, episodes)
+    in_batch = policy.in_batch(simulator)
+    return None if in_batch is None else EpisodeBatch(simulator, in_batch, task)
 
 
 def _compile(env: AnyEnv, policy: Policy, seed: int) -> None:
@@ -152,18 +174,12 @@ def _compile(env: AnyEnv, policy: Policy, seed: int) -> None:
 def _metrics(env: AnyEnv, policy: Policy, task: EvaluationTask, episode: int) -> Metrics:
     """Run an episode and return its metrics."""
     agents = simulator_of(env).agents[0]
-    acting: list[int] = []
-    blocked: list[int] = []
+    measures = Measures()
 
-    def count() -> None:
+    def measure() -> None:
         if env.step_count:
-            acting.append(int(agents["was_active"].sum()))
-            blocked.append(int(agents["blocked"].sum()))
+            measures.add_step(int(agents["was_active"].sum()), int(agents["blocked"].sum()))
 
-    result = rollout(env, policy, task.seed + episode, task.instance(episode), count)
-    runtime, agent_steps = result.runtime, max(sum(acting), 1)
-    metrics = result.metrics | {"runtime": runtime, "collisions": sum(blocked) / agent_steps}
-    metrics |= {"step_ms": 1e3 * runtime / max(result.num_steps, 1), "agent_us": 1e6 * runtime / agent_steps}
-    if task.best is not None and "avg_throughput" in metrics:
-        metrics["best_ratio"] = metrics["avg_throughput"] / task.best
-    return metrics
+    result = rollout(env, policy, task.seed + episode, task.instance(episode), measure)
+    measures.runtime = result.runtime
+    return measures.added_to(result.metrics, task.best)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, cast
 
+from mapf_pz.evaluation.batch import MAX_AGENTS
 from mapf_pz.evaluation.episodes import Policy, PolicyFactory, run_episodes
 from mapf_pz.evaluation.parallel import run_jobs
 from mapf_pz.evaluation.policies import factory_for, policy_factory
@@ -14,7 +15,9 @@ from mapf_pz.evaluation.suite import load_suite
 from mapf_pz.evaluation.task import EvaluationTask
 
 EPISODES_PER_JOB = 8
-"""Number of episodes that a process runs per job."""
+"""Minimum number of episodes that a process runs per job."""
+BATCHES_PER_JOB = 4
+"""Number of batches of episodes in a job of a policy that acts in batches."""
 
 
 class Job(NamedTuple):
@@ -61,7 +64,9 @@ def evaluate(
         Job(name, factory, task, episodes)
         for task in tasks
         for name, factory in factories.items()
-        for episodes in _in_chunks([e for e in range(task.episodes) if _key(name, task, e) not in done])
+        for episodes in _in_chunks(
+            [e for e in range(task.episodes) if _key(name, task, e) not in done], _episodes_per_job(factory, task)
+        )
     ]
     left = sum(len(job.episodes) for job in pending)
     show(None, left)
@@ -94,9 +99,14 @@ def _key(name: str, task: EvaluationTask, episode: int) -> tuple[str, str, int, 
     return name, task.name, task.num_agents, episode
 
 
-def _in_chunks(episodes: Sequence[int]) -> Iterator[Sequence[int]]:
-    for first in range(0, len(episodes), EPISODES_PER_JOB):
-        yield episodes[first : first + EPISODES_PER_JOB]
+def _episodes_per_job(factory: PolicyFactory, task: EvaluationTask) -> int:
+    in_batches = getattr(factory, "in_batches", False)
+    return max(EPISODES_PER_JOB, BATCHES_PER_JOB * MAX_AGENTS // task.num_agents if in_batches else 0)
+
+
+def _in_chunks(episodes: Sequence[int], size: int) -> Iterator[Sequence[int]]:
+    for first in range(0, len(episodes), size):
+        yield episodes[first : first + size]
 
 
 def _run(job: Job) -> list[Episode]:

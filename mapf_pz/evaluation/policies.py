@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from mapf_pz.environment import parallel_env
+from mapf_pz.evaluation.batch import BatchPolicy
 from mapf_pz.evaluation.episodes import AnyEnv, Policy, PolicyFactory, check_policy, make_env
 from mapf_pz.evaluation.random_policy import RandomPolicy
 from mapf_pz.planners import PLANNERS, Planner, Shield, planner_of
@@ -53,7 +55,7 @@ def _factory_of_trained(name: str, seed: int, deterministic: bool) -> PolicyFact
         )
     allowed = _TRAINED_OPTIONS | (_SHIELD_OPTIONS if shielded != trained else {})
     chosen = allowed | parse_options(shielded, allowed, options)
-    return partial(_trained_factory, trained, seed, deterministic, **chosen)
+    return TrainedFactory(trained, seed, deterministic, chosen.pop("temperature"), chosen)
 
 
 def _is_known(trained: str) -> bool:
@@ -75,7 +77,7 @@ def _bundled_names() -> list[str]:
 def factory_for(policy: Policy) -> PolicyFactory:
     """Return a factory that makes the environment for an existing policy; raises `TypeError` if it is not a policy."""
     check_policy(policy)
-    return partial(_existing_factory, policy)
+    return ExistingFactory(policy)
 
 
 def _check_actions(description: str, policy: Policy, keywords: dict[str, Any]) -> None:
@@ -85,9 +87,49 @@ def _check_actions(description: str, policy: Policy, keywords: dict[str, Any]) -
         raise ValueError(f"{description} requires action_model={expected!r}, got {keywords['action_model']!r}")
 
 
-def _existing_factory(policy: Policy, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:
-    _check_actions(type(policy).__name__, policy, keywords)
-    return make_env(policy, **keywords), policy
+@dataclass(frozen=True)
+class ExistingFactory:
+    """Makes the environment for an existing policy."""
+
+    policy: Policy
+    """The policy."""
+
+    @property
+    def in_batches(self) -> bool:
+        """Whether the policy acts in several episodes at the same time."""
+        return isinstance(self.policy, BatchPolicy)
+
+    def __call__(self, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:
+        """Return the environment and the policy; raises `ValueError` if the policy needs another action model."""
+        _check_actions(type(self.policy).__name__, self.policy, keywords)
+        return make_env(self.policy, **keywords), self.policy
+
+
+@dataclass(frozen=True)
+class TrainedFactory:
+    """Loads a trained policy, and makes its environment."""
+
+    name: str
+    """Name of the policy, or folder of a training run."""
+    seed: int
+    """Random seed of the policy in every episode."""
+    deterministic: bool
+    """Whether it takes the most likely action instead of sampling one."""
+    temperature: float | None
+    """Temperature of the sampling; None: that of its training."""
+    shield_options: dict[str, Any]
+    """Options of the safety layer that executes its preferences; empty: there is none."""
+    in_batches = True
+    """Whether the policy acts in several episodes at the same time."""
+
+    def __call__(self, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:
+        """Return the environment and the policy; raises `ValueError` if the policy needs another action model."""
+        from mapf_pz.rl.policy import load_policy  # import torch only when it is needed
+
+        policy = load_policy(self.name, self.seed, self.deterministic, self.temperature)
+        _check_actions(f"policy {self.name!r}", policy, keywords)
+        env = make_env(policy, **keywords)
+        return env, Shield(policy, env, **self.shield_options) if self.shield_options else policy
 
 
 def _planner_factory(name: str, seed: int, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:
@@ -98,21 +140,3 @@ def _planner_factory(name: str, seed: int, keywords: dict[str, Any]) -> tuple[An
 def _random_factory(seed: int, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:
     env = parallel_env(**(Planner.env_kwargs | keywords))
     return env, RandomPolicy(env.simulator.num_actions, seed)
-
-
-def _trained_factory(
-    name: str,
-    seed: int,
-    deterministic: bool,
-    keywords: dict[str, Any],
-    *,
-    temperature: float | None,
-    **shield_options: Any,
-) -> tuple[AnyEnv, Policy]:
-    """Make a trained policy and its environment; with `shield_options`, PIBT executes its preferences."""
-    from mapf_pz.rl.policy import load_policy  # import torch only when it is needed
-
-    policy = load_policy(name, seed, deterministic, temperature)
-    _check_actions(f"policy {name!r}", policy, keywords)
-    env = make_env(policy, **keywords)
-    return env, Shield(policy, env, **shield_options) if shield_options else policy

@@ -67,7 +67,7 @@ def collecting(algorithm: Algorithm, config: TrainConfig, seed: int, updates: in
     """Yield a collector of `updates` batches of B x T steps, sampled with the algorithm's current actor.
 
     The environments start with the episodes of the seeds `seed`, `seed + 1`, ... With W workers, batches have the shape
-    W x (B / W) x T, and `update_policy_weights_` sends them the new weights.
+    W x (B / W) x T, and `update_policy_weights_` sends them the new weights. The next batch may overwrite a batch.
 
     Raises:
         ImportError: The collector is `ray`, and Ray is not installed.
@@ -81,9 +81,7 @@ def collecting(algorithm: Algorithm, config: TrainConfig, seed: int, updates: in
 
 def _in_this_process(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int, _: ExitStack) -> BaseCollector:
     env = MakeEnv(algorithm, config, seed, config.optimization.num_envs)()
-    return Collector(
-        env, algorithm.actor, **_keywords(algorithm, config, updates), auto_register_policy_transforms=False
-    )
+    return Collector(env, algorithm.actor, **_keywords(algorithm, config, updates), **_OPTIONS)
 
 
 def _in_processes(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int, _: ExitStack) -> BaseCollector:
@@ -148,6 +146,21 @@ def _keywords(algorithm: Algorithm, config: TrainConfig, updates: int) -> dict[s
     }
 
 
+def _shallow_copy(batch: TensorDictBase) -> TensorDictBase:
+    """Return a batch with the same tensors, to which entries can be added."""
+    return batch.copy()
+
+
+_OPTIONS: dict[str, Any] = {
+    # The tensors of a batch are overwritten by the next batch, instead of being copied.
+    "return_same_td": True,
+    "postproc": _shallow_copy,
+    "track_traj_ids": False,
+    "auto_register_policy_transforms": False,
+}
+"""Options of collectors in this process."""
+
+
 class RandomActions(TensorDictModuleBase):
     """A policy of uniform random actions; much faster than TorchRL's `RandomPolicy`."""
 
@@ -173,5 +186,5 @@ def random_batches(
     if not isinstance(env, EnvBase):
         env = PettingZooWrapper(env, group_map={"agents": env.possible_agents})
     policy = RandomActions(simulator.num_agents, simulator.num_actions)
-    options: dict[str, Any] = {"return_same_td": True, "auto_register_policy_transforms": False}
-    return iter(Collector(env, policy, frames_per_batch=frames, total_frames=-1, **options))
+    # With a device, the collector does not look for tensors on other devices in each step.
+    return iter(Collector(env, policy, frames_per_batch=frames, total_frames=-1, device=env.device, **_OPTIONS))

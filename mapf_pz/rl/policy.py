@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -15,13 +15,16 @@ from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
 from mapf_pz.action_modes import ACTION_MODES
-from mapf_pz.arrays import Floats
+from mapf_pz.arrays import Floats, Ints
 from mapf_pz.errors import FormatError
 from mapf_pz.io.atomic import write_whole
 from mapf_pz.rl.algorithms import algorithm_of
+from mapf_pz.rl.batched_network import BatchedNetwork, Memory, Seen
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
+from mapf_pz.rl.learned_batch import LearnedBatch
 from mapf_pz.rl.observation_shape import ObservationShape
+from mapf_pz.simulator import Simulator
 
 Infos: TypeAlias = "Mapping[str, Mapping[str, Any]]"
 """Infos by agent, as the environment gives them."""
@@ -75,6 +78,8 @@ class LearnedPolicy:
         self.num_agents = algorithm_of(config.algorithm).fixed_num_agents(config)
         self.temperature = 0.0 if deterministic else float(temperature)
         self._seed = seed
+        model = config.model
+        self._batched = BatchedNetwork(self.network, model.communication > 0, self.num_agents, model.recurrent)
         self.reset_states()
 
     def act(self, observations: dict[str, Any], infos: Infos | None = None) -> dict[str, int]:
@@ -88,111 +93,123 @@ class LearnedPolicy:
         """
         if self.needs_infos and infos is None:
             raise ValueError("this policy masks actions: expected act(observations, infos)")
-        chosen = self._choose(self._rate(observations, infos)) if observations else []
-        return dict(zip(observations, chosen, strict=True))
+        if not observations:
+            return {}
+        seen = self._seen(observations, infos)
+        chosen = self.choose(self.rate(seen, [self._memory]), seen.counts, [self._memory])
+        return dict(zip(observations, chosen.tolist(), strict=True))
 
     def preferences(self, observations: dict[str, Any], infos: Infos | None = None) -> dict[str, Floats]:
         """Return preferences (A,) over actions for each agent; `act` converts them to actions.
 
         With `needs_infos`, the preference for an action that is not allowed is -inf; without infos, none is masked.
         """
-        rated = self._rate(observations, infos).numpy() if observations else []
+        rated = self.rate(self._seen(observations, infos), [self._memory]) if observations else []
         return dict(zip(observations, rated, strict=True))
 
-    def _rate(self, observations: dict[str, Any], infos: Infos | None) -> Tensor:
-        """Return the preferences (N, A) of the N agents in `observations`."""
-        self._check(observations)
-        values = list(observations.values())
-        if self._shape.features:
-            inputs = [_stack([value[name] for value in values]) for name in ("image", "features")]
-        else:
-            inputs = [_stack(values)]
-        mask = None
-        if self.needs_infos and infos is not None:
-            mask = _stack([infos[name]["action_mask"] for name in observations]).bool()
-        with torch.no_grad():
-            return self._prefer(list(observations), mask, *inputs)
+    def reset_states(self) -> None:
+        """Reset hidden states and random generators; called before each episode, so that they are independent."""
+        self._memory = self.new_memory()
 
-    def _check(self, observations: dict[str, Any]) -> None:
-        """Raise `ValueError` unless all observations have the shapes that the network was trained with."""
+    def in_batch(self, simulator: Simulator) -> LearnedBatch:
+        """Return the policy in all environments of a simulator; raises `ValueError` for other observations."""
+        return LearnedBatch(self, simulator)
+
+    def check(self, agent: str, shapes: Any) -> None:
+        """Raise `ValueError` unless an observation has the shapes that the network was trained with.
+
+        Args:
+            agent: name of the agent that observes.
+            shapes: shape of the image; with features, a dictionary with the shapes of `image` and `features`.
+        """
         expected: Any = self._shape.image
         if self._shape.features:
             expected = {"image": self._shape.image, "features": (self._shape.features,)}
-        for agent, observation in observations.items():
-            if (got := _shapes(observation)) != expected:
-                raise ValueError(
-                    f"observation of {agent!r}: this policy observes {_described(expected)}, got {_described(got)}; "
-                    "mapf_pz.evaluation.make_env(policy, ...) makes an environment for it"
-                )
+        if shapes != expected:
+            raise ValueError(
+                f"observation of {agent!r}: this policy observes {_described(expected)}, got {_described(shapes)}; "
+                "mapf_pz.evaluation.make_env(policy, ...) makes an environment for it"
+            )
 
-    def _prefer(self, names: list[str], mask: Tensor | None, image: Tensor, features: Tensor | None = None) -> Tensor:
-        """Return the preferences (N, A) of the agents `names`.
+    def new_memory(self) -> Memory:
+        """Return what the policy keeps during an episode, at the beginning of one."""
+        return Memory(self._seed)
 
-        Their observations are `image` (N, K, h, w) and `features` (N, F); `mask` (N, A) bool are allowed actions.
+    def rate(self, seen: Seen, memories: Sequence[Memory]) -> Floats:
+        """Return the preferences (R, A) float32 of the agents of several episodes.
+
+        Args:
+            seen: what the agents observe, in R rows.
+            memories: what the policy keeps during each of these episodes, which is updated.
         """
+        with torch.no_grad():
+            return self._prefer(self._batched(seen, memories), seen, memories).numpy()
+
+    def choose(self, preferences: Floats, counts: Sequence[int], memories: Sequence[Memory]) -> Ints:
+        """Return the actions (R,) int64 for preferences (R, A); episodes have so many rows and these memories."""
         raise NotImplementedError
 
-    def _choose(self, preferences: Tensor) -> list[int]:
-        """Return the actions for the preferences (N, A)."""
+    def _seen(self, observations: dict[str, Any], infos: Infos | None) -> Seen:
+        """Return the observations of one episode as arrays."""
+        for agent, observation in observations.items():
+            self.check(agent, _shapes(observation))
+        values = list(observations.values())
+        if self._shape.features:
+            image, features = (_stack([value[name] for value in values]) for name in ("image", "features"))
+        else:
+            image, features = _stack(values), None
+        mask = None
+        if self.needs_infos and infos is not None:
+            mask = _stack([infos[name]["action_mask"] for name in observations])
+        return Seen([len(values)], list(observations), image, features, mask)
+
+    def _prefer(self, outputs: tuple[Tensor, ...], seen: Seen, memories: Sequence[Memory]) -> Tensor:
+        """Return the preferences (R, A) of agents for which the network has these outputs."""
         raise NotImplementedError
-
-    def _run(self, names: list[str], image: Tensor, features: Tensor | None) -> tuple[Tensor, ...]:
-        """Return the network's outputs; recurrent networks use and update the hidden states of `names`."""
-        size = self.config.model.recurrent
-        if size == 0:
-            return self.network(image, features)
-        hidden_state = torch.stack([self._hidden_states.get(name, torch.zeros(size)) for name in names])
-        # Batches of one. Initial hidden states are zero already, so no step needs to be marked as the first.
-        batch = None if features is None else features[None]
-        *parameters, after = self.network(hidden_state[None], torch.zeros(1, 1, dtype=torch.bool), image[None], batch)
-        self._hidden_states.update(zip(names, after[0], strict=True))
-        return tuple(parameter[0] for parameter in parameters)
-
-    def reset_states(self) -> None:
-        """Reset hidden states and the random generator; called before each episode, so that they are independent."""
-        self._generator = torch.Generator().manual_seed(self._seed)
-        self._hidden_states: dict[str, Tensor] = {}
 
 
 class SharedPolicy(LearnedPolicy):
     """Each agent acts by itself, and all share one network: works with any number of agents."""
 
-    def _prefer(self, names: list[str], mask: Tensor | None, image: Tensor, features: Tensor | None = None) -> Tensor:
-        (logits,) = self._run(names, image, features)
-        if mask is not None:
-            logits = logits.masked_fill(~mask, -torch.inf)
+    def _prefer(self, outputs: tuple[Tensor, ...], seen: Seen, memories: Sequence[Memory]) -> Tensor:
+        (logits,) = outputs
+        if seen.mask is not None:
+            logits = logits.masked_fill(seen.mask == 0, -torch.inf)
+        noise = torch.empty_like(logits)
+        for part, memory in zip(noise.split(list(seen.counts)), memories, strict=True):
+            part.exponential_(generator=memory.generator)
         # The argmax of logits with Gumbel noise is a sample from their distribution; the order of all of them is a
         # sample without replacement.
-        return logits - self.temperature * torch.empty_like(logits).exponential_(generator=self._generator).log()
+        return logits - self.temperature * noise.log()
 
-    def _choose(self, preferences: Tensor) -> list[int]:
-        return preferences.argmax(-1).tolist()
+    def choose(self, preferences: Floats, counts: Sequence[int], memories: Sequence[Memory]) -> Ints:
+        """Return each agent's best action."""
+        return preferences.argmax(-1)
 
 
 class TeamPolicy(LearnedPolicy):
     """One network acts for all agents: for any number with communication, otherwise for the number of its training."""
 
-    def reset_states(self) -> None:
-        """Reset the policy for a new episode, as in `LearnedPolicy`."""
-        super().reset_states()
-        self._rng = np.random.default_rng(self._seed)
+    def rate(self, seen: Seen, memories: Sequence[Memory]) -> Floats:
+        """Return the preferences as in `LearnedPolicy`; raises `ValueError` for another number of agents."""
+        for count in seen.counts:
+            if self.num_agents not in (None, count):
+                raise ValueError(f"this policy acts for exactly {self.num_agents} agents, {count} observe")
+        return super().rate(seen, memories)
 
-    def _prefer(self, names: list[str], mask: Tensor | None, image: Tensor, features: Tensor | None = None) -> Tensor:
-        mean, scale = self._parameters(names, image, features)
+    def _prefer(self, outputs: tuple[Tensor, ...], seen: Seen, memories: Sequence[Memory]) -> Tensor:
+        mean, scale = outputs
+        noise = torch.empty_like(mean)
+        for part, memory in zip(noise.split(list(seen.counts)), memories, strict=True):
+            part.normal_(generator=memory.generator)
         # A normal distribution to the power 1 / T is one with the scale multiplied by the square root of T.
-        noise = math.sqrt(self.temperature) * torch.randn(mean.shape, generator=self._generator)
-        return (mean + scale * noise).clamp(-1, 1)
+        return (mean + scale * (math.sqrt(self.temperature) * noise)).clamp(-1, 1)
 
-    def _parameters(self, names: list[str], image: Tensor, features: Tensor | None) -> tuple[Tensor, ...]:
-        """Return the mean and the standard deviation of the matrix, both (N, A)."""
-        if self.num_agents is None:
-            return self._run(names, image, features)
-        if len(image) != self.num_agents:
-            raise ValueError(f"this policy acts for exactly {self.num_agents} agents, {len(image)} observe")
-        return self._run(["team"], image.flatten(0, 1), None if features is None else features.flatten())
-
-    def _choose(self, preferences: Tensor) -> list[int]:
-        return ACTION_MODES[self.config.task.action_mode](preferences.numpy().astype(np.float64), self._rng).tolist()
+    def choose(self, preferences: Floats, counts: Sequence[int], memories: Sequence[Memory]) -> Ints:
+        """Return the actions that the action mode decodes from the preferences."""
+        decode = ACTION_MODES[self.config.task.action_mode]
+        parts = np.split(preferences.astype(np.float64), np.cumsum(counts)[:-1])
+        return np.concatenate([decode(part, memory.rng) for part, memory in zip(parts, memories, strict=True)])
 
 
 def save_weights(folder: Path, network: nn.Module) -> None:

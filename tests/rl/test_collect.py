@@ -8,6 +8,7 @@ from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances import load_map
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.algorithms import ALGORITHMS
+from mapf_pz.rl.collect import collecting
 from tests.helpers.small_run import TINY, changed, rows
 
 GRAPH = GuidanceGraph.random(load_map("empty-8-8").free, np.random.default_rng(0))
@@ -79,3 +80,16 @@ def test_ray(tmp_path, monkeypatch):
 def test_environments_are_divided_evenly():
     with pytest.raises(ValueError, match="num_envs=4: expected a multiple of num_workers=3"):
         dataclasses.replace(TINY, collector="processes", num_workers=3)
+
+
+def test_a_batch_is_overwritten_by_the_next_one():
+    algorithm = ALGORITHMS["mappo"](TINY)
+    with collecting(algorithm, TINY, seed=0, updates=2) as collector:
+        batches = iter(collector)
+        first = next(batches)
+        first["agents", "mine"] = first["agents", "action"] + 1
+        actions = first["agents", "action"].clone()
+        second = next(batches)
+        assert "mine" not in second["agents"].keys()  # noqa: SIM118 (a TensorDict is not a dict)
+        assert torch.equal(first["agents", "action"], second["agents", "action"])
+        assert not torch.equal(first["agents", "action"], actions)

@@ -143,7 +143,7 @@ def test_training_resuming_and_acting(tmp_path, name):
         with torch.no_grad():
             result = algorithm.network_module()(inputs)
         hidden_state = result["next", "hidden_state"]
-        torch.testing.assert_close(torch.stack(list(policy._hidden_states.values())), hidden_state[0])
+        torch.testing.assert_close(torch.stack(list(policy._memory.hidden_states.values())), hidden_state[0])
         if name != "central-ppo":
             assert list(actions.values()) == result["agents", "logits"][0].argmax(-1).tolist()
         observations = env.step(actions)[0]
@@ -159,7 +159,7 @@ def test_each_agent_has_a_hidden_state_until_it_is_reset(tmp_path):
         policy.reset_states()
         for observations in steps:
             policy.act(observations)
-        return {name: state.clone() for name, state in policy._hidden_states.items()}
+        return {name: state.clone() for name, state in policy._memory.hidden_states.items()}
 
     whole = hidden_states(first, second)
     fewer = hidden_states(first, {name: second[name] for name in ("agent_3", "agent_1")})

@@ -42,7 +42,7 @@ class FixedLogits(nn.Module):
         self.logits = logits
 
     def forward(self, image, features=None):
-        return (self.logits.expand(len(image), -1),)
+        return (self.logits.expand(*image.shape[:-3], -1),)
 
 
 def test_a_shared_policy_samples_from_the_softmax_of_its_logits():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, Protocol, cast
 
 import numpy as np
@@ -14,7 +14,7 @@ from mapf_pz.planners.epibt.state import NONE, allocate_epibt
 from mapf_pz.planners.pibt.shield_kernels import Progress, choose_cardinal
 from mapf_pz.planners.pibt.shield_operations import Intentions, choose_rotating
 from mapf_pz.planners.pibt.state import PibtState, allocate_pibt
-from mapf_pz.simulator import Simulator
+from mapf_pz.simulator import Observation, Simulator
 
 PATIENCE = 4
 """Default number of steps without progress after which an agent ignores its preferences."""
@@ -138,6 +138,39 @@ class Preferring(Protocol):
         ...
 
 
+class PreferringBatch(Protocol):
+    """A policy that returns preferences in all environments of a simulator."""
+
+    def preferences(self, observation: Observation, envs: Sequence[int]) -> Floats:
+        """Return preferences (B, N, A) in the environments `envs`, and any finite numbers in the others."""
+        ...
+
+    def reset(self, b: int) -> None:
+        """Reset all per-episode state of environment `b`. Called before each episode."""
+        ...
+
+
+class ShieldedBatch:
+    """Executes a policy's preferences in all environments of a simulator such that no move is blocked."""
+
+    def __init__(self, policy: PreferringBatch, shield: BatchShield) -> None:
+        """Put the safety layer of a simulator between a policy and this simulator."""
+        self._policy = policy
+        self._shield = shield
+
+    def reset(self, b: int) -> None:
+        """Reset all per-episode state of environment `b`. Call it before each episode."""
+        self._policy.reset(b)
+        self._shield.reset([b])
+
+    def actions(self, observation: Observation, envs: Sequence[int]) -> Ints:
+        """Return actions (B, N) int64, in the environments `envs` those of `BatchShield` for the policy's preferences.
+
+        `observation` is what the agents observe in the current state of the simulator.
+        """
+        return self._shield.actions(self._policy.preferences(observation, envs))
+
+
 class Shield:
     """Executes a policy's preferences in a PettingZoo environment such that no move is blocked: see `BatchShield`.
 
@@ -155,7 +188,13 @@ class Shield:
         """
         self._policy = policy
         self._env = cast("MapfEnv", env.unwrapped)
-        self._shield = BatchShield(self._env.simulator, patience, depth)
+        self._options = patience, depth
+        self._shield = BatchShield(self._env.simulator, *self._options)
+
+    def in_batch(self, simulator: Simulator) -> ShieldedBatch | None:
+        """Return the same for all environments of a simulator; None if the policy acts in single environments only."""
+        in_batch = getattr(self._policy, "in_batch", None)
+        return None if in_batch is None else ShieldedBatch(in_batch(simulator), BatchShield(simulator, *self._options))
 
     def reset_states(self) -> None:
         """Reset all per-episode state. Call it before each episode."""

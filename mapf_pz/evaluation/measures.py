@@ -1,0 +1,36 @@
+"""What an evaluation measures in an episode, in addition to the metrics of `mapf_pz.metrics`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+Metrics = dict[str, float]
+
+
+@dataclass
+class Measures:
+    """Totals of an episode, from which its rates are computed."""
+
+    num_steps: int = 0
+    """Number of steps."""
+    runtime: float = 0.0
+    """Runtime of the policy in seconds."""
+    agent_steps: int = 0
+    """Number of steps of all agents together, other than those that have disappeared."""
+    blocked: int = 0
+    """Number of agent steps with a move that an obstacle or another agent blocked."""
+
+    def add_step(self, agent_steps: int, blocked: int) -> None:
+        """Add a step of the episode, with the numbers of agents that took it and that were blocked."""
+        self.num_steps += 1
+        self.agent_steps += agent_steps
+        self.blocked += blocked
+
+    def added_to(self, metrics: Metrics, best: float | None) -> Metrics:
+        """Return the metrics of the episode, and those of `run_episodes`; `best` is the best known throughput."""
+        agent_steps = max(self.agent_steps, 1)
+        added = {"runtime": self.runtime, "collisions": self.blocked / agent_steps}
+        added |= {"step_ms": 1e3 * self.runtime / max(self.num_steps, 1), "agent_us": 1e6 * self.runtime / agent_steps}
+        if best is not None and "avg_throughput" in metrics:
+            added["best_ratio"] = metrics["avg_throughput"] / best
+        return metrics | added
