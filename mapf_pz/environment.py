@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import parallel_to_aec
 
-from mapf_pz.action_checks import check_agents, whole_number
+from mapf_pz.action_checks import check_agents, whole_numbers
 from mapf_pz.arrays import Bools, Ints
 from mapf_pz.config import EnvConfig
 from mapf_pz.global_state import STATE_PLANES, global_state
+from mapf_pz.infos import AgentInfo, Infos
 from mapf_pz.instance import Instance, Scenario
 from mapf_pz.render.state import RenderState
 from mapf_pz.signatures import with_fields_of
 from mapf_pz.simulator import Simulator
 
 AgentObservation: TypeAlias = "NDArray[np.float32] | dict[str, NDArray[np.float32]]"
-AgentInfo: TypeAlias = dict[str, Any]
 StepResult: TypeAlias = (
     "tuple[dict[str, AgentObservation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, AgentInfo]]"
 )
@@ -131,13 +131,10 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         if not self.agents:
             raise RuntimeError("the episode is over, call reset()")
         self.simulator.step(self._numbers(actions))
-        agents, rows = self._agents, self._rows
         observations, infos = self._observe()
-        rewards, terminations, truncations = (
-            dict(zip(self.agents, agents[field][rows].tolist(), strict=True))
-            for field in ("reward", "terminated", "truncated")
-        )
-        if any(terminations.values()) or any(truncations.values()):
+        rewards = self._values("reward")
+        terminations, truncations = self._values("terminated"), self._values("truncated")
+        if True in terminations.values() or True in truncations.values():
             self.agents = [agent for agent in self.agents if not (terminations[agent] or truncations[agent])]
         if self.render_mode == "human":
             self.render()
@@ -145,18 +142,14 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
 
     def _numbers(self, actions: Mapping[str, SupportsIndex]) -> Ints:
         """Return the actions as (1, N) int64, with 0 for agents that have disappeared; raises `ValueError`."""
-        given = [actions[agent] for agent in self.agents if agent in actions]
-        if not len(given) == len(self.agents) == len(actions):
-            check_agents(actions, self.agents, self.possible_agents)
+        given = list(actions.values())
+        if list(actions) != self.agents:
+            if set(actions) != set(self.agents):
+                check_agents(actions, self.agents, self.possible_agents)
+            given = [actions[agent] for agent in self.agents]
         numbers = np.zeros((1, self.simulator.num_agents), np.int64)
-        if not self._are_numbers(given):
-            given = [whole_number(*pair, self.simulator.num_actions) for pair in zip(self.agents, given, strict=True)]
-        numbers[0, self._rows] = given
+        numbers[0, self._rows] = whole_numbers(self.agents, given, self.simulator.num_actions)
         return numbers
-
-    def _are_numbers(self, actions: list[Any]) -> bool:
-        """Return whether all actions are ints in the allowed range: a fast check of the common case."""
-        return set(map(type, actions)) <= {int, np.int64} and min(actions) >= 0 and max(actions) < self._action_space.n
 
     @property
     def _rows(self) -> slice | list[int]:
@@ -168,27 +161,17 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         """The agents' records, (N,) AGENT."""
         return self.simulator.agents[0]
 
-    def _observe(self) -> tuple[dict[str, AgentObservation], dict[str, AgentInfo]]:
-        batch, agents, rows = self.simulator.observe(), self._agents, self._rows
-        moved = agents["cell"] != agents["was_cell"]
-        flags = (agents["at_goal"], agents["arrived"], agents["blocked"], moved)
-        numbers = (column[rows].tolist() for column in (*(flag.view(np.int8) for flag in flags), agents["arrivals"]))
-        columns = zip(self.agents, batch.action_mask[0][rows], *numbers, strict=True)
-        infos: dict[str, AgentInfo] = {
-            agent: {
-                "action_mask": mask,
-                "at_goal": at_goal,
-                "arrived": arrived,
-                "blocked": blocked,
-                "arrivals": arrivals,
-                "moved": moves,
-            }
-            for agent, mask, at_goal, arrived, blocked, moves, arrivals in columns
-        }
+    def _values(self, field: str) -> dict[str, Any]:
+        """Return a field of the agents that act, as numbers or bools of Python."""
+        return dict(zip(self.agents, self._agents[field][self._rows].tolist(), strict=True))
+
+    def _observe(self) -> tuple[dict[str, AgentObservation], Infos]:
+        batch, rows = self.simulator.observe(), self._rows
         observations: Any = batch.image[0][rows]
         if self.simulator.layout.num_features:
             pairs = zip(observations, batch.features[0][rows], strict=True)
             observations = ({"image": image, "features": features} for image, features in pairs)
+        infos = Infos(self.agents, rows, self._agents, batch.action_mask[0])
         return dict(zip(self.agents, observations, strict=True)), infos
 
     def state(self) -> NDArray[np.float32]:

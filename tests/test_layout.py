@@ -27,6 +27,7 @@ ORDER = [
     "guidance",
     "action_modes",
     "action_checks",
+    "infos",
     "plugins",
     "signatures",
     "core",
