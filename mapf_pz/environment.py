@@ -56,8 +56,8 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         self.simulator = Simulator(config)
         self.render_mode = config.render_mode
         self.possible_agents = [f"agent_{i}" for i in range(self.simulator.num_agents)]
-        self.agents: list[str] = []
         self._index = {agent: i for i, agent in enumerate(self.possible_agents)}
+        self._set_agents([])
         self._observation_space = self.simulator.layout.space()
         self._action_space = spaces.Discrete(self.simulator.num_actions)
         self.observation_spaces = dict.fromkeys(self.possible_agents, self._observation_space)
@@ -110,15 +110,21 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
             instance = Instance(grid, instance)
         if instance is not None and not isinstance(instance, Instance):
             raise TypeError(f"options['instance']: expected an Instance or a Scenario, got {type(instance).__name__}")
-        self.agents = []  # if the reset fails, there is no episode
+        self._set_agents([])  # if the reset fails, there is no episode
         self.simulator.reset(
             seeds=None if seed is None else {0: seed}, instances=None if instance is None else {0: instance}
         )
-        self.agents = self.possible_agents.copy()
+        self._set_agents(self.possible_agents.copy())
         self._was_reset = True
         if self.render_mode == "human":
             self.render()
         return self._observe()
+
+    def _set_agents(self, agents: list[str]) -> None:
+        """Set which agents act from now on."""
+        self.agents = agents
+        self._rows = slice(None) if len(agents) == len(self.possible_agents) else [self._index[name] for name in agents]
+        self._no_flags = dict.fromkeys(agents, False)
 
     def step(self, actions: Mapping[str, SupportsIndex]) -> StepResult:
         """Take one step with an action for each of `self.agents`.
@@ -132,38 +138,38 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
             raise RuntimeError("the episode is over, call reset()")
         self.simulator.step(self._numbers(actions))
         observations, infos = self._observe()
-        rewards = self._values("reward")
-        terminations, truncations = self._values("terminated"), self._values("truncated")
-        if True in terminations.values() or True in truncations.values():
-            self.agents = [agent for agent in self.agents if not (terminations[agent] or truncations[agent])]
+        agents, rows = self._agents, self._rows
+        rewards = dict(zip(self.agents, agents["reward"][rows].tolist(), strict=True))
+        terminated, truncated = agents["terminated"][rows].tolist(), agents["truncated"][rows].tolist()
+        terminations, truncations = self._flags(terminated), self._flags(truncated)
+        if any(terminated) or any(truncated):
+            self._set_agents([agent for agent in self.agents if not (terminations[agent] or truncations[agent])])
         if self.render_mode == "human":
             self.render()
         return observations, rewards, terminations, truncations, infos
 
     def _numbers(self, actions: Mapping[str, SupportsIndex]) -> Ints:
-        """Return the actions as (1, N) int64, with 0 for agents that have disappeared; raises `ValueError`."""
+        """Return the actions as (1, N) integers, with 0 for agents that have disappeared; raises `ValueError`."""
         given = list(actions.values())
         if list(actions) != self.agents:
             if set(actions) != set(self.agents):
                 check_agents(actions, self.agents, self.possible_agents)
             given = [actions[agent] for agent in self.agents]
-        numbers = np.zeros((1, self.simulator.num_agents), np.int64)
-        numbers[0, self._rows] = whole_numbers(self.agents, given, self.simulator.num_actions)
-        return numbers
-
-    @property
-    def _rows(self) -> slice | list[int]:
-        """Indices of the agents that act."""
-        return slice(None) if len(self.agents) == len(self.possible_agents) else [self._index[a] for a in self.agents]
+        numbers = whole_numbers(self.agents, given, self.simulator.num_actions)
+        if len(numbers) == len(self.possible_agents):
+            return numbers[None]
+        padded = np.zeros(len(self.possible_agents), np.int64)
+        padded[self._rows] = numbers
+        return padded[None]
 
     @property
     def _agents(self) -> NDArray[np.void]:
         """The agents' records, (N,) AGENT."""
         return self.simulator.agents[0]
 
-    def _values(self, field: str) -> dict[str, Any]:
-        """Return a field of the agents that act, as numbers or bools of Python."""
-        return dict(zip(self.agents, self._agents[field][self._rows].tolist(), strict=True))
+    def _flags(self, flags: list[bool]) -> dict[str, bool]:
+        """Return a dictionary of the flags of the agents that act; if all are False, a copy of one, which is faster."""
+        return dict(zip(self.agents, flags, strict=True)) if any(flags) else self._no_flags.copy()
 
     def _observe(self) -> tuple[dict[str, AgentObservation], Infos]:
         batch, rows = self.simulator.observe(), self._rows

@@ -11,6 +11,7 @@ import hashlib
 import os
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -43,8 +44,8 @@ class BatchKernel:
     def __init__(self, kernel: Callable[..., None]) -> None:
         """Take the plain Python function; as a decorator, `@BatchKernel`."""
         self.__doc__ = kernel.__doc__
-        self._serial = _compile(kernel, parallel=False)
-        self._parallel = _compile(kernel, parallel=True)
+        self._serial: Any = _compile(kernel, parallel=False)
+        self._parallel: Any = _compile(kernel, parallel=True)
 
     def __call__(self, num_threads: int, *arguments: Any) -> None:
         """Run the kernel on `num_threads` threads."""
@@ -53,6 +54,17 @@ class BatchKernel:
         else:
             numba.set_num_threads(num_threads)
             self._parallel(*arguments)
+
+    def bind(self, num_threads: int, first: tuple[Any, ...], others: tuple[Any, ...]) -> Callable[..., None]:
+        """Return a function that runs the kernel with the arguments `first` and those that it is called with.
+
+        These must have the types, dimensions and memory layout of `others`, which is not checked: Numba's look-up of
+        the types of all arguments takes longer than the work for a few agents.
+        """
+        if num_threads > 1 or numba_config.DISABLE_JIT:
+            return partial(self, num_threads, *first)
+        compiled = self._serial.compile(tuple(map(numba.typeof, (*first, *others))))
+        return partial(compiled, *first)
 
 
 def _compile(kernel: Kernel, parallel: bool, forceinline: bool = False) -> Kernel:

@@ -24,19 +24,27 @@ from mapf_pz.core.observation.layers import (
 from mapf_pz.core.state import Array, Fields
 
 
-def observe(inputs: ObservationInputs, planes: ImagePlanes, image: Array) -> None:
-    """Fill `image` (B, N, K, h, w) float32."""
-    inputs.forget()
-    layers, lookups, users = planes
-    flat = image.reshape(*image.shape[:3], -1)
-    geometry = (inputs.shape_fields, inputs.rows, inputs.columns, inputs.layer_fields, *inputs.origins)
-    _copy_layers(inputs.num_threads, *geometry, *layers, inputs.state.map, inputs.state.agents, flat)
-    if not inputs.view_shape.see_through_walls:
-        _hide(inputs.num_threads, inputs.visible, layers.view_at, layers.orientation_at, flat)
-    if max(lookups) >= 0:
-        draw_lookups(inputs, lookups, flat)
-    for draw, at in users:
-        draw(inputs, image, at)
+class ImageWriter:
+    """Draws the images of all agents in B environments."""
+
+    def __init__(self, inputs: ObservationInputs, planes: ImagePlanes) -> None:
+        """Draw `planes` from `inputs`."""
+        self._inputs = inputs
+        self._planes = planes
+        first = (*inputs.geometry, *planes.layers, inputs.state.map, inputs.state.agents)
+        self._copy_layers = _copy_layers.bind(inputs.num_threads, first, (np.empty((1,) * 5, np.float32),))
+
+    def write(self, image: Array) -> None:
+        """Fill `image` (B, N, K, h, w) float32, a C-contiguous array."""
+        inputs, (layers, lookups, users) = self._inputs, self._planes
+        inputs.forget()
+        self._copy_layers(image)
+        if not inputs.view_shape.see_through_walls:
+            _hide(inputs.num_threads, inputs.visible, layers.view_at, layers.orientation_at, image)
+        if max(lookups) >= 0:
+            draw_lookups(inputs, lookups, image.reshape(*image.shape[:3], -1))
+        for draw, at in users:
+            draw(inputs, image, at)
 
 
 @BatchKernel
@@ -49,7 +57,8 @@ def _copy_layers(
     for thread in prange(layers.num_threads):
         for b in range(thread, maps.size, layers.num_threads):
             planes = layers.planes[np.int64(thread) if layers.shared else maps[b]]
-            origins, agents, views = ViewOrigins(turn[b], corner[b]), all_agents[b], image[b]
+            origins, agents = ViewOrigins(turn[b], corner[b]), all_agents[b]
+            views = image[b].reshape(agents.size, image.shape[2], -1)
             draw_agents(view_shape, layers, origins, agents, planes)
             copy_windows(rows, columns, layers.stride, origins, planes, shown, views, drawn)
             erase_agents(view_shape, layers, agents, planes)
@@ -97,6 +106,7 @@ def _hide(visible: Array, view_at: int, orientation_at: int, image: Array) -> No
 @jit
 def _hide_plane(visible: Array, image: Array, plane: int, hidden: float) -> None:
     for i in range(image.shape[0]):
-        for j in range(image.shape[2]):
+        shown = image[i, plane].reshape(-1)
+        for j in range(shown.size):
             if not visible[i, j]:
-                image[i, plane, j] = hidden
+                shown[j] = hidden
