@@ -17,7 +17,7 @@ from mapf_pz.config import EnvConfig
 from mapf_pz.core.observation.channels import channel_of, image_planes
 from mapf_pz.core.observation.features import feature_of
 from mapf_pz.core.observation.inputs import ObservationInputs
-from mapf_pz.core.observation.layers import EDGES, ViewShape, make_view_shape
+from mapf_pz.core.observation.layers import ViewShape, make_view_shape
 
 
 class ObservationLayout:
@@ -74,7 +74,7 @@ class ObservationLayout:
     @property
     def shows_edges(self) -> bool:
         """Whether any channel shows the weights of edges."""
-        return bool((self.planes.layers.shown >= EDGES[0]).any())
+        return self.planes.layers.edges_at >= 0
 
     def space(self) -> spaces.Space[Any]:
         """Return the space of one agent's whole observation: a `Box` for the image, or `Dict(image, features)`."""

@@ -130,6 +130,8 @@ class Simulator:
             ValueError: An instance does not fit, or some of its goals cannot be reached.
         """
         chosen = list(range(self.num_envs) if envs is None else envs)
+        if not chosen:
+            return
         self._loader.load(chosen, seeds or {}, instances or {})
         reset(np.array(chosen, np.int64), self._loader.starts, self._loader.headings, self.state)
         if self.needs_cost_to_go:

@@ -162,11 +162,10 @@ def _find_cells(width: int, cell: Array, stride: Array, turn: Array, corner: Arr
 @jit
 def _find_cells_of(width: int, cell: Array, stride: Array, turn: Array, corner: Array, cells: Array) -> None:
     for i in range(cells.shape[0]):
-        here, found = cell[turn[i]], cells[i]
-        source = np.uint64(corner[i])
+        found, source = cells[i], np.uint64(corner[i])
         for first in range(0, found.size, width):
             for col in range(width):
-                found[np.uint64(first + col)] = here[source + np.uint64(col)]
+                found[np.uint64(first + col)] = cell[source + np.uint64(col)]
             source += np.uint64(stride[turn[i]])
 
 

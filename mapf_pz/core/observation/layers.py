@@ -1,4 +1,4 @@
-"""The layers of a map: planes from which each agent's view is copied, row by row.
+"""The layers of a map: arrays from which each agent's view is copied, row by row.
 
 For egocentric views each map is stored four times, rotated so that each heading is up in one of them; otherwise once,
 with north up. A margin around it is as wide as views extend beyond the map. What never changes during an episode is
@@ -12,13 +12,17 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz.actions import HEADING_STEPS, Heading
-from mapf_pz.core.jit import jit
+from mapf_pz.core.jit import inlined, jit
 from mapf_pz.core.state import Array
 
-OCCUPANCY, HEADING, EDGES = 0, 1, (2, 3, 4, 5)
-"""The planes: 1 on obstacles and 0.5 on agents; `(1 + k) / 4` on agents of heading `k`; weights of edges."""
-GOAL = -1
-"""Not a plane: each agent's own goal, which is drawn into its view."""
+OCCUPANCY, HEADING, EDGES, GOAL = range(4)
+"""What built-in channels show of the map: 1 on obstacles and 0.5 on agents; `(1 + k) / 4` on agents of heading `k`;
+weights of edges in four planes; and each agent's own goal, which is not in the layers but drawn into its view."""
+
+FREE, AGENT, OBSTACLE = 0, 1, 5
+"""The contents of a cell; `AGENT + k` is an agent of heading `k`. One byte, so that more of a map is in the caches."""
+_OCCUPANCY_OF = np.array([0, 0.5, 0.5, 0.5, 0.5, 1], np.float32)
+_HEADING_OF = np.array([0, 0.25, 0.5, 0.75, 1, 0], np.float32)
 
 
 class ViewShape(NamedTuple):
@@ -37,14 +41,15 @@ Span = tuple[int, ...]
 
 
 class MapLayers(NamedTuple):
-    """M maps of C cells in R rotations: S entries each, row by row, with a margin."""
+    """M maps of C cells in R rotations: S entries in all, rotation by rotation and row by row, with a margin."""
 
     num_threads: int  # T
     stride: Array  # (R,) int32: the length of a row
     own: Array  # (R,) int32: index of the observer minus that of its view's first cell
-    corner: Array  # (C, R) int32: index of the first cell of the view from each map cell
-    cell: Array  # (R, S) uint32: the map cell at each entry; the number C in the margin
-    planes: Array  # (X, R, P, S) float32: P = 6, or 2 without weights of edges
+    place: Array  # (C, R) int32: index of each map cell
+    cell: Array  # (S,) uint32: the map cell at each entry; the number C in the margin
+    contents: Array  # (X, S) uint8: `FREE`, `AGENT` and its heading, `OBSTACLE`
+    edges: Array  # (M, 4, S) float32: weights of edges; (M, 0, S) if they are not observed
     shared: bool  # one map for all environments: X is T, a copy for each thread to draw agents on; otherwise X is M
 
 
@@ -66,42 +71,47 @@ def allocate_layers(
 ) -> MapLayers:
     """Make room for maps of `shape` (H, W), and number their places."""
     map_rows, map_cols = np.indices(shape).reshape(2, -1)
-    turned = []
+    stride, places, size = [], [], 0
     for up in Heading if view_shape.num_turns > 1 else (Heading.NORTH,):
         (down, right), (turned_down, turned_right) = HEADING_STEPS[up], HEADING_STEPS[(up + 1) % 4]
         rows, cols = -(map_rows * down + map_cols * right), map_rows * turned_down + map_cols * turned_right
-        turned.append((rows - rows.min(), cols - cols.min()))
-    stride = np.array([cols.max() + view_shape.width for _, cols in turned], np.int32)
-    size = max((rows.max() + view_shape.height) * length for (rows, _), length in zip(turned, stride, strict=True))
-    num_stages = num_threads if num_maps == 1 else num_maps
-    num_planes = EDGES[-1] + 1 if with_edges else EDGES[0]
-    corners = [rows * length + cols for (rows, cols), length in zip(turned, stride, strict=True)]
+        rows, cols = rows - rows.min(), cols - cols.min()
+        stride.append(cols.max() + view_shape.width)
+        own = view_shape.row * stride[-1] + view_shape.column
+        places.append(size + rows * stride[-1] + cols + own)
+        size += (rows.max() + view_shape.height) * stride[-1]
     layers = MapLayers(
         num_threads=num_threads,
-        stride=stride,
-        own=view_shape.row * stride + np.int32(view_shape.column),
-        corner=np.stack(corners, axis=1).astype(np.int32),
-        cell=np.full((len(turned), size), map_rows.size, np.uint32),
-        planes=np.zeros((num_stages, len(turned), num_planes, size), np.float32),
+        stride=np.array(stride, np.int32),
+        own=(view_shape.row * np.array(stride) + view_shape.column).astype(np.int32),
+        place=np.stack(places, axis=1).astype(np.int32),
+        cell=np.full(size, map_rows.size, np.uint32),
+        contents=np.full((num_threads if num_maps == 1 else num_maps, size), OBSTACLE, np.uint8),
+        edges=np.zeros((num_maps, 4 if with_edges else 0, size), np.float32),
         shared=num_maps == 1,
     )
-    for turn, own in enumerate(layers.own):
-        layers.cell[turn, layers.corner[:, turn] + own] = np.arange(map_rows.size)
-    layers.planes[:, :, OCCUPANCY] = 1
+    for place in layers.place.T:
+        layers.cell[place] = np.arange(map_rows.size)
     return layers
 
 
+def draw_map(layers: MapLayers, m: int, weight: Array, obstacle: Array) -> None:
+    """Draw map `m`: obstacles (C + 1,), and the weights of edges (5, C + 1) over the largest finite one."""
+    contents = layers.contents if layers.shared else layers.contents[m : m + 1]
+    _draw_map(layers.place, weight, obstacle, contents, layers.edges[m])
+
+
 @jit
-def draw_map(planes: Array, layers: MapLayers, weight: Array, obstacle: Array) -> None:
-    """Draw a map's planes (R, P, S): obstacles, and weights over the largest finite one; -1: the edge is blocked."""
+def _draw_map(place: Array, weight: Array, obstacle: Array, contents: Array, edges: Array) -> None:
     largest = _largest(weight)
-    for turn in range(planes.shape[0]):
-        for cell in range(layers.corner.shape[0]):
-            at = layers.corner[cell, turn] + layers.own[turn]
-            planes[turn, OCCUPANCY, at] = obstacle[cell]
-            for k in range(planes.shape[1] - EDGES[0]):
+    for cell in range(place.shape[0]):
+        for turn in range(place.shape[1]):
+            at = place[cell, turn]
+            for copy in range(contents.shape[0]):
+                contents[copy, at] = OBSTACLE if obstacle[cell] > 0 else FREE
+            for k in range(edges.shape[0]):
                 cost = weight[(turn + k) % 4, cell]  # the first direction is that of the turn, or east
-                planes[turn, EDGES[0] + k, at] = cost / largest if cost < np.inf else -1.0
+                edges[k, at] = cost / largest if cost < np.inf else -1.0  # -1: the edge is blocked
 
 
 @jit
@@ -119,7 +129,7 @@ class ViewOrigins(NamedTuple):
     """Where views are copied from: of B x N agents, or of the N agents of one environment."""
 
     turn: Array  # (B, N) uint32: from which of the rotated maps
-    corner: Array  # (B, N) uint32: index of the first cell in it
+    corner: Array  # (B, N) uint32: index of the first cell
 
 
 def allocate_origins(num_envs: int, num_agents: int) -> ViewOrigins:
@@ -128,65 +138,83 @@ def allocate_origins(num_envs: int, num_agents: int) -> ViewOrigins:
     return ViewOrigins(np.zeros(each, np.uint32), np.zeros(each, np.uint32))
 
 
-@jit
-def draw_agents(view_shape: ViewShape, layers: MapLayers, origins: ViewOrigins, agents: Array, planes: Array) -> None:
-    """Set where each agent's view is copied from, and draw active agents on the planes (R, P, S)."""
+@inlined
+def draw_agents(view_shape: ViewShape, layers: MapLayers, origins: ViewOrigins, agents: Array, contents: Array) -> None:
+    """Set where each agent's view is copied from, and draw active agents on `contents` (S,)."""
     num_turns = view_shape.num_turns
     for i in range(agents.size):
         agent = agents[i]
-        cell, heading = np.uint32(agent.cell), int(agent.heading)
-        origins.turn[i] = heading if num_turns > 1 else 0
-        origins.corner[i] = layers.corner[cell, origins.turn[i]]
+        cell, heading = np.uint32(agent.cell), np.uint32(agent.heading)
+        own_turn = heading if num_turns > 1 else np.uint32(0)
+        origins.turn[i] = own_turn
+        origins.corner[i] = layers.place[cell, own_turn] - layers.own[own_turn]
         if agent.active:
             for turn in range(num_turns):
-                at = np.uint32(layers.corner[cell, turn] + layers.own[turn])
-                planes[turn, OCCUPANCY, at] = 0.5
-                planes[turn, HEADING, at] = heading_value(turn, heading)
+                contents[np.uint32(layers.place[cell, turn])] = AGENT + (heading - np.uint32(turn) & 3)
 
 
-@jit
+@inlined
 def heading_value(turn: int, heading: int) -> np.float32:
     """Return how a heading is shown where `turn` is up: `(1 + k) / 4`."""
     return np.float32(1 + ((heading - turn) & 3)) * np.float32(0.25)
 
 
-@jit
-def erase_agents(view_shape: ViewShape, layers: MapLayers, agents: Array, planes: Array) -> None:
+@inlined
+def erase_agents(view_shape: ViewShape, layers: MapLayers, agents: Array, contents: Array) -> None:
     """Erase the agents that `draw_agents` drew."""
     for i in range(agents.size):
-        cell = np.uint32(agents[i].cell)
         if agents[i].active:
             for turn in range(view_shape.num_turns):
-                at = np.uint32(layers.corner[cell, turn] + layers.own[turn])
-                planes[turn, OCCUPANCY, at] = 0.0
-                planes[turn, HEADING, at] = 0.0
+                contents[np.uint32(layers.place[np.uint32(agents[i].cell), turn])] = FREE
 
 
-@jit
-def copy_windows(
-    rows: Span,
-    columns: Span,
-    stride: Array,
-    origins: ViewOrigins,
-    planes: Array,
-    shown: Array,
-    image: Array,
-    drawn: Array,
-) -> None:
-    """Copy each agent's view from the planes `shown` (W,) of the layers to the planes `drawn` (W,) of the image.
+@inlined
+def copy_contents(
+    rows: Span, columns: Span, stride: Array, origins: ViewOrigins, contents: Array, view_at: int, orientation_at: int,
+    image: Array
+) -> None:  # fmt: skip
+    """Copy each agent's view of `contents` (S,) to the planes of `view` and `orientation`, unless they are -1.
 
-    `planes` (R, P, S) are those of one environment, and `image` (N, K, V).
+    `image` (N, K, V) is that of one environment.
     """
     # Indexing one-dimensional arrays with unsigned numbers takes fewer instructions.
-    source, target = planes.reshape(-1), image.reshape(-1)
-    num_planes, size = np.uint64(planes.shape[1]), np.uint64(planes.shape[2])
+    target = image.reshape(-1)
     num_drawn, num_cells = np.uint64(image.shape[1]), np.uint64(len(rows) * len(columns))
     for i in range(image.shape[0]):
-        turn, corner = np.uint64(origins.turn[i]), np.uint64(origins.corner[i])
-        step = np.uint64(stride[turn])
-        for k in range(shown.size):
-            at = (turn * num_planes + np.uint64(shown[k])) * size + corner
-            target_at = (np.uint64(i) * num_drawn + np.uint64(drawn[k])) * num_cells
+        at, step = np.uint64(origins.corner[i]), np.uint64(stride[np.uint64(origins.turn[i])])
+        first = np.uint64(i) * num_drawn
+        if view_at >= 0:
+            _decode(rows, columns, contents, at, step, _OCCUPANCY_OF, target, (first + np.uint64(view_at)) * num_cells)
+        if orientation_at >= 0:
+            target_at = (first + np.uint64(orientation_at)) * num_cells
+            _decode(rows, columns, contents, at, step, _HEADING_OF, target, target_at)
+
+
+@inlined
+def _decode(
+    rows: Span, columns: Span, contents: Array, at: int, step: int, value_of: Array, target: Array, target_at: int
+) -> None:  # fmt: skip
+    """Write the value of the contents of each cell of one view."""
+    for _ in range(len(rows)):
+        for col in range(len(columns)):
+            target[target_at + np.uint64(col)] = value_of[contents[at + np.uint64(col)]]
+        at += step
+        target_at += np.uint64(len(columns))
+
+
+@inlined
+def copy_edges(
+    rows: Span, columns: Span, stride: Array, origins: ViewOrigins, edges: Array, edges_at: int, image: Array
+) -> None:  # fmt: skip
+    """Copy each agent's view of `edges` (4, S) to the planes of the image (N, K, V) from `edges_at` on."""
+    source, target = edges.reshape(-1), image.reshape(-1)
+    size, num_drawn = np.uint64(edges.shape[1]), np.uint64(image.shape[1])
+    num_cells = np.uint64(len(rows) * len(columns))
+    for i in range(image.shape[0]):
+        step = np.uint64(stride[np.uint64(origins.turn[i])])
+        target_at = (np.uint64(i) * num_drawn + np.uint64(edges_at)) * num_cells
+        for k in range(4):
+            at = np.uint64(k) * size + np.uint64(origins.corner[i])
             for _ in range(len(rows)):
                 _copy_row(columns, source, at, target, target_at)
                 at += step
@@ -229,23 +257,23 @@ def _copy_eight(source: Array, at: int, target: Array, target_at: int) -> None:
     target[target_at + np.uint64(6)], target[target_at + np.uint64(7)] = cell_6, cell_7
 
 
-@jit
+@inlined
 def clear(image: Array, i: int, plane: int) -> None:
     """Set a plane of agent `i` to 0."""
     for j in range(image.shape[2]):
         image[i, plane, j] = 0.0
 
 
-@jit
+@inlined
 def mark(
-    height: int, width: int, corners: Array, own: Array, stride: Array, turn: int, corner: int, cell: int,
+    height: int, width: int, place: Array, stride: Array, turn: int, corner: int, cell: int,
     image: Array, i: int, plane: int
 ) -> None:  # fmt: skip
     """Write 1 to the cell of agent `i`'s view that shows the map's `cell`, if there is one.
 
-    `height` and `width` are those of the view; `corners`, `own` and `stride` are fields of `MapLayers`.
+    `height` and `width` are those of the view; `place` and `stride` are fields of `MapLayers`.
     """
-    ahead = corners[cell, turn] + own[turn] - np.int64(corner)
+    ahead = np.int64(place[cell, turn]) - np.int64(corner)
     if ahead >= 0:
         # Both numbers are below 2^32, which are divided faster.
         row = np.int64(np.uint32(ahead) // np.uint32(stride[turn]))

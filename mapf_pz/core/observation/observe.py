@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from mapf_pz.core.jit import BatchKernel, jit
+from mapf_pz.core.jit import BatchKernel, inlined, jit
 from mapf_pz.core.observation.channels import ImagePlanes
 from mapf_pz.core.observation.draw import draw_lookups
 from mapf_pz.core.observation.inputs import ObservationInputs
@@ -15,7 +15,8 @@ from mapf_pz.core.observation.layers import (
     ViewOrigins,
     ViewShape,
     clear,
-    copy_windows,
+    copy_contents,
+    copy_edges,
     draw_agents,
     erase_agents,
     heading_value,
@@ -49,25 +50,27 @@ class ImageWriter:
 
 @BatchKernel
 def _copy_layers(
-    shape_fields: Fields, rows: Span, columns: Span, layer_fields: Fields, turn: Array, corner: Array, shown: Array,
-    drawn: Array, view_at: int, goal_at: int, orientation_at: int, maps: Array, all_agents: Array, image: Array
+    shape_fields: Fields, rows: Span, columns: Span, layer_fields: Fields, turn: Array, corner: Array, view_at: int,
+    goal_at: int, orientation_at: int, edges_at: int, maps: Array, all_agents: Array, image: Array
 ) -> None:  # fmt: skip
     """Find where each view is, and copy it from the layers."""
     view_shape, layers = ViewShape(*shape_fields), MapLayers(*layer_fields)
     for thread in prange(layers.num_threads):
         for b in range(thread, maps.size, layers.num_threads):
-            planes = layers.planes[np.int64(thread) if layers.shared else maps[b]]
+            contents = layers.contents[np.int64(thread) if layers.shared else maps[b]]
             origins, agents = ViewOrigins(turn[b], corner[b]), all_agents[b]
             views = image[b].reshape(agents.size, image.shape[2], -1)
-            draw_agents(view_shape, layers, origins, agents, planes)
-            copy_windows(rows, columns, layers.stride, origins, planes, shown, views, drawn)
-            erase_agents(view_shape, layers, agents, planes)
+            draw_agents(view_shape, layers, origins, agents, contents)
+            copy_contents(rows, columns, layers.stride, origins, contents, view_at, orientation_at, views)
+            erase_agents(view_shape, layers, agents, contents)
             _draw_observers(view_shape, origins.turn, agents, views, view_at, orientation_at)
+            if edges_at >= 0:
+                copy_edges(rows, columns, layers.stride, origins, layers.edges[maps[b]], edges_at, views)
             if goal_at >= 0:
                 _draw_goals(view_shape, layers, origins, agents, views, goal_at)
 
 
-@jit
+@inlined
 def _draw_observers(
     view_shape: ViewShape, turn: Array, agents: Array, image: Array, view_at: int, orientation_at: int
 ) -> None:
@@ -80,7 +83,7 @@ def _draw_observers(
             image[i, orientation_at, here] = heading_value(turn[i], agents[i].heading)
 
 
-@jit
+@inlined
 def _draw_goals(
     view_shape: ViewShape, layers: MapLayers, origins: ViewOrigins, agents: Array, image: Array, plane: int
 ) -> None:
@@ -88,8 +91,8 @@ def _draw_goals(
     for i in range(agents.size):
         clear(image, i, plane)
         mark(
-            view_shape.height, view_shape.width, layers.corner, layers.own, layers.stride, origins.turn[i],
-            origins.corner[i], agents[i].goal, image, i, plane
+            view_shape.height, view_shape.width, layers.place, layers.stride, origins.turn[i], origins.corner[i],
+            agents[i].goal, image, i, plane
         )  # fmt: skip
 
 
