@@ -85,20 +85,21 @@ class Simulator:
 
     def _allocate(self) -> None:
         config, shape, view_shape = self.config, self.shape, self.layout.view_shape()
+        unit_weights = config.edge_weights == "uniform"
         num_maps = 1 if shares_map(config, self.source) else self.num_envs
         self.world = world.allocate(num_maps, shape)
         self.tables = CostTables(
             self.world,
             self._num_headings,
             self.num_envs * self.num_agents,
-            config.edge_weights == "uniform",
+            unit_weights,
             config.distance_bytes,
             self._num_threads,
         )
         self.state = allocate_state(
             self.num_envs, self.num_agents, shape[0] * shape[1], goals_per_agent(config), config.num_last_actions
         )
-        layers = allocate_layers(view_shape, shape, num_maps, self._num_threads, self.layout.shows_edges)
+        layers = allocate_layers(view_shape, shape, num_maps, self._num_threads, self.layout.shows_edges, unit_weights)
         self._inputs = ObservationInputs(
             view_shape,
             layers,

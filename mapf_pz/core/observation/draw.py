@@ -12,9 +12,8 @@ import numpy as np
 from numba import prange
 
 from mapf_pz.core.cost_lookup import ALL_EXCESS, LEAST_BIT, cost_at, least_cost_at, next_cell
-from mapf_pz.core.jit import BatchKernel, jit
+from mapf_pz.core.jit import BatchKernel, inlined, jit
 from mapf_pz.core.observation.inputs import NO_OTHERS, ObservationInputs
-from mapf_pz.core.observation.layers import clear, mark
 from mapf_pz.core.state import Array, CostToGo
 
 
@@ -171,3 +170,28 @@ def _draw_others_at_goal(count: Array, spots: Array, others: Array, agents: Arra
         for k in range(count[i]):
             other = agents[others[i, k]]
             image[i, plane, spots[i, k]] = 1.0 if other.cell == other.goal else -1.0
+
+
+@inlined
+def clear(image: Array, i: int, plane: int) -> None:
+    """Set a plane of agent `i` to 0."""
+    for j in range(image.shape[2]):
+        image[i, plane, j] = 0.0
+
+
+@inlined
+def mark(
+    height: int, width: int, place: Array, stride: Array, turn: int, corner: int, cell: int,
+    image: Array, i: int, plane: int
+) -> None:  # fmt: skip
+    """Write 1 to the cell of agent `i`'s view that shows the map's `cell`, if there is one.
+
+    `height` and `width` are those of the view; `place` and `stride` are fields of `MapLayers`.
+    """
+    ahead = np.int64(place[cell, turn]) - np.int64(corner)
+    if ahead >= 0:
+        # Both numbers are below 2^32, which are divided faster.
+        row = np.int64(np.uint32(ahead) // np.uint32(stride[turn]))
+        col = ahead - row * stride[turn]
+        if row < height and col < width:
+            image[i, plane, row * width + col] = 1.0

@@ -7,7 +7,7 @@ drawn when the map is set; agents are drawn before an environment is observed, a
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,9 +20,13 @@ OCCUPANCY, HEADING, EDGES, GOAL = range(4)
 weights of edges in four planes; and each agent's own goal, which is not in the layers but drawn into its view."""
 
 FREE, AGENT, OBSTACLE = 0, 1, 5
-"""The contents of a cell; `AGENT + k` is an agent of heading `k`. One byte, so that more of a map is in the caches."""
-_OCCUPANCY_OF = np.array([0, 0.5, 0.5, 0.5, 0.5, 1], np.float32)
-_HEADING_OF = np.array([0, 0.25, 0.5, 0.75, 1, 0], np.float32)
+"""What is in a cell: the first three bits of its byte. `AGENT + k` is an agent of heading `k`."""
+_KIND, _OPEN_BIT, _INSIDE_BIT = 7, 3, 7
+"""The mask of these bits, and the places of the next: four for the edges that are open, one in all cells of the map."""
+_CACHED_BYTES = 2**19
+"""Size up to which edges of weight 1 are stored as numbers, too: copying these from the cache is faster than decoding."""
+_VIEWS = 16
+"""Number of views that are decoded together, in long loops of vector instructions."""
 
 
 class ViewShape(NamedTuple):
@@ -48,8 +52,10 @@ class MapLayers(NamedTuple):
     own: Array  # (R,) int32: index of the observer minus that of its view's first cell
     place: Array  # (C, R) int32: index of each map cell
     cell: Array  # (S,) uint32: the map cell at each entry; the number C in the margin
-    contents: Array  # (X, S) uint8: `FREE`, `AGENT` and its heading, `OBSTACLE`
-    edges: Array  # (M, 4, S) float32: weights of edges; (M, 0, S) if they are not observed
+    contents: Array  # (X, S) uint8: the contents and the blocked edges of each cell
+    edges: Array  # (M, 4, S) float32: weights of edges; (M, 0, S) if they are not observed, or decoded from `contents`
+    windows: Array  # (T, A, V') uint8: scratch, the contents of A views; V' is V rounded up to a multiple of 32
+    values: Array  # (T, A, V') float32: scratch, what a plane shows of them
     shared: bool  # one map for all environments: X is T, a copy for each thread to draw agents on; otherwise X is M
 
 
@@ -67,9 +73,12 @@ def make_view_shape(view_size: tuple[int, int], row: int, egocentric: bool, see_
 
 
 def allocate_layers(
-    view_shape: ViewShape, shape: tuple[int, int], num_maps: int, num_threads: int, with_edges: bool
+    view_shape: ViewShape, shape: tuple[int, int], num_maps: int, num_threads: int, with_edges: bool, unit_weights: bool
 ) -> MapLayers:
-    """Make room for maps of `shape` (H, W), and number their places."""
+    """Make room for maps of `shape` (H, W), and number their places.
+
+    `with_edges`: edges are observed; `unit_weights`: all of their weights are 1.
+    """
     map_rows, map_cols = np.indices(shape).reshape(2, -1)
     stride, places, size = [], [], 0
     for up in Heading if view_shape.num_turns > 1 else (Heading.NORTH,):
@@ -80,6 +89,8 @@ def allocate_layers(
         own = view_shape.row * stride[-1] + view_shape.column
         places.append(size + rows * stride[-1] + cols + own)
         size += (rows.max() + view_shape.height) * stride[-1]
+    is_small = num_maps * 4 * size * np.float32().nbytes <= _CACHED_BYTES
+    padded = -(-view_shape.height * view_shape.width // 32) * 32
     layers = MapLayers(
         num_threads=num_threads,
         stride=np.array(stride, np.int32),
@@ -87,7 +98,9 @@ def allocate_layers(
         place=np.stack(places, axis=1).astype(np.int32),
         cell=np.full(size, map_rows.size, np.uint32),
         contents=np.full((num_threads if num_maps == 1 else num_maps, size), OBSTACLE, np.uint8),
-        edges=np.zeros((num_maps, 4 if with_edges else 0, size), np.float32),
+        edges=np.zeros((num_maps, 4 if with_edges and (not unit_weights or is_small) else 0, size), np.float32),
+        windows=np.zeros((num_threads, _VIEWS, padded), np.uint8),
+        values=np.zeros((num_threads, _VIEWS, padded), np.float32),
         shared=num_maps == 1,
     )
     for place in layers.place.T:
@@ -103,15 +116,19 @@ def draw_map(layers: MapLayers, m: int, weight: Array, obstacle: Array) -> None:
 
 @jit
 def _draw_map(place: Array, weight: Array, obstacle: Array, contents: Array, edges: Array) -> None:
-    largest = _largest(weight)
+    largest = _largest(weight) if edges.shape[0] else 1.0
     for cell in range(place.shape[0]):
+        is_open, kind = 0, OBSTACLE if obstacle[cell] > 0 else FREE
+        for towards in range(4):
+            is_open |= (weight[towards, cell] < np.inf) << towards
         for turn in range(place.shape[1]):
-            at = place[cell, turn]
+            # The first edge is in the direction of the turn, or to the east.
+            at, turned = place[cell, turn], (is_open | is_open << 4) >> turn & 15
             for copy in range(contents.shape[0]):
-                contents[copy, at] = OBSTACLE if obstacle[cell] > 0 else FREE
+                contents[copy, at] = kind | turned << _OPEN_BIT | 1 << _INSIDE_BIT
             for k in range(edges.shape[0]):
-                cost = weight[(turn + k) % 4, cell]  # the first direction is that of the turn, or east
-                edges[k, at] = cost / largest if cost < np.inf else -1.0  # -1: the edge is blocked
+                cost = weight[(turn + k) % 4, cell]
+                edges[k, at] = cost / largest if cost < np.inf else -1.0
 
 
 @jit
@@ -150,7 +167,7 @@ def draw_agents(view_shape: ViewShape, layers: MapLayers, origins: ViewOrigins, 
         origins.corner[i] = layers.place[cell, own_turn] - layers.own[own_turn]
         if agent.active:
             for turn in range(num_turns):
-                contents[np.uint32(layers.place[cell, turn])] = AGENT + (heading - np.uint32(turn) & 3)
+                contents[np.uint32(layers.place[cell, turn])] |= AGENT + (heading - np.uint32(turn) & 3)
 
 
 @inlined
@@ -165,39 +182,58 @@ def erase_agents(view_shape: ViewShape, layers: MapLayers, agents: Array, conten
     for i in range(agents.size):
         if agents[i].active:
             for turn in range(view_shape.num_turns):
-                contents[np.uint32(layers.place[np.uint32(agents[i].cell), turn])] = FREE
+                contents[np.uint32(layers.place[np.uint32(agents[i].cell), turn])] &= ~_KIND
 
 
 @inlined
 def copy_contents(
-    rows: Span, columns: Span, stride: Array, origins: ViewOrigins, contents: Array, view_at: int, orientation_at: int,
-    image: Array
+    rows: Span, columns: Span, stride: Array, origins: ViewOrigins, contents: Array, windows: Array, values: Array,
+    view_at: int, orientation_at: int, edges_at: int, image: Array
 ) -> None:  # fmt: skip
-    """Copy each agent's view of `contents` (S,) to the planes of `view` and `orientation`, unless they are -1.
+    """Decode each agent's view of `contents` (S,) to planes of the image (N, K, V), except where their number is -1.
 
-    `image` (N, K, V) is that of one environment.
+    `edges_at` is the first plane of edges of weight 1; `windows` and `values` (A, V') are scratch.
     """
-    # Indexing one-dimensional arrays with unsigned numbers takes fewer instructions.
-    target = image.reshape(-1)
-    num_drawn, num_cells = np.uint64(image.shape[1]), np.uint64(len(rows) * len(columns))
-    for i in range(image.shape[0]):
-        at, step = np.uint64(origins.corner[i]), np.uint64(stride[np.uint64(origins.turn[i])])
-        first = np.uint64(i) * num_drawn
+    kinds, numbers, target = windows.reshape(-1), values.reshape(-1), image.reshape(-1)
+    for first in range(0, image.shape[0], windows.shape[0]):
+        last = min(first + windows.shape[0], image.shape[0])
+        size = (last - first) * windows.shape[1]
+        for i in range(first, last):
+            step, at = np.uint64(stride[np.uint64(origins.turn[i])]), np.uint64((i - first) * windows.shape[1])
+            _copy_rows(rows, columns, contents, np.uint64(origins.corner[i]), step, kinds, at)
         if view_at >= 0:
-            _decode(rows, columns, contents, at, step, _OCCUPANCY_OF, target, (first + np.uint64(view_at)) * num_cells)
+            for j in range(size):
+                kind = kinds[j] & _KIND
+                numbers[j] = np.float32(1.0) if kind == OBSTACLE else np.float32(0.5 if kind > FREE else 0.0)
+            _copy_values(rows, columns, values, target, image.shape[1], view_at, first, last)
         if orientation_at >= 0:
-            target_at = (first + np.uint64(orientation_at)) * num_cells
-            _decode(rows, columns, contents, at, step, _HEADING_OF, target, target_at)
+            for j in range(size):
+                kind = kinds[j] & _KIND
+                numbers[j] = np.float32(0.0) if kind == OBSTACLE else np.float32(kind) * np.float32(0.25)
+            _copy_values(rows, columns, values, target, image.shape[1], orientation_at, first, last)
+        for k in range(4 if edges_at >= 0 else 0):
+            for j in range(size):  # 1 for open edges, -1 for blocked ones, 0 outside of the map
+                twice_open = kinds[j] >> (_OPEN_BIT - 1 + k) & 2
+                numbers[j] = np.float32(np.int8(twice_open - (kinds[j] >> _INSIDE_BIT)))
+            _copy_values(rows, columns, values, target, image.shape[1], edges_at + k, first, last)
 
 
 @inlined
-def _decode(
-    rows: Span, columns: Span, contents: Array, at: int, step: int, value_of: Array, target: Array, target_at: int
+def _copy_values(
+    rows: Span, columns: Span, values: Array, target: Array, num_planes: int, plane: int, first: int, last: int
 ) -> None:  # fmt: skip
-    """Write the value of the contents of each cell of one view."""
+    """Copy the values of the agents from `first` to before `last` to a plane of theirs."""
+    source, num_cells, width = values.reshape(-1), np.uint64(len(rows) * len(columns)), np.uint64(len(columns))
+    for i in range(first, last):
+        at = np.uint64((i - first) * values.shape[1])
+        _copy_rows(rows, columns, source, at, width, target, np.uint64(i * num_planes + plane) * num_cells)
+
+
+@inlined
+def _copy_rows(rows: Span, columns: Span, source: Array, at: Any, step: Any, target: Array, target_at: Any) -> None:
+    """Copy the rows of one view, which are `step` entries apart in the source."""
     for _ in range(len(rows)):
-        for col in range(len(columns)):
-            target[target_at + np.uint64(col)] = value_of[contents[at + np.uint64(col)]]
+        _copy_row(columns, source, at, target, target_at)
         at += step
         target_at += np.uint64(len(columns))
 
@@ -215,10 +251,7 @@ def copy_edges(
         target_at = (np.uint64(i) * num_drawn + np.uint64(edges_at)) * num_cells
         for k in range(4):
             at = np.uint64(k) * size + np.uint64(origins.corner[i])
-            for _ in range(len(rows)):
-                _copy_row(columns, source, at, target, target_at)
-                at += step
-                target_at += np.uint64(len(columns))
+            _copy_rows(rows, columns, source, at, step, target, target_at + np.uint64(k) * num_cells)
 
 
 @jit
@@ -255,28 +288,3 @@ def _copy_eight(source: Array, at: int, target: Array, target_at: int) -> None:
     target[target_at + np.uint64(2)], target[target_at + np.uint64(3)] = cell_2, cell_3
     target[target_at + np.uint64(4)], target[target_at + np.uint64(5)] = cell_4, cell_5
     target[target_at + np.uint64(6)], target[target_at + np.uint64(7)] = cell_6, cell_7
-
-
-@inlined
-def clear(image: Array, i: int, plane: int) -> None:
-    """Set a plane of agent `i` to 0."""
-    for j in range(image.shape[2]):
-        image[i, plane, j] = 0.0
-
-
-@inlined
-def mark(
-    height: int, width: int, place: Array, stride: Array, turn: int, corner: int, cell: int,
-    image: Array, i: int, plane: int
-) -> None:  # fmt: skip
-    """Write 1 to the cell of agent `i`'s view that shows the map's `cell`, if there is one.
-
-    `height` and `width` are those of the view; `place` and `stride` are fields of `MapLayers`.
-    """
-    ahead = np.int64(place[cell, turn]) - np.int64(corner)
-    if ahead >= 0:
-        # Both numbers are below 2^32, which are divided faster.
-        row = np.int64(np.uint32(ahead) // np.uint32(stride[turn]))
-        col = ahead - row * stride[turn]
-        if row < height and col < width:
-            image[i, plane, row * width + col] = 1.0

@@ -7,20 +7,18 @@ from numba import prange
 
 from mapf_pz.core.jit import BatchKernel, inlined, jit
 from mapf_pz.core.observation.channels import ImagePlanes
-from mapf_pz.core.observation.draw import draw_lookups
+from mapf_pz.core.observation.draw import clear, draw_lookups, mark
 from mapf_pz.core.observation.inputs import ObservationInputs
 from mapf_pz.core.observation.layers import (
     MapLayers,
     Span,
     ViewOrigins,
     ViewShape,
-    clear,
     copy_contents,
     copy_edges,
     draw_agents,
     erase_agents,
     heading_value,
-    mark,
 )
 from mapf_pz.core.state import Array, Fields
 
@@ -55,16 +53,21 @@ def _copy_layers(
 ) -> None:  # fmt: skip
     """Find where each view is, and copy it from the layers."""
     view_shape, layers = ViewShape(*shape_fields), MapLayers(*layer_fields)
+    has_weights = layers.edges.shape[1] > 0
     for thread in prange(layers.num_threads):
         for b in range(thread, maps.size, layers.num_threads):
             contents = layers.contents[np.int64(thread) if layers.shared else maps[b]]
             origins, agents = ViewOrigins(turn[b], corner[b]), all_agents[b]
             views = image[b].reshape(agents.size, image.shape[2], -1)
             draw_agents(view_shape, layers, origins, agents, contents)
-            copy_contents(rows, columns, layers.stride, origins, contents, view_at, orientation_at, views)
+            windows, values = layers.windows[np.int64(thread)], layers.values[np.int64(thread)]
+            copy_contents(
+                rows, columns, layers.stride, origins, contents, windows, values, view_at, orientation_at,
+                -1 if has_weights else edges_at, views
+            )  # fmt: skip
             erase_agents(view_shape, layers, agents, contents)
             _draw_observers(view_shape, origins.turn, agents, views, view_at, orientation_at)
-            if edges_at >= 0:
+            if edges_at >= 0 and has_weights:
                 copy_edges(rows, columns, layers.stride, origins, layers.edges[maps[b]], edges_at, views)
             if goal_at >= 0:
                 _draw_goals(view_shape, layers, origins, agents, views, goal_at)
