@@ -22,9 +22,9 @@ weights of edges in four planes; and each agent's own goal, which is not in the 
 FREE, AGENT, OBSTACLE = 0, 1, 5
 """What is in a cell: the first three bits of its byte. `AGENT + k` is an agent of heading `k`."""
 _KIND, _OPEN_BIT, _INSIDE_BIT = 7, 3, 7
-"""The mask of these bits, and the places of the next: four for the edges that are open, one in all cells of the map."""
+"""The mask of these bits, and the places of the next: four for the edges that are open, one in cells of the map."""
 _CACHED_BYTES = 2**19
-"""Size up to which edges of weight 1 are stored as numbers, too: copying these from the cache is faster than decoding."""
+"""Size up to which edges of weight 1 are stored as numbers, too: copying from the cache is faster than decoding."""
 _VIEWS = 16
 """Number of views that are decoded together, in long loops of vector instructions."""
 
