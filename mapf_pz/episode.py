@@ -129,6 +129,8 @@ class EpisodeLoader:
             counts = None
         if counts is None:
             counts = np.full(num_agents, goals.shape[1], np.int32)
+            if goals.shape[1] == needed:
+                return goals, counts
         return np.take_along_axis(goals, np.arange(needed) % counts[:, None], axis=1), counts
 
     def _initial_headings(self, instance: Instance, rng: np.random.Generator) -> Ints:
