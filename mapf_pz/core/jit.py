@@ -22,6 +22,7 @@ from numba.core import event
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 numba_config: Any = config  # its settings are made when it is loaded, unseen by type checkers
+_njit: Any = numba.njit  # its annotations lack the option `_nrt`
 
 
 def jit(kernel: Kernel) -> Kernel:
@@ -30,21 +31,24 @@ def jit(kernel: Kernel) -> Kernel:
 
 
 def inlined(kernel: Kernel) -> Kernel:
-    """Compile a short `kernel` into the kernels that call it, where passing its arguments would take longer than it."""
-    return _compile(kernel, parallel=False, forceinline=True)
+    """Compile a short `kernel` into the kernels that call it, where passing its arguments would take longer than it.
+
+    It must not allocate or return arrays.
+    """
+    return _compile(kernel, parallel=False, forceinline=True, nrt=False)
 
 
 class BatchKernel:
     """A kernel with a `prange` over the environments of a batch, compiled apart for one thread and for several.
 
-    In its own body it must not assign to an array out of a tuple (`state.time[b] = 1`), only in a `@jit` function that
-    it calls: compiling for several threads, Numba (0.68) drops such a line.
+    It must not allocate arrays. In its own body it must not assign to an array out of a tuple (`state.time[b] = 1`),
+    only in a `@jit` function that it calls: compiling for several threads, Numba (0.68) drops such a line.
     """
 
     def __init__(self, kernel: Callable[..., None]) -> None:
         """Take the plain Python function; as a decorator, `@BatchKernel`."""
         self.__doc__ = kernel.__doc__
-        self._serial: Any = _compile(kernel, parallel=False)
+        self._serial: Any = _compile(kernel, parallel=False, nrt=False)
         self._parallel: Any = _compile(kernel, parallel=True)
 
     def __call__(self, num_threads: int, *arguments: Any) -> None:
@@ -67,13 +71,18 @@ class BatchKernel:
         return partial(compiled, *first)
 
 
-def _compile(kernel: Kernel, parallel: bool, forceinline: bool = False) -> Kernel:
+def _compile(kernel: Kernel, parallel: bool, forceinline: bool = False, nrt: bool = True) -> Kernel:
+    """Compile a kernel on its first call.
+
+    `nrt`: with Numba's runtime, which kernels that allocate or return arrays need. It counts the references to every
+    slice of an array, which takes longer than the work on a slice for a few agents.
+    """
     # Numba reads the folder when it decorates; the user's own setting is put back at once.
     previous = numba_config.CACHE_DIR
     numba_config.CACHE_DIR = _cache_folder(previous, parallel)
     try:
-        compiled: Any = numba.njit(
-            kernel, cache=True, nogil=True, error_model="numpy", parallel=parallel, forceinline=forceinline
+        compiled = _njit(
+            kernel, cache=True, nogil=True, error_model="numpy", parallel=parallel, forceinline=forceinline, _nrt=nrt
         )
     finally:
         numba_config.CACHE_DIR = previous
