@@ -6,6 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from operator import index
 from typing import SupportsIndex
 
+import numpy as np
+
+from mapf_pz.arrays import Ints
+
 
 def check_agents(actions: Mapping[str, object], active: Iterable[str], possible: Sequence[str]) -> None:
     """Raise `ValueError` for unknown agents and missing actions; agents that have disappeared may have actions."""
@@ -17,7 +21,18 @@ def check_agents(actions: Mapping[str, object], active: Iterable[str], possible:
             raise ValueError(f"no action for {agent!r}: expected one for each active agent")
 
 
-def whole_number(agent: str, action: SupportsIndex, num_actions: int) -> int:
+def whole_numbers(agents: Sequence[str], actions: Sequence[SupportsIndex], num_actions: int) -> Ints:
+    """Return the actions (N,) uint8 of `agents` (N,); raises `ValueError` unless all are in 0 to `num_actions` - 1."""
+    try:
+        numbers = bytes(actions)  # faster than NumPy
+    except (TypeError, ValueError):  # not all are whole numbers 0 to 255
+        numbers = None
+    if numbers is None or max(numbers) >= num_actions:
+        numbers = bytes(_whole_number(*pair, num_actions) for pair in zip(agents, actions, strict=True))
+    return np.frombuffer(numbers, np.uint8)
+
+
+def _whole_number(agent: str, action: SupportsIndex, num_actions: int) -> int:
     """Return the action as an int; raises `ValueError` unless it is in 0 to `num_actions` - 1."""
     try:
         number = index(action)

@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import parallel_to_aec
 
-from mapf_pz.action_checks import check_agents, whole_number
+from mapf_pz.action_checks import check_agents, whole_numbers
 from mapf_pz.arrays import Bools, Ints
 from mapf_pz.config import EnvConfig
 from mapf_pz.global_state import STATE_PLANES, global_state
+from mapf_pz.infos import AgentInfo, Infos
 from mapf_pz.instance import Instance, Scenario
 from mapf_pz.render.state import RenderState
 from mapf_pz.signatures import with_fields_of
 from mapf_pz.simulator import Simulator
 
 AgentObservation: TypeAlias = "NDArray[np.float32] | dict[str, NDArray[np.float32]]"
-AgentInfo: TypeAlias = dict[str, Any]
 StepResult: TypeAlias = (
     "tuple[dict[str, AgentObservation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, AgentInfo]]"
 )
@@ -56,8 +56,8 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         self.simulator = Simulator(config)
         self.render_mode = config.render_mode
         self.possible_agents = [f"agent_{i}" for i in range(self.simulator.num_agents)]
-        self.agents: list[str] = []
         self._index = {agent: i for i, agent in enumerate(self.possible_agents)}
+        self._set_agents([])
         self._observation_space = self.simulator.layout.space()
         self._action_space = spaces.Discrete(self.simulator.num_actions)
         self.observation_spaces = dict.fromkeys(self.possible_agents, self._observation_space)
@@ -110,15 +110,21 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
             instance = Instance(grid, instance)
         if instance is not None and not isinstance(instance, Instance):
             raise TypeError(f"options['instance']: expected an Instance or a Scenario, got {type(instance).__name__}")
-        self.agents = []  # if the reset fails, there is no episode
+        self._set_agents([])  # if the reset fails, there is no episode
         self.simulator.reset(
             seeds=None if seed is None else {0: seed}, instances=None if instance is None else {0: instance}
         )
-        self.agents = self.possible_agents.copy()
+        self._set_agents(self.possible_agents.copy())
         self._was_reset = True
         if self.render_mode == "human":
             self.render()
         return self._observe()
+
+    def _set_agents(self, agents: list[str]) -> None:
+        """Set which agents act from now on."""
+        self.agents = agents
+        self._rows = slice(None) if len(agents) == len(self.possible_agents) else [self._index[name] for name in agents]
+        self._no_flags = dict.fromkeys(agents, False)
 
     def step(self, actions: Mapping[str, SupportsIndex]) -> StepResult:
         """Take one step with an action for each of `self.agents`.
@@ -131,64 +137,47 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         if not self.agents:
             raise RuntimeError("the episode is over, call reset()")
         self.simulator.step(self._numbers(actions))
-        agents, rows = self._agents, self._rows
         observations, infos = self._observe()
-        rewards, terminations, truncations = (
-            dict(zip(self.agents, agents[field][rows].tolist(), strict=True))
-            for field in ("reward", "terminated", "truncated")
-        )
-        if any(terminations.values()) or any(truncations.values()):
-            self.agents = [agent for agent in self.agents if not (terminations[agent] or truncations[agent])]
+        agents, rows = self._agents, self._rows
+        rewards = dict(zip(self.agents, agents["reward"][rows].tolist(), strict=True))
+        terminated, truncated = agents["terminated"][rows].tolist(), agents["truncated"][rows].tolist()
+        terminations, truncations = self._flags(terminated), self._flags(truncated)
+        if any(terminated) or any(truncated):
+            self._set_agents([agent for agent in self.agents if not (terminations[agent] or truncations[agent])])
         if self.render_mode == "human":
             self.render()
         return observations, rewards, terminations, truncations, infos
 
     def _numbers(self, actions: Mapping[str, SupportsIndex]) -> Ints:
-        """Return the actions as (1, N) int64, with 0 for agents that have disappeared; raises `ValueError`."""
-        given = [actions[agent] for agent in self.agents if agent in actions]
-        if not len(given) == len(self.agents) == len(actions):
-            check_agents(actions, self.agents, self.possible_agents)
-        numbers = np.zeros((1, self.simulator.num_agents), np.int64)
-        if not self._are_numbers(given):
-            given = [whole_number(*pair, self.simulator.num_actions) for pair in zip(self.agents, given, strict=True)]
-        numbers[0, self._rows] = given
-        return numbers
-
-    def _are_numbers(self, actions: list[Any]) -> bool:
-        """Return whether all actions are ints in the allowed range: a fast check of the common case."""
-        return set(map(type, actions)) <= {int, np.int64} and min(actions) >= 0 and max(actions) < self._action_space.n
-
-    @property
-    def _rows(self) -> slice | list[int]:
-        """Indices of the agents that act."""
-        return slice(None) if len(self.agents) == len(self.possible_agents) else [self._index[a] for a in self.agents]
+        """Return the actions as (1, N) integers, with 0 for agents that have disappeared; raises `ValueError`."""
+        given = list(actions.values())
+        if list(actions) != self.agents:
+            if set(actions) != set(self.agents):
+                check_agents(actions, self.agents, self.possible_agents)
+            given = [actions[agent] for agent in self.agents]
+        numbers = whole_numbers(self.agents, given, self.simulator.num_actions)
+        if len(numbers) == len(self.possible_agents):
+            return numbers[None]
+        padded = np.zeros(len(self.possible_agents), np.int64)
+        padded[self._rows] = numbers
+        return padded[None]
 
     @property
     def _agents(self) -> NDArray[np.void]:
         """The agents' records, (N,) AGENT."""
         return self.simulator.agents[0]
 
-    def _observe(self) -> tuple[dict[str, AgentObservation], dict[str, AgentInfo]]:
-        batch, agents, rows = self.simulator.observe(), self._agents, self._rows
-        moved = agents["cell"] != agents["was_cell"]
-        flags = (agents["at_goal"], agents["arrived"], agents["blocked"], moved)
-        numbers = (column[rows].tolist() for column in (*(flag.view(np.int8) for flag in flags), agents["arrivals"]))
-        columns = zip(self.agents, batch.action_mask[0][rows], *numbers, strict=True)
-        infos: dict[str, AgentInfo] = {
-            agent: {
-                "action_mask": mask,
-                "at_goal": at_goal,
-                "arrived": arrived,
-                "blocked": blocked,
-                "arrivals": arrivals,
-                "moved": moves,
-            }
-            for agent, mask, at_goal, arrived, blocked, moves, arrivals in columns
-        }
+    def _flags(self, flags: list[bool]) -> dict[str, bool]:
+        """Return a dictionary of the flags of the agents that act; if all are False, a copy of one, which is faster."""
+        return dict(zip(self.agents, flags, strict=True)) if any(flags) else self._no_flags.copy()
+
+    def _observe(self) -> tuple[dict[str, AgentObservation], Infos]:
+        batch, rows = self.simulator.observe(), self._rows
         observations: Any = batch.image[0][rows]
         if self.simulator.layout.num_features:
             pairs = zip(observations, batch.features[0][rows], strict=True)
             observations = ({"image": image, "features": features} for image, features in pairs)
+        infos = Infos(self.agents, rows, self._agents, batch.action_mask[0])
         return dict(zip(self.agents, observations, strict=True)), infos
 
     def state(self) -> NDArray[np.float32]:

@@ -112,9 +112,7 @@ class EpisodeLoader:
         self._grids[m] = grid
         graph = GuidanceGraph.random(grid.free, rng) if self._graph is None else self._graph
         world.set_map(self._world, m, grid.free, graph)
-        layers = self._layers
-        for planes in layers.planes if layers.shared else layers.planes[m : m + 1]:
-            draw_map(planes, layers, self._world.weight[m], self._world.obstacle[m])
+        draw_map(self._layers, m, self._world.weight[m], self._world.obstacle[m])
         self._tables.forget(m)
 
     def _goals(self, instance: Instance, rng: np.random.Generator) -> tuple[Ints, Ints]:
@@ -131,6 +129,8 @@ class EpisodeLoader:
             counts = None
         if counts is None:
             counts = np.full(num_agents, goals.shape[1], np.int32)
+            if goals.shape[1] == needed:
+                return goals, counts
         return np.take_along_axis(goals, np.arange(needed) % counts[:, None], axis=1), counts
 
     def _initial_headings(self, instance: Instance, rng: np.random.Generator) -> Ints:

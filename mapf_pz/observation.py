@@ -17,8 +17,7 @@ from mapf_pz.config import EnvConfig
 from mapf_pz.core.observation.channels import channel_of, image_planes
 from mapf_pz.core.observation.features import feature_of
 from mapf_pz.core.observation.inputs import ObservationInputs
-from mapf_pz.core.observation.layers import EDGES, ViewShape, make_view_shape
-from mapf_pz.core.observation.observe import observe
+from mapf_pz.core.observation.layers import ViewShape, make_view_shape
 
 
 class ObservationLayout:
@@ -33,7 +32,8 @@ class ObservationLayout:
         self.channels = tuple(map(channel_of, config.channels))
         self.features = tuple(map(feature_of, config.features))
         self._sizes = [feature.size(self.num_actions, config.num_last_actions) for feature in self.features]
-        self._planes = image_planes(self.channels)
+        self.planes = image_planes(self.channels)
+        """Where each channel is drawn in the agent's own image."""
         self.num_own_planes = sum(channel.planes for channel in self.channels)
         """K, the planes of the agent's own observation."""
         self.num_own_features = sum(self._sizes)
@@ -74,7 +74,7 @@ class ObservationLayout:
     @property
     def shows_edges(self) -> bool:
         """Whether any channel shows the weights of edges."""
-        return bool((self._planes.layers.shown >= EDGES[0]).any())
+        return self.planes.layers.edges_at >= 0
 
     def space(self) -> spaces.Space[Any]:
         """Return the space of one agent's whole observation: a `Box` for the image, or `Dict(image, features)`."""
@@ -99,9 +99,8 @@ class ObservationLayout:
         row = config.view_size[0] - 1 if config.resolved_view == "front" else config.view_size[0] // 2
         return make_view_shape(config.view_size, row, config.resolved_frame == "egocentric", config.see_through_walls)
 
-    def write(self, inputs: ObservationInputs, image: Floats, features: Floats) -> None:
-        """Fill `image` (B, N, K, h, w) and `features` (B, N, F), both float32, with all agents' own observations."""
-        observe(inputs, self._planes, image)
+    def write_features(self, inputs: ObservationInputs, features: Floats) -> None:
+        """Fill `features` (B, N, F) float32 with all agents' own features."""
         at = 0
         for feature, size in zip(self.features, self._sizes, strict=True):
             feature.write(inputs, features, at)

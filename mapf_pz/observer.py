@@ -9,6 +9,7 @@ import numpy as np
 from mapf_pz.arrays import Floats
 from mapf_pz.config import EnvConfig
 from mapf_pz.core.observation.inputs import ObservationInputs
+from mapf_pz.core.observation.observe import ImageWriter
 from mapf_pz.neighbors import append_neighbors, find_neighbors
 from mapf_pz.observation import ObservationLayout
 
@@ -23,11 +24,13 @@ class Observer:
         """Make room for what is drawn from `inputs`."""
         self._layout = layout
         self._inputs = inputs
-        self._shapes = (layout.image_shape, (layout.num_features,))
+        self._images = ImageWriter(inputs, layout.planes)
         self._num_frames = config.num_frames
         self._num_neighbors, self._radius = config.num_neighbors, config.neighbor_radius
         self._agents_disappear = config.on_target == "finish"
         self._each = inputs.state.agents.shape
+        self._image_shape = (*self._each, *layout.image_shape)
+        self._features_shape = (*self._each, layout.num_features)
         if self._num_neighbors:
             self._own = (
                 np.empty((*self._each, layout.num_own_planes, *config.view_size), np.float32),
@@ -37,8 +40,8 @@ class Observer:
         if self._num_frames > 1:
             self._newest = 0  # index of the current frame; the next one is the oldest
             self._frames = tuple(
-                np.zeros((self._num_frames, *self._each, first // self._num_frames, *rest), np.float32)
-                for first, *rest in self._shapes
+                np.zeros((self._num_frames, *self._each, size // self._num_frames, *rest), np.float32)
+                for size, *rest in (layout.image_shape, (layout.num_features,))
             )
 
     def reset(self, envs: Sequence[int]) -> None:
@@ -63,7 +66,7 @@ class Observer:
 
         Agents that have disappeared observe zeros, also in their earlier frames.
         """
-        image, features = (np.empty((*self._each, *shape), np.float32) for shape in self._shapes)
+        image, features = np.empty(self._image_shape, np.float32), np.empty(self._features_shape, np.float32)
         if self._num_frames > 1:
             for frames, whole in zip(self._frames, (image, features), strict=True):
                 for k, part in enumerate(np.split(whole, self._num_frames, axis=2), start=1):
@@ -79,10 +82,11 @@ class Observer:
     def _draw(self, image: Floats, features: Floats) -> None:
         """Fill `image` and `features` with one frame: each agent's own observation, and those of its neighbors."""
         inputs = self._inputs
+        own_image, own_features = self._own if self._num_neighbors else (image, features)
+        self._images.write(own_image)
+        self._layout.write_features(inputs, own_features)
         if not self._num_neighbors:
-            self._layout.write(inputs, image, features)
             return
-        self._layout.write(inputs, *self._own)
         agents, width = inputs.state.agents, inputs.world.width
         find_neighbors(inputs.num_threads, width, self._radius, agents, self._steps, self._neighbors)
         for own, whole in zip(self._own, (image, features), strict=True):

@@ -76,24 +76,30 @@ class Simulator:
             max_steps=config.max_steps,
         )
         terms = reward_terms(config.reward_config)
-        self._step_inputs = tuple(map(tuple, (rules, terms, self.world, self.tables.arrays, self.state)))
+        each = (num_envs, self.num_agents)
+        self._mask_shape = (*each, self.num_actions)
+        fields = tuple(map(tuple, (rules, terms, self.world, self.tables.arrays, self.state)))
+        self._step = step.bind(self._num_threads, fields, (np.empty(each, np.int64),))
+        shown = (rules.cardinal, self.world.leads_to, self.state.map, self.state.agents)
+        self._write_masks = write_masks.bind(self._num_threads, shown, (np.empty(self._mask_shape, np.int8),))
 
     def _allocate(self) -> None:
         config, shape, view_shape = self.config, self.shape, self.layout.view_shape()
+        unit_weights = config.edge_weights == "uniform"
         num_maps = 1 if shares_map(config, self.source) else self.num_envs
         self.world = world.allocate(num_maps, shape)
         self.tables = CostTables(
             self.world,
             self._num_headings,
             self.num_envs * self.num_agents,
-            config.edge_weights == "uniform",
+            unit_weights,
             config.distance_bytes,
             self._num_threads,
         )
         self.state = allocate_state(
             self.num_envs, self.num_agents, shape[0] * shape[1], goals_per_agent(config), config.num_last_actions
         )
-        layers = allocate_layers(view_shape, shape, num_maps, self._num_threads, self.layout.shows_edges)
+        layers = allocate_layers(view_shape, shape, num_maps, self._num_threads, self.layout.shows_edges, unit_weights)
         self._inputs = ObservationInputs(
             view_shape,
             layers,
@@ -125,6 +131,8 @@ class Simulator:
             ValueError: An instance does not fit, or some of its goals cannot be reached.
         """
         chosen = list(range(self.num_envs) if envs is None else envs)
+        if not chosen:
+            return
         self._loader.load(chosen, seeds or {}, instances or {})
         reset(np.array(chosen, np.int64), self._loader.starts, self._loader.headings, self.state)
         if self.needs_cost_to_go:
@@ -132,8 +140,14 @@ class Simulator:
         self._observer.reset(chosen)
 
     def step(self, actions: Ints) -> None:
-        """Take one step in all environments: `actions` (B, N) int64, each in 0 to A - 1 (not checked here)."""
-        step(self._num_threads, *self._step_inputs, actions)
+        """Take one step in all environments: `actions` (B, N) integers, each in 0 to A - 1 (which is not checked here).
+
+        Raises `ValueError` for another shape, and `TypeError` for actions that are not integers.
+        """
+        actions = actions.astype(np.int64, order="C", casting="same_kind", copy=False)
+        if actions.shape != self.state.agents.shape:
+            raise ValueError(f"actions: expected the shape {self.state.agents.shape}, got {actions.shape}")
+        self._step(actions)
         if self._reward_function is not None:
             self._set_rewards(self._reward_function(self._transition(actions)))
         if self.needs_cost_to_go and self.config.on_target == "restart":
@@ -179,11 +193,9 @@ class Simulator:
     def observe(self) -> Observation:
         """Return what all agents observe now, in new arrays; agents that have disappeared observe zeros."""
         image, features = self._observer.observe()
-        mask = np.empty((self.num_envs, self.num_agents, self.num_actions), np.int8)
-        write_masks(
-            self._num_threads, self._inputs.cardinal, self.world.leads_to, self.state.map, self.state.agents, mask
-        )
-        return Observation(image, features, mask)
+        action_mask = np.empty(self._mask_shape, np.int8)
+        self._write_masks(action_mask)
+        return Observation(image, features, action_mask)
 
     def require_cost_to_go(self) -> None:
         """Compute the cost to go to every agent's goal where it is not known yet."""

@@ -29,6 +29,7 @@ ORDER = [
     "guidance",
     "action_modes",
     "action_checks",
+    "infos",
     "plugins",
     "signatures",
     "core",

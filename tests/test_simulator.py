@@ -244,3 +244,25 @@ def test_few_goals_are_repeated():
 def test_sizes_are_checked(name, value):
     with pytest.raises(ValueError, match=f"^{name}=0: expected a whole number, 1 or more$"):
         Simulator(EnvConfig(), **{name: value})
+
+
+@pytest.mark.parametrize("shape", [(6,), (1, 6), (2, 5), (2, 6, 1)])
+def test_the_shape_of_actions_is_checked(shape):
+    simulator = Simulator(make_config("nothing", "one map"), 2)
+    simulator.reset()
+    with pytest.raises(ValueError, match=r"^actions: expected the shape \(2, 6\), got "):
+        simulator.step(np.zeros(shape, np.int64))
+
+
+def test_actions_are_integers_of_any_size_and_order():
+    config, rng = make_config("nothing", "one map"), np.random.default_rng(0)
+    actions = rng.integers(4, size=(2, 6))
+    cells = []
+    for given in (actions, actions.astype(np.int8), actions.astype(np.uint64), np.asfortranarray(actions)):
+        simulator = Simulator(config, 2)
+        simulator.reset(seeds={0: 0, 1: 1})
+        simulator.step(given)
+        cells.append((simulator.agents["cell"].tolist(), simulator.agents["heading"].tolist()))
+    assert all(one == cells[0] for one in cells)
+    with pytest.raises(TypeError, match="'same_kind'"):
+        simulator.step(actions.astype(np.float32))

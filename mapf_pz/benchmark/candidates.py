@@ -32,7 +32,7 @@ def simulator_run(workload: Workload) -> Run:
     def play() -> int:
         for step in range(workload.env.max_steps):
             simulator.step(actions[step])
-            simulator.reset(np.flatnonzero(simulator.over).tolist())
+            simulator.reset(simulator.over.nonzero()[0].tolist())
             simulator.observe()
         return actions.size
 

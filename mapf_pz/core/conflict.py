@@ -9,7 +9,7 @@ from __future__ import annotations
 from numba import prange
 
 from mapf_pz.actions import Action, CardinalAction, Heading
-from mapf_pz.core.jit import BatchKernel, jit
+from mapf_pz.core.jit import BatchKernel, inlined
 from mapf_pz.core.state import Array
 
 SOFT, PRIORITY, BLOCK_BOTH = 0, 1, 2
@@ -22,7 +22,7 @@ _CARDINAL_DIRECTION = (NO_MOVE, int(Heading.NORTH), int(Heading.SOUTH), int(Head
 assert [a.name for a in CardinalAction] == ["WAIT", "UP", "DOWN", "LEFT", "RIGHT"]  # the order of the line above
 
 
-@jit
+@inlined
 def direction(cardinal: bool, heading: int, action: int) -> int:
     """Return the direction in which `action` moves, or `NO_MOVE`."""
     if cardinal:
@@ -30,7 +30,7 @@ def direction(cardinal: bool, heading: int, action: int) -> int:
     return heading if action == FORWARD else NO_MOVE
 
 
-@jit
+@inlined
 def propose(cardinal: bool, leads_to: Array, m: int, agents: Array, actions: Array) -> None:
     """Set the cell that each agent wants: its own, if it does not move or an obstacle of map `m` is in the way."""
     for i in range(agents.size):
@@ -42,7 +42,7 @@ def propose(cardinal: bool, leads_to: Array, m: int, agents: Array, actions: Arr
                 agent.want = leads_to[m, towards, agent.cell]
 
 
-@jit
+@inlined
 def resolve(system: int, agents: Array, occupant: Array, claim: Array) -> None:
     """Take back the wishes that `system` does not allow."""
     if system == SOFT:
@@ -56,7 +56,7 @@ def resolve(system: int, agents: Array, occupant: Array, claim: Array) -> None:
         _enter_only_unclaimed_and_empty(agents, occupant, claim)
 
 
-@jit
+@inlined
 def _stop_swaps(agents: Array, occupant: Array) -> None:
     for i in range(agents.size):
         agent = agents[i]
@@ -67,7 +67,7 @@ def _stop_swaps(agents: Array, occupant: Array) -> None:
                 agent.want = agent.cell
 
 
-@jit
+@inlined
 def _lowest_index_claims(agents: Array, claim: Array) -> None:
     for i in range(agents.size):
         agent = agents[i]
@@ -78,7 +78,7 @@ def _lowest_index_claims(agents: Array, claim: Array) -> None:
                 agent.want = agent.cell
 
 
-@jit
+@inlined
 def _stop_followers_of_stayers(agents: Array, claim: Array) -> None:
     """Stop each agent that claims the cell of an agent that stays, then the agents behind it; free all claims."""
     for i in range(agents.size):
@@ -93,7 +93,7 @@ def _stop_followers_of_stayers(agents: Array, claim: Array) -> None:
         claim[agents[i].want] = -1
 
 
-@jit
+@inlined
 def _move_one_after_the_other(agents: Array, occupant: Array) -> None:
     for i in range(agents.size):
         agent = agents[i]
@@ -108,7 +108,7 @@ def _move_one_after_the_other(agents: Array, occupant: Array) -> None:
 _CONTESTED = -2
 
 
-@jit
+@inlined
 def _claim_alone(agents: Array, claim: Array) -> None:
     for i in range(agents.size):
         agent = agents[i]
@@ -116,7 +116,7 @@ def _claim_alone(agents: Array, claim: Array) -> None:
             claim[agent.want] = i if claim[agent.want] == -1 else _CONTESTED
 
 
-@jit
+@inlined
 def _enter_only_unclaimed_and_empty(agents: Array, occupant: Array, claim: Array) -> None:
     """Refuse occupied and contested cells, then free all claims; until then `~want` marks a refused wish."""
     for i in range(agents.size):

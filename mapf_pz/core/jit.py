@@ -11,6 +11,7 @@ import hashlib
 import os
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -21,6 +22,7 @@ from numba.core import event
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 numba_config: Any = config  # its settings are made when it is loaded, unseen by type checkers
+_njit: Any = numba.njit  # its annotations lack the option `_nrt`
 
 
 def jit(kernel: Kernel) -> Kernel:
@@ -29,22 +31,25 @@ def jit(kernel: Kernel) -> Kernel:
 
 
 def inlined(kernel: Kernel) -> Kernel:
-    """Compile a short `kernel` into the kernels that call it, where passing its arguments would take longer than it."""
-    return _compile(kernel, parallel=False, forceinline=True)
+    """Compile a short `kernel` into the kernels that call it, where passing its arguments would take longer than it.
+
+    It must not allocate or return arrays.
+    """
+    return _compile(kernel, parallel=False, forceinline=True, nrt=False)
 
 
 class BatchKernel:
     """A kernel with a `prange` over the environments of a batch, compiled apart for one thread and for several.
 
-    In its own body it must not assign to an array out of a tuple (`state.time[b] = 1`), only in a `@jit` function that
-    it calls: compiling for several threads, Numba (0.68) drops such a line.
+    It must not allocate arrays. In its own body it must not assign to an array out of a tuple (`state.time[b] = 1`),
+    only in a `@jit` function that it calls: compiling for several threads, Numba (0.68) drops such a line.
     """
 
     def __init__(self, kernel: Callable[..., None]) -> None:
         """Take the plain Python function; as a decorator, `@BatchKernel`."""
         self.__doc__ = kernel.__doc__
-        self._serial = _compile(kernel, parallel=False)
-        self._parallel = _compile(kernel, parallel=True)
+        self._serial: Any = _compile(kernel, parallel=False, nrt=False)
+        self._parallel: Any = _compile(kernel, parallel=True)
 
     def __call__(self, num_threads: int, *arguments: Any) -> None:
         """Run the kernel on `num_threads` threads."""
@@ -54,14 +59,30 @@ class BatchKernel:
             numba.set_num_threads(num_threads)
             self._parallel(*arguments)
 
+    def bind(self, num_threads: int, first: tuple[Any, ...], others: tuple[Any, ...]) -> Callable[..., None]:
+        """Return a function that runs the kernel with the arguments `first` and those that it is called with.
 
-def _compile(kernel: Kernel, parallel: bool, forceinline: bool = False) -> Kernel:
+        These must have the types, dimensions and memory layout of `others`, which is not checked: Numba's look-up of
+        the types of all arguments takes longer than the work for a few agents.
+        """
+        if num_threads > 1 or numba_config.DISABLE_JIT:
+            return partial(self, num_threads, *first)
+        compiled = self._serial.compile(tuple(map(numba.typeof, (*first, *others))))
+        return partial(compiled, *first)
+
+
+def _compile(kernel: Kernel, parallel: bool, forceinline: bool = False, nrt: bool = True) -> Kernel:
+    """Compile a kernel on its first call.
+
+    `nrt`: with Numba's runtime, which kernels that allocate or return arrays need. It counts the references to every
+    slice of an array, which takes longer than the work on a slice for a few agents.
+    """
     # Numba reads the folder when it decorates; the user's own setting is put back at once.
     previous = numba_config.CACHE_DIR
     numba_config.CACHE_DIR = _cache_folder(previous, parallel)
     try:
-        compiled: Any = numba.njit(
-            kernel, cache=True, nogil=True, error_model="numpy", parallel=parallel, forceinline=forceinline
+        compiled = _njit(
+            kernel, cache=True, nogil=True, error_model="numpy", parallel=parallel, forceinline=forceinline, _nrt=nrt
         )
     finally:
         numba_config.CACHE_DIR = previous

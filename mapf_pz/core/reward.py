@@ -10,7 +10,7 @@ import numpy as np
 
 from mapf_pz.core.conflict import NO_MOVE, direction
 from mapf_pz.core.cost_lookup import cost_at, turned
-from mapf_pz.core.jit import jit
+from mapf_pz.core.jit import inlined
 from mapf_pz.core.state import Array, CostToGo
 
 
@@ -75,7 +75,7 @@ def reward_terms(config: RewardConfig) -> Any:
     return RewardTerms(*(types[str(field.type)](getattr(config, field.name)) for field in fields(config)))
 
 
-@jit
+@inlined
 def compute_rewards(
     terms: Any, cardinal: bool, height: int, width: int, agents: Array, actions: Array, occupant: Array, solved: bool
 ) -> None:
@@ -98,7 +98,7 @@ def compute_rewards(
         _share(terms.share, terms.share_radius, height, width, agents, occupant)
 
 
-@jit
+@inlined
 def _action_reward(terms: Any, cardinal: bool, agent: Array, action: int) -> float:
     if direction(cardinal, agent.was_heading, action) != NO_MOVE:
         return terms.forward if terms.pay_blocked_forward or not agent.blocked else 0.0
@@ -107,7 +107,7 @@ def _action_reward(terms: Any, cardinal: bool, agent: Array, action: int) -> flo
     return terms.wait
 
 
-@jit
+@inlined
 def measure_progress(
     coefficient: float, mean_weight: float, slot: Array, to_go: CostToGo, m: int, agents: Array
 ) -> None:
@@ -123,7 +123,7 @@ def measure_progress(
         agent.progress = (before - after) / mean_weight if before < np.inf and after < np.inf else 0.0
 
 
-@jit
+@inlined
 def _share(share: float, radius: int, height: int, width: int, agents: Array, occupant: Array) -> None:
     """Add `share` times the mean reward, before sharing, of the other agents within `radius` rows and columns."""
     for i in range(agents.size):

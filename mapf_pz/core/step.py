@@ -6,7 +6,7 @@ from numba import prange
 
 from mapf_pz.core.conflict import NO_MOVE, direction, propose, resolve
 from mapf_pz.core.cost_lookup import turned
-from mapf_pz.core.jit import BatchKernel, jit
+from mapf_pz.core.jit import BatchKernel, inlined, jit
 from mapf_pz.core.reward import RewardTerms, compute_rewards, measure_progress
 from mapf_pz.core.state import Array, CostToGo, Distances, Fields, Rules, State, World
 
@@ -47,7 +47,7 @@ def tick(times: Array, b: int) -> int:
     return times[b]
 
 
-@jit
+@inlined
 def advance(cardinal: bool, agents: Array, actions: Array, occupant: Array, history: Array) -> None:
     """Move each agent to its next cell, turn it, and record its action."""
     for i in range(agents.size):
@@ -71,7 +71,7 @@ def advance(cardinal: bool, agents: Array, actions: Array, occupant: Array, hist
             _record(history, i, actions[i], moves)
 
 
-@jit
+@inlined
 def _record(history: Array, i: int, action: int, moved: bool) -> None:
     for k in range(history.shape[1] - 1, 0, -1):
         history[i, k, 0] = history[i, k - 1, 0]
@@ -80,7 +80,7 @@ def _record(history: Array, i: int, action: int, moved: bool) -> None:
     history[i, 0, 1] = moved
 
 
-@jit
+@inlined
 def update_goals(on_target: int, agents: Array, goals: Array, time: int) -> bool:
     """Count arrivals and assign new goals; return whether all agents are at their goals at the same time."""
     solved = on_target == NOTHING
@@ -100,7 +100,7 @@ def update_goals(on_target: int, agents: Array, goals: Array, time: int) -> bool
     return solved
 
 
-@jit
+@inlined
 def finish(on_target: int, agents: Array, occupant: Array, solved: bool, late: bool) -> None:
     """Terminate all agents once solved and agents that finish, and truncate the others at the time limit."""
     for i in range(agents.size):

@@ -7,6 +7,7 @@ import pytest
 
 import mapf_pz
 from mapf_pz.config import REWARDS, EnvConfig, RewardConfig
+from mapf_pz.core.observation import layers
 from mapf_pz.core.observation.channels import CHANNELS
 from mapf_pz.core.observation.features import FEATURES
 from mapf_pz.guidance import GuidanceGraph, open_edges
@@ -276,6 +277,19 @@ def observe_alone(**keywords):
     source = Disorder(np.random.default_rng(5), (5, 5), 8, num_maps=2)
     lockstep = Lockstep(EnvConfig(source=source, max_steps=5, **keywords), num_envs=2, seed=5)
     for _ in range(8):
+        lockstep.compare_observations()
+        lockstep.step()
+
+
+@pytest.mark.parametrize("action_model", ["rotate", "cardinal"])
+def test_edges_of_large_maps(action_model, monkeypatch):
+    """Where numbers of all edges would not fit into the cache, open edges are bits. Views are decoded in blocks."""
+    monkeypatch.setattr(layers, "_CACHED_BYTES", 0)
+    source = Disorder(np.random.default_rng(7), (8, 9), 35, num_maps=3)
+    config = EnvConfig(source=source, max_steps=9, action_model=action_model, view_size=(5, 7))
+    lockstep = Lockstep(config, num_envs=2, seed=7)
+    assert lockstep.simulator._inputs.layers.edges.size == 0
+    for _ in range(4):
         lockstep.compare_observations()
         lockstep.step()
 

@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from itertools import accumulate
 from typing import NamedTuple
 
-import numpy as np
-
 from mapf_pz.core.observation.draw import LookupPlanes
 from mapf_pz.core.observation.inputs import ObservationInputs
 from mapf_pz.core.observation.layers import EDGES, GOAL, HEADING, OCCUPANCY
@@ -39,21 +37,21 @@ class Channel:
     """The largest value."""
     needs_cost_to_go: bool = False
     """Whether `draw` reads the cost to go, which is then computed before."""
-    layers: tuple[int, ...] = ()
-    """The layers of the map that it shows, for built-in channels that show layers."""
+    layer: int | None = None
+    """The layer of the map that it shows, for built-in channels that show one."""
     lookup: str = ""
     """Its field of `LookupPlanes`, for built-in channels that are looked up."""
 
 
 CHANNELS: dict[str, Channel] = {
     # 0 free, 0.5 another agent, 1 obstacle or outside, -1 hidden
-    "view": Channel(layers=(OCCUPANCY,), low=-1),
+    "view": Channel(layer=OCCUPANCY, low=-1),
     # 1 on the agent's own goal
-    "goal": Channel(layers=(GOAL,)),
+    "goal": Channel(layer=GOAL),
     # on each agent in view, including the observer, (1 + k) / 4 with k its heading
-    "orientation": Channel(layers=(HEADING,)),
+    "orientation": Channel(layer=HEADING),
     # weight of leaving each cell in four directions, divided by the largest; blocked -1, outside 0
-    "edge_weights": Channel(layers=EDGES, planes=4, low=-1),
+    "edge_weights": Channel(layer=EDGES, planes=4, low=-1),
     # how much closer to the goal each cell is
     "cost_to_go": Channel(lookup="cost_to_go", low=-1, needs_cost_to_go=True),
     # 1 where leaving the cell in each of four directions leads closer to the goal
@@ -76,13 +74,12 @@ def channel_of(channel: str | Channel) -> Channel:
 
 
 class LayerPlanes(NamedTuple):
-    """Which layers are shown, and where in the image."""
+    """The first plane in the image of each channel that shows a layer; -1: not drawn."""
 
-    shown: Array  # (W,) int64: layers of the map
-    drawn: Array  # (W,) int64: planes of the image
-    view_at: int  # the plane of the channel `view`; -1: not drawn
+    view_at: int
     goal_at: int
     orientation_at: int
+    edges_at: int
 
 
 class ImagePlanes(NamedTuple):
@@ -98,19 +95,8 @@ def image_planes(channels: Sequence[Channel]) -> ImagePlanes:
     ends = list(accumulate(channel.planes for channel in channels))
     placed = [(channel, end - channel.planes) for channel, end in zip(channels, ends, strict=True)]
     users = tuple((channel.draw, at) for channel, at in placed if channel.draw is not None)
-    first = {channel.lookup: at for channel, at in placed}
-    lookups = LookupPlanes(*(first.get(name, -1) for name in LookupPlanes._fields))
-    return ImagePlanes(_layer_planes(placed), lookups, users)
-
-
-def _layer_planes(placed: Sequence[tuple[Channel, int]]) -> LayerPlanes:
-    """Return where the channels that show layers are, given all channels and their first planes."""
-    shown, drawn, first = [], [], {OCCUPANCY: -1, GOAL: -1, HEADING: -1}
-    for channel, at in placed:
-        if channel.layers and channel.layers != (GOAL,):
-            shown += channel.layers
-            drawn += range(at, at + len(channel.layers))
-        if channel.layers:
-            first[channel.layers[0]] = at
-    planes = np.array(shown, np.int64), np.array(drawn, np.int64)
-    return LayerPlanes(*planes, first[OCCUPANCY], first[GOAL], first[HEADING])
+    lookup_at = {channel.lookup: at for channel, at in placed}
+    layer_at = {channel.layer: at for channel, at in placed}
+    lookups = LookupPlanes(*(lookup_at.get(name, -1) for name in LookupPlanes._fields))
+    layers = LayerPlanes(*(layer_at.get(layer, -1) for layer in (OCCUPANCY, GOAL, HEADING, EDGES)))
+    return ImagePlanes(layers, lookups, users)

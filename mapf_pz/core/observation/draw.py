@@ -12,9 +12,8 @@ import numpy as np
 from numba import prange
 
 from mapf_pz.core.cost_lookup import ALL_EXCESS, LEAST_BIT, cost_at, least_cost_at, next_cell
-from mapf_pz.core.jit import BatchKernel, jit
+from mapf_pz.core.jit import BatchKernel, inlined, jit
 from mapf_pz.core.observation.inputs import NO_OTHERS, ObservationInputs
-from mapf_pz.core.observation.layers import clear, mark
 from mapf_pz.core.state import Array, CostToGo
 
 
@@ -35,14 +34,14 @@ def draw_lookups(inputs: ObservationInputs, planes: LookupPlanes, image: Array) 
     shows_others = max(planes.other_goals, planes.others_next, planes.others_heuristic, planes.others_at_goal) >= 0
     others = inputs.others if shows_others else NO_OTHERS
     # Single arrays, since a named tuple takes longer to pass to a kernel.
-    geometry = (shape.height, shape.width, layers.corner, layers.own, layers.stride, *inputs.origins)
+    geometry = (shape.height, shape.width, layers.place, layers.stride, *inputs.origins)
     tables = (world.leads_to, world.weight, world.mean_weight, *inputs.distances, state.map, state.agents)
     _draw_lookups(inputs.num_threads, *geometry, inputs.cells, *others, *tables, *planes, image)
 
 
 @BatchKernel
 def _draw_lookups(
-    height: int, width: int, corners: Array, own: Array, stride: Array, turn: Array, corner: Array, cells: Array,
+    height: int, width: int, place: Array, stride: Array, turn: Array, corner: Array, cells: Array,
     count: Array, spots: Array, others: Array, leads_to: Array, weight: Array, mean_weight: Array, slot: Array,
     packed: Array, exact: Array, least: Array, maps: Array, all_agents: Array, cost_to_go: int, heuristic: int,
     other_goals: int, others_next: int, others_heuristic: int, others_at_goal: int, all_images: Array
@@ -50,7 +49,7 @@ def _draw_lookups(
     to_go = CostToGo(packed, exact, least)
     for b in prange(maps.size):
         m, agents, image = maps[b], all_agents[b], all_images[b]
-        geometry = (height, width, corners, own, stride, turn[b], corner[b])
+        geometry = (height, width, place, stride, turn[b], corner[b])
         if cost_to_go >= 0:
             scale = (height + width) * mean_weight[m]
             _draw_cost_to_go(slot[m], to_go, scale, agents, cells[b], image, cost_to_go)
@@ -120,13 +119,13 @@ def _draw_heuristic(
 @jit
 def _mark_cells(geometry: tuple[Any, ...], count: Array, others: Array, cells: Array, image: Array, plane: int) -> None:
     """Write 1 to the cell (N,) of each other agent in view, unless it is -1, and 0 elsewhere."""
-    height, width, corners, own, stride, turn, corner = geometry
+    height, width, place, stride, turn, corner = geometry
     for i in range(image.shape[0]):
         clear(image, i, plane)
         for k in range(count[i]):
             cell = cells[others[i, k]]
             if cell >= 0:
-                mark(height, width, corners, own, stride, turn[i], corner[i], cell, image, i, plane)
+                mark(height, width, place, stride, turn[i], corner[i], cell, image, i, plane)
 
 
 @jit
@@ -171,3 +170,28 @@ def _draw_others_at_goal(count: Array, spots: Array, others: Array, agents: Arra
         for k in range(count[i]):
             other = agents[others[i, k]]
             image[i, plane, spots[i, k]] = 1.0 if other.cell == other.goal else -1.0
+
+
+@inlined
+def clear(image: Array, i: int, plane: int) -> None:
+    """Set a plane of agent `i` to 0."""
+    for j in range(image.shape[2]):
+        image[i, plane, j] = 0.0
+
+
+@inlined
+def mark(
+    height: int, width: int, place: Array, stride: Array, turn: int, corner: int, cell: int,
+    image: Array, i: int, plane: int
+) -> None:  # fmt: skip
+    """Write 1 to the cell of agent `i`'s view that shows the map's `cell`, if there is one.
+
+    `height` and `width` are those of the view; `place` and `stride` are fields of `MapLayers`.
+    """
+    ahead = np.int64(place[cell, turn]) - np.int64(corner)
+    if ahead >= 0:
+        # Both numbers are below 2^32, which are divided faster.
+        row = np.int64(np.uint32(ahead) // np.uint32(stride[turn]))
+        col = ahead - row * stride[turn]
+        if row < height and col < width:
+            image[i, plane, row * width + col] = 1.0

@@ -11,7 +11,7 @@ from numba import prange
 from mapf_pz.arrays import coordinates
 from mapf_pz.core.cost_lookup import least_costs
 from mapf_pz.core.jit import BatchKernel, jit
-from mapf_pz.core.observation.layers import MapLayers, Span, ViewOrigins, ViewShape
+from mapf_pz.core.observation.layers import MapLayers, ViewOrigins, ViewShape
 from mapf_pz.core.state import Array, CostToGo, Distances, Fields, State, World
 
 
@@ -49,12 +49,10 @@ class ObservationInputs:
     ) -> None:
         """Keep references to the simulator's arrays."""
         self.view_shape = view_shape
-        self.rows: Span = tuple(range(view_shape.height))
-        self.columns: Span = tuple(range(view_shape.width))
+        rows, columns = tuple(range(view_shape.height)), tuple(range(view_shape.width))
         self.layers = layers
-        self.shape_fields: Fields = tuple(view_shape)
-        self.layer_fields: Fields = tuple(layers)
         self.origins = origins
+        self.geometry: Fields = (tuple(view_shape), rows, columns, tuple(layers), *origins)
         self.world = world
         self.distances = distances
         self.state = state
@@ -164,11 +162,10 @@ def _find_cells(width: int, cell: Array, stride: Array, turn: Array, corner: Arr
 @jit
 def _find_cells_of(width: int, cell: Array, stride: Array, turn: Array, corner: Array, cells: Array) -> None:
     for i in range(cells.shape[0]):
-        here, found = cell[turn[i]], cells[i]
-        source = np.uint64(corner[i])
+        found, source = cells[i], np.uint64(corner[i])
         for first in range(0, found.size, width):
             for col in range(width):
-                found[np.uint64(first + col)] = here[source + np.uint64(col)]
+                found[np.uint64(first + col)] = cell[source + np.uint64(col)]
             source += np.uint64(stride[turn[i]])
 
 
