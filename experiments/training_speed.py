@@ -49,7 +49,7 @@ def measure(
     Args:
         device: device of the networks.
         precision: precision of learning. Default: that of the run.
-        num_learners: numbers of processes to train in, one after the other.
+        num_learners: numbers of processes to train in, in sequence.
         updates: number of updates, at least 3.
         runs: names of the runs. Default: all.
     """

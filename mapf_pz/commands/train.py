@@ -104,7 +104,7 @@ def train_from(file: Path) -> Callable[[TrainOptions], None]:
 
 
 def _train_seeds(run: TrainOptions) -> None:
-    """Train with several seeds, one after the other."""
+    """Train with several seeds, in sequence."""
     from mapf_pz.rl import curves
     from mapf_pz.rl.launch import is_first
     from mapf_pz.rl.run import CURVE, CURVES
