@@ -3,3 +3,4 @@
 from importlib.metadata import version
 
 __version__ = version("mapf-pz")
+"""The version, such as "0.1.0"."""

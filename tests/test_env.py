@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 import pettingzoo
 import pytest
+from gymnasium.utils.env_checker import data_equivalence
 from pettingzoo.test import (
     api_test,
     parallel_api_test,
@@ -673,3 +674,34 @@ def test_spaces_hold_what_is_observed(keywords):
         assert env.observation_space(agent).contains(observation)
         assert env.observation_space(agent) is env.observation_space("agent_0")
         assert env.action_space(agent) is env.action_space("agent_0")
+
+
+@pytest.mark.parametrize("make_copy", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {},
+        {"on_target": "restart", "features": ("action_advantage", "last_actions"), "num_frames": 2, "num_neighbors": 1},
+        {"on_target": "finish", "channels": ("view", "cost_to_go", "others_next"), "edge_weights": "random"},
+        {"see_through_walls": False, "view": "centered", "action_model": "cardinal", "reward": "progress"},
+    ],
+)
+def test_a_copy_continues_the_episode_as_the_original_does(make_copy, fields):
+    env = mapf_pz.parallel_env(map="empty-8-8", num_agents=5, max_steps=24, **fields)
+    env.reset(seed=3)
+    draw = np.random.default_rng(0)
+
+    def step(envs):
+        actions = {agent: int(draw.integers(4)) for agent in envs[0].agents}
+        results = [env.step(actions) for env in envs]
+        for other in results[1:]:
+            assert data_equivalence(results[0], other)
+
+    for _ in range(5):
+        step([env])
+    other = make_copy(env)
+    while env.agents:
+        step([env, other])
+    assert other.agents == []
+    observations = [each.reset(seed=4)[0] for each in (env, other)]
+    assert data_equivalence(*observations)

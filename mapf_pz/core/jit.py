@@ -47,7 +47,7 @@ class BatchKernel:
 
     def __init__(self, kernel: Callable[..., None]) -> None:
         """Take the plain Python function; as a decorator, `@BatchKernel`."""
-        self.__doc__ = kernel.__doc__
+        self.__doc__, self.__name__, self.__module__ = kernel.__doc__, kernel.__name__, kernel.__module__
         self._serial: Any = _compile(kernel, parallel=False, nrt=False)
         self._parallel: Any = _compile(kernel, parallel=True)
 
@@ -59,16 +59,43 @@ class BatchKernel:
             numba.set_num_threads(num_threads)
             self._parallel(*arguments)
 
-    def bind(self, num_threads: int, first: tuple[Any, ...], others: tuple[Any, ...]) -> Callable[..., None]:
-        """Return a function that runs the kernel with the arguments `first` and those that it is called with.
+    def bind(self, num_threads: int, first: tuple[Any, ...], others: tuple[Any, ...]) -> BoundKernel:
+        """Return the kernel with its first arguments `first`; `others` are examples of those that it is called with."""
+        return BoundKernel(self, num_threads, first, others)
 
-        These must have the types, dimensions and memory layout of `others`, which is not checked: Numba's look-up of
-        the types of all arguments takes longer than the work for a few agents.
-        """
+    def compiled(self, arguments: tuple[Any, ...]) -> Callable[..., None]:
+        """Return the compiled function for one thread and for arguments like these, whose types it does not check."""
+        return self._serial.compile(tuple(map(numba.typeof, arguments)))
+
+    def __reduce__(self) -> str:
+        """Pickle and copy the kernel as what it is in its module."""
+        return self.__name__
+
+
+class BoundKernel:
+    """A kernel with its first arguments.
+
+    The others must have the types, dimensions and memory layout of the examples, which is not checked: Numba's look-up
+    of the types of all arguments takes longer than the work for a few agents.
+    """
+
+    def __init__(
+        self, kernel: BatchKernel, num_threads: int, first: tuple[Any, ...], examples: tuple[Any, ...]
+    ) -> None:
+        """Compile the kernel, if it is for one thread."""
+        self._parts = kernel, num_threads, first, examples
         if num_threads > 1 or numba_config.DISABLE_JIT:
-            return partial(self, num_threads, *first)
-        compiled = self._serial.compile(tuple(map(numba.typeof, (*first, *others))))
-        return partial(compiled, *first)
+            self._run = partial(kernel, num_threads, *first)
+        else:
+            self._run = partial(kernel.compiled((*first, *examples)), *first)
+
+    def __call__(self, *others: Any) -> None:
+        """Run the kernel."""
+        self._run(*others)
+
+    def __reduce__(self) -> tuple[type[BoundKernel], tuple[Any, ...]]:
+        """Pickle and copy the parts, since compiled functions cannot be."""
+        return BoundKernel, self._parts
 
 
 def _compile(kernel: Kernel, parallel: bool, forceinline: bool = False, nrt: bool = True) -> Kernel:

@@ -187,4 +187,5 @@ def random_batches(
         env = PettingZooWrapper(env, group_map={"agents": env.possible_agents})
     policy = RandomActions(simulator.num_agents, simulator.num_actions)
     # With a device, the collector does not look for tensors on other devices in each step.
-    return iter(Collector(env, policy, frames_per_batch=frames, total_frames=-1, device=env.device, **_OPTIONS))
+    options: dict[str, Any] = {"device": env.device, "trust_policy": True, **_OPTIONS}
+    return iter(Collector(env, policy, frames_per_batch=frames, total_frames=-1, **options))

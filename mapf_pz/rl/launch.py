@@ -12,7 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
-from multiprocessing import get_context
+from multiprocessing import get_context, resource_tracker
 from multiprocessing.process import BaseProcess
 from multiprocessing.synchronize import Semaphore
 from pathlib import Path
@@ -71,6 +71,7 @@ def connecting(size: int, work: Callable[[Ranks], None]) -> Generator[Ranks]:
 
 
 def _started_here(size: int, work: Callable[[Ranks], None]) -> Generator[Ranks]:
+    _start_tracker()
     spawn = get_context("spawn")
     loaded = spawn.Semaphore(0)
     with TemporaryDirectory() as folder:
@@ -92,6 +93,20 @@ def _started_here(size: int, work: Callable[[Ranks], None]) -> Generator[Ranks]:
             _kill(others)
             if dist.is_initialized():
                 dist.destroy_process_group()
+
+
+def _start_tracker() -> None:
+    """Start multiprocessing's tracker of resources such that it does not warn of what a killed rank leaves behind."""
+    name = "PYTHONWARNINGS"
+    before = os.environ.get(name)
+    os.environ[name] = ",".join(filter(None, (before, "ignore::UserWarning:multiprocessing.resource_tracker")))
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        if before is None:
+            del os.environ[name]
+        else:
+            os.environ[name] = before
 
 
 def _be_rank(ranks: Ranks, meeting: str, loaded: Semaphore, torchrl_level: int, work: Callable[[Ranks], None]) -> None:

@@ -4,7 +4,7 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from mapf_pz import memory
+from mapf_pz import machine
 from mapf_pz.actions import HEADING_STEPS
 from mapf_pz.config import EnvConfig
 from mapf_pz.core import cost_tables as tables
@@ -209,14 +209,14 @@ def test_by_default_the_bound_grows_with_the_agents(monkeypatch):
 
 
 def test_the_memory_of_a_container(monkeypatch, tmp_path):
-    machine = usable_memory()
-    assert machine is not None
-    assert machine >= 2**28
+    total = usable_memory()
+    assert total is not None
+    assert total >= 2**28
     (tmp_path / "max").write_text("max\n")
     (tmp_path / "limit").write_text("100000000\n")
-    monkeypatch.setattr(memory, "CGROUP_LIMITS", (tmp_path / "max", tmp_path / "absent"))
-    assert usable_memory() >= machine
-    monkeypatch.setattr(memory, "CGROUP_LIMITS", (tmp_path / "max", tmp_path / "limit"))
+    monkeypatch.setattr(machine, "CGROUP_LIMITS", (tmp_path / "max", tmp_path / "absent"))
+    assert usable_memory() >= total
+    monkeypatch.setattr(machine, "CGROUP_LIMITS", (tmp_path / "max", tmp_path / "limit"))
     assert usable_memory() == 100_000_000
 
 

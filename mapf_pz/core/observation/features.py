@@ -150,12 +150,20 @@ class Feature:
         return self.length if isinstance(self.length, int) else self.length(num_actions, num_last_actions)
 
 
+def _each_action(num_actions: int, _num_last_actions: int) -> int:
+    return num_actions
+
+
+def _each_last_action(num_actions: int, num_last_actions: int) -> int:
+    return (num_actions + 1) * num_last_actions
+
+
 FEATURES: dict[str, Feature] = {
     "goal_vector": Feature(write_goal_vector, 4),
     "location": Feature(write_location, 6),
     "pose": Feature(write_pose, 6),
-    "action_advantage": Feature(write_action_advantage, lambda actions, _last: actions, needs_cost_to_go=True),
-    "last_actions": Feature(write_last_actions, lambda actions, last: (actions + 1) * last),
+    "action_advantage": Feature(write_action_advantage, _each_action, needs_cost_to_go=True),
+    "last_actions": Feature(write_last_actions, _each_last_action),
     "time": Feature(write_time),
 }
 """The built-in features by name."""
