@@ -8,7 +8,6 @@ prints the tables of docs/explanation/report.md.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, product
@@ -27,7 +26,7 @@ from mapf_pz.optimization.optimize import optimize
 from mapf_pz.optimization.task import LIFELONG, GuidanceTask
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.presets import PRESETS
-from mapf_pz.rl.progress import PROGRESS
+from mapf_pz.rl.progress import PROGRESS, read_progress
 from mapf_pz.rl.training import train
 
 MAP, NUM_AGENTS = "random-16-16-20", 32
@@ -150,8 +149,7 @@ def training(mode: str, setting: Setting, options: Options) -> TrainConfig:
 
 def length(run: Path) -> float:
     """Return the number of agent steps of a run."""
-    with (run / PROGRESS).open(newline="") as file:
-        return max(float(row["agent_steps"]) for row in csv.DictReader(file))
+    return read_progress(run)[-1]["agent_steps"]
 
 
 def measure(mode: str, graph: str, policy: str, options: Options) -> dict[str, list[float]]:

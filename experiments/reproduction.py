@@ -8,7 +8,7 @@ reused; the table and the figure include all of them.
 
 from __future__ import annotations
 
-import csv
+import math
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -24,7 +24,7 @@ from experiments.flaws import AllGoals, Bytes, Flaw, FlawedPPO, Freeze
 from mapf_pz.config import REWARDS, RewardConfig
 from mapf_pz.rl.config import OptimizationConfig, PPOConfig, TrainConfig
 from mapf_pz.rl.presets import PRESETS
-from mapf_pz.rl.progress import PROGRESS
+from mapf_pz.rl.progress import PROGRESS, read_progress
 from mapf_pz.rl.training import train
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -177,9 +177,8 @@ Curve = list[tuple[float, float, float]]
 
 def curve(run: Path) -> Curve:
     """Read the validation results of a run."""
-    with (run / PROGRESS).open(newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["validation_CSR"] != "nan"]
-    return [(float(row["agent_steps"]), float(row["validation_CSR"]), float(row["validation_ISR"])) for row in rows]
+    rows = [row for row in read_progress(run) if not math.isnan(row["validation_CSR"])]
+    return [(row["agent_steps"], row["validation_CSR"], row["validation_ISR"]) for row in rows]
 
 
 INTRODUCTION = """\

@@ -129,8 +129,7 @@ def _run(
     """Train from the start or from a checkpoint."""
     config_files(config)  # raises for a configuration that cannot be saved, before workers start
     config = _with_learners(config)
-    size = launched_size() or int(config.num_learners)
-    with connecting(size, partial(_follow, config, make)) as ranks:
+    with connecting(int(config.num_learners), partial(_follow, config, make)) as ranks:
         if ranks.rank == 0:
             _lead(config, run, checkpoint, on_progress, make, ranks)
         else:
@@ -212,8 +211,11 @@ def _prepare(config: TrainConfig, make: MakeAlgorithm, ranks: Ranks) -> tuple[Al
 
 def _synchronize(learner: Learner, done: int = 0) -> int:
     """Copy the state of rank 0's learner to all ranks, and return the number of updates that rank 0 has done."""
-    tensors, done = learner.ranks.from_first((learner.tensors(), done))
-    if learner.ranks.rank > 0:
+    ranks = learner.ranks
+    if ranks.size == 1:
+        return done
+    tensors, done = ranks.from_first((learner.tensors(), done))
+    if ranks.rank > 0:
         learner.restore(tensors)
     return done
 
