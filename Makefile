@@ -51,9 +51,11 @@ report: .venv/installed
 results: .venv/installed
 	$(BIN)/python -m experiments.results measure
 
+# Type checkers and editors find the modules of an editable install only in the mode `compat`.
 .venv/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[train,render,dev]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt \
+		--config-settings editable_mode=compat --editable '.[train,render,dev]'
 	touch $@
 
 soak: .venv/installed

@@ -22,10 +22,12 @@ if TYPE_CHECKING:
     from mapf_pz.errors import FormatError
     from mapf_pz.guidance import GuidanceGraph
     from mapf_pz.instance import Grid, Instance, InstanceSource, Scenario
+    from mapf_pz.recommended import RECOMMENDED
     from mapf_pz.transition import Transition
     from mapf_pz.version import __version__
 
 _HOMES = {
+    "RECOMMENDED": "recommended",
     "__version__": "version",
     "Action": "actions",
     "CardinalAction": "actions",
@@ -47,6 +49,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "RECOMMENDED",
     "Action",
     "CardinalAction",
     "Channel",

@@ -105,12 +105,10 @@ def _run(name: str, words: list[str]) -> None:
         with interrupts_deferred() as interrupted:  # packages may lose an interrupt during their import
             command, options = _command(name, words)
             from mapf_pz.commands.env_flags import ENV_FLAGS
-            from mapf_pz.core.jit import reporting_compilation
 
             if interrupted():
                 raise KeyboardInterrupt
-        with reporting_compilation(_report_compilation):
-            tyro.cli(command, prog=f"mapf-pz {name}", args=options, config=config, registry=ENV_FLAGS)
+        tyro.cli(command, prog=f"mapf-pz {name}", args=options, config=config, registry=ENV_FLAGS)
     except ModuleNotFoundError as error:
         raise ImportError(f"{error}: pip install 'mapf-pz[train,render]'") from error
 
@@ -123,12 +121,6 @@ def _command(name: str, words: list[str]) -> tuple[Callable[..., None], list[str
     if name == "train" and words and ":" in words[0]:  # package.module:Class, with the settings of `mappo`
         words = ["mappo", "--algorithm", *words]
     return getattr(import_module(module), function), words
-
-
-def _report_compilation() -> None:
-    """Print the reason for the delay on a terminal."""
-    if sys.stderr.isatty():
-        print("compiling kernels, which takes up to two minutes (once per machine and version) ...", file=sys.stderr)
 
 
 def _overview() -> str:

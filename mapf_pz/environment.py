@@ -10,7 +10,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 from pettingzoo import AECEnv, ParallelEnv
-from pettingzoo.utils import parallel_to_aec
+from pettingzoo.utils import OrderEnforcingWrapper
+from pettingzoo.utils.conversions import parallel_to_aec_wrapper
 
 from mapf_pz.action_checks import check_agents, whole_numbers
 from mapf_pz.arrays import Bools, Ints
@@ -277,8 +278,21 @@ def parallel_env(**keywords: Any) -> MapfEnv:
     return MapfEnv(EnvConfig.from_keywords(**keywords))
 
 
+class MapfAecEnv(parallel_to_aec_wrapper[str, AgentObservation, SupportsIndex]):
+    """The environment in PettingZoo's AEC form, in which agents act sequentially."""
+
+    def __init__(self, parallel: MapfEnv) -> None:
+        """Take turns in `parallel`, which steps when all agents have acted."""
+        # The annotation expects an environment that accepts None as an action, but only the AEC form does.
+        super().__init__(parallel)  # pyright: ignore[reportArgumentType]
+        self.metrics = parallel.metrics
+        """Method that returns the metrics of the episode up to the last complete step; see `MapfEnv.metrics`."""
+
+
 @with_fields_of(EnvConfig)
 def env(**keywords: Any) -> AECEnv[str, AgentObservation, SupportsIndex | None]:
-    """Create the environment in its AEC form, in which agents act sequentially; keywords as in `parallel_env`."""
-    # The annotation expects an environment that accepts None as an action, but only the AEC form does.
-    return parallel_to_aec(parallel_env(**keywords))  # pyright: ignore[reportArgumentType]
+    """Create the environment in its AEC form, in which agents act sequentially; keywords as in `parallel_env`.
+
+    `metrics()` and the members of `unwrapped`, the `MapfEnv`, describe the last complete step.
+    """
+    return OrderEnforcingWrapper(MapfAecEnv(parallel_env(**keywords)))

@@ -83,6 +83,10 @@ class ObservationLayout:
         high = np.repeat([channel.high for channel in self.channels], planes)
         lows, highs = self._stacked(low, np.minimum(low, 0)), self._stacked(high, np.maximum(high, 0))
         image = spaces.Box(lows, highs, dtype=np.float32)
+        # The bounds are the same in all cells of a plane; Gymnasium would print each of them.
+        image.low_repr, image.high_repr = (
+            f"[{' '.join(f'{bound:g}' for bound in box[:, 0, 0])}]" for box in (lows, highs)
+        )
         if not self.num_features:
             return image
         return spaces.Dict(image=image, features=spaces.Box(-1, 1, (self.num_features,), np.float32))

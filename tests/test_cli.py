@@ -3,7 +3,6 @@ import os
 import re
 import subprocess
 import sys
-import types
 import warnings
 from dataclasses import replace
 
@@ -17,7 +16,6 @@ from mapf_pz.benchmark.candidates import COPY, as_table
 from mapf_pz.benchmark.runs import Measurement, measure, timed
 from mapf_pz.benchmark.workload import Workload
 from mapf_pz.cli import COMMANDS, Command, main
-from mapf_pz.core.jit import jit, numba_config
 from mapf_pz.instance import Grid
 from mapf_pz.instances import load_map, map_names, place, write_map, write_scenario
 
@@ -519,22 +517,23 @@ def test_evaluate_reports_unknown_policies(capsys):
     assert "or the folder of a training run" in error
 
 
-def compile_two_kernels():
-    """Compile kernels that are in no cache."""
-    for number in range(2):
-        kernel = types.FunctionType((lambda x: x + 1).__code__, {"__name__": "mapf_pz.core.fresh"}, f"kernel_{number}")
-        jit(kernel)(1)
+COMPILE_TWO_KERNELS = """
+import types
+from mapf_pz.core.jit import jit
+for number in range(2):
+    namespace = {"__name__": "mapf_pz.core.fresh"}
+    kernel = types.FunctionType((lambda x: x + 1).__code__, namespace, f"kernel_{number}")
+    jit(kernel)(1)
+"""
 
 
-@pytest.mark.parametrize("terminal", [True, False])
-def test_compilation_is_reported_once_and_only_on_a_terminal(terminal, capsys, monkeypatch, tmp_path):
-    monkeypatch.setattr(numba_config, "CACHE_DIR", str(tmp_path))
-    monkeypatch.setitem(COMMANDS, "fresh", Command(f"{__name__}:compile_two_kernels", ""))
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
-    messages = []
-    for _ in range(2):  # the second time, the kernels are in the cache
-        assert main(["fresh"]) == 0
-        messages.append(capsys.readouterr().err.splitlines())
-    first, second = messages
-    assert [line.startswith("compiling kernels") for line in first] == [True] * terminal
-    assert second == []
+def test_compilation_is_reported_once_per_program_and_not_if_the_cache_has_all_kernels(tmp_path):
+    file = tmp_path / "program.py"  # the kernels of text without a file could not be cached
+    file.write_text(COMPILE_TWO_KERNELS)
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    first, second = (
+        subprocess.run([sys.executable, file], env=environment, capture_output=True, text=True, check=True)
+        for _ in range(2)
+    )
+    assert [line.startswith("compiling kernels") for line in first.stderr.splitlines()] == [True]
+    assert (first.stdout, second.stdout, second.stderr) == ("", "", "")

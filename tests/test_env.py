@@ -90,6 +90,25 @@ def test_aec_api(keywords):
     api_test(mapf_pz.env(**keywords), num_cycles=200)
 
 
+def test_aec_form_has_the_metrics_of_the_last_complete_step():
+    env, parallel = mapf_pz.env(num_agents=2, max_steps=8), mapf_pz.parallel_env(num_agents=2, max_steps=8)
+    env.reset(seed=3)
+    parallel.reset(seed=3)
+    for _ in range(8):
+        assert env.metrics() == env.unwrapped.metrics() == parallel.metrics()
+        for agent in ("agent_0", "agent_1"):
+            assert env.metrics() == parallel.metrics()
+            assert env.agent_selection == agent
+            env.step(0)
+        parallel.step({"agent_0": 0, "agent_1": 0})
+    assert env.metrics()["ep_length"] == 8
+
+
+def test_the_observation_space_is_printed_with_the_bounds_of_each_plane():
+    space = mapf_pz.parallel_env(channels=("view", "goal"), view_size=(5, 7)).observation_space("agent_0")
+    assert str(space) == "Box([-1 0], [1 1], (2, 5, 7), float32)"
+
+
 def test_aec_seeds(keywords):
     seed_test(lambda: mapf_pz.env(**keywords), num_cycles=200)
 

@@ -33,6 +33,7 @@ ORDER = [
     "plugins",
     "signatures",
     "core",
+    "recommended",
     "transition",
     "config",
     "batch",

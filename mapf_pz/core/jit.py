@@ -8,9 +8,9 @@ these have a folder of their own.
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -20,6 +20,7 @@ from numba import config
 from numba.core import event
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
+logger = logging.getLogger(__name__)
 
 numba_config: Any = config  # its settings are made when it is loaded, unseen by type checkers
 _njit: Any = numba.njit  # its annotations lack the option `_nrt`
@@ -123,24 +124,21 @@ def _cache_folder(root: str, parallel: bool) -> str:
 
 
 class _FirstCompilation(event.Listener):
-    """Reports the first kernel that is really compiled; kernels loaded from the cache are none."""
+    """Logs a message before the first kernel that is really compiled; kernels loaded from the cache are none."""
 
-    def __init__(self, report: Callable[[], None]) -> None:
-        self._report = report
+    def __init__(self) -> None:
         self._done = False
 
     def on_start(self, event: Any) -> None:
         if not self._done and event.data["dispatcher"].py_func.__module__.startswith("mapf_pz."):
             self._done = True
-            self._report()
+            logger.warning("compiling kernels, which takes up to two minutes (once per machine and version) ...")
 
     def on_end(self, event: Any) -> None:
         pass
 
 
-def reporting_compilation(report: Callable[[], None]) -> AbstractContextManager[object]:
-    """Call `report` just before the first kernel is compiled within the context; never if all are in the cache."""
-    return event.install_listener("numba:compile", _FirstCompilation(report))
+event.register("numba:compile", _FirstCompilation())
 
 
 def _fingerprint() -> str:

@@ -11,10 +11,11 @@ from pydantic import ConfigDict, PlainSerializer, PlainValidator
 from tyro.conf import arg
 
 from mapf_pz.action_modes import ActionMode
-from mapf_pz.config import DEFAULT_NUM_AGENTS, REWARDS, EnvConfig
+from mapf_pz.config import DEFAULT_NUM_AGENTS, EnvConfig
 from mapf_pz.instance import InstanceSource
 from mapf_pz.instances.configured import goals_per_agent, make_source
 from mapf_pz.instances.mixture import MapMixture
+from mapf_pz.recommended import RECOMMENDED
 from mapf_pz.rl.algorithm_config import CuriosityConfig, ImitationConfig, OptimizationConfig, PPOConfig
 from mapf_pz.rl.checks import check_counts, check_names, check_part, check_positive
 from mapf_pz.rl.saved_env import dump_env, load_env
@@ -42,16 +43,7 @@ DeviceName = Literal["auto", "cpu", "cuda"]
 EncoderName = Literal["conv", "report", "residual"]
 PrecisionName = Literal["float32", "bfloat16", "auto"]
 
-TRAINING_ENV = EnvConfig(
-    num_agents=8,
-    max_steps=96,
-    view_size=(7, 7),
-    view="centered",
-    channels=("view", "cost_to_go", "orientation", "others_next", "others_at_goal"),
-    features=("action_advantage", "last_actions"),
-    num_last_actions=2,
-    reward=REWARDS["progress"],
-)
+TRAINING_ENV = EnvConfig(num_agents=8, max_steps=96, **RECOMMENDED)
 """The default environment of a training task."""
 
 OBSERVATION_FIELDS = (
