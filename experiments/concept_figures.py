@@ -124,7 +124,7 @@ def costs(graph: GuidanceGraph, free: Bools) -> Floats:
             map=free, scenario=agent, num_agents=1, view_size=(1, 1), action_model="cardinal", edge_weights=graph
         )
         env.reset(seed=0)
-        found[tuple(cell)] = env.simulator.cost_to_go(0)[0]
+        found[tuple(cell)] = env.simulator.cost_to_go()[0][0]
     return found
 
 

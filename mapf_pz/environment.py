@@ -188,7 +188,7 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         `RuntimeError` before `reset()`.
         """
         self._require_episode("state")
-        return global_state(self.simulator, 0)
+        return global_state(self.simulator)[0]
 
     def metrics(self) -> dict[str, float]:
         """Return the metrics of the episode up to now; see `mapf_pz.metrics.episode_metrics`.

@@ -30,6 +30,13 @@ class EpisodeRecord:
     """(N,): length in steps of each agent's shortest path from start to goal; -1 if there is none."""
 
 
+def metric_names(on_target: OnTarget) -> tuple[str, ...]:
+    """Return the names of the metrics that `episode_metrics` computes with this behavior at the goal."""
+    if on_target == "restart":
+        return "avg_throughput", "ep_length", "exhausted_agents"
+    return "CSR", "ISR", "SoC", "makespan", "ep_length", "SoC_ratio"
+
+
 def episode_metrics(record: EpisodeRecord) -> dict[str, float]:
     """Return the metrics as if the episode ended now.
 

@@ -18,9 +18,9 @@ RECOMMENDED: Mapping[str, Any] = MappingProxyType(
         "reward": REWARDS["progress"],
     }
 )
-"""Keywords of `parallel_env` from which policies learn to reach their goals: `parallel_env(**RECOMMENDED, num_agents=8)`.
+"""Keywords of `parallel_env` from which policies learn: `parallel_env(**RECOMMENDED, num_agents=8)`.
 
-The channel `cost_to_go` and the feature `action_advantage` show each agent its way, and the reward pays for each step on
-it. The presets of the trainers use the same observation and reward. The environment's defaults are those of the report,
+The channel `cost_to_go` and the feature `action_advantage` show each agent its way, and the reward pays for each step
+on it. The trainers' presets use the same observation and reward. The environment's defaults are those of the report,
 from which no policy learned.
 """

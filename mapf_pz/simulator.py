@@ -224,10 +224,10 @@ class Simulator:
             state.occupant[b],
         )
 
-    def cost_to_go(self, b: int) -> Floats:
-        """Return the cost to go (N,) float32 of each agent in environment `b`; `inf` where there is no path."""
+    def cost_to_go(self) -> Floats:
+        """Return the cost to go (B, N) float32 of all agents; `inf` where there is no path."""
         agents = self.state.agents
-        return self._cost_to_go(agents["goal"], agents["cell"], agents["heading"])[b]
+        return self._cost_to_go(agents["goal"], agents["cell"], agents["heading"])
 
     def costs_to(self, goals: Ints, b: int = 0) -> Floats:
         """Return the cost to go (N, K) float32 of each agent in environment `b` to `goals` (K, 2), [row, col]."""

@@ -51,7 +51,7 @@ def test_a_cheapest_path_leads_to_the_goal(benchmark, name):
         features=("action_advantage",),
     )
     observations, _ = env.reset(seed=0)
-    shortest = env.simulator.cost_to_go(0)[0]
+    shortest = env.simulator.cost_to_go()[0][0]
     while env.agents:
         best = int(observations["agent_0"]["features"].argmax())
         assert observations["agent_0"]["features"][best] == 0

@@ -44,6 +44,12 @@ def test_training(tmp_path, name, told):
     assert (tmp_path / "policy.safetensors").exists()
 
 
+def test_own_torchrl_training():
+    pytest.importorskip("torchrl")
+    *_, last = run("torchrl_ppo.py", "--batches", "20").splitlines()
+    assert float(last.removeprefix(" 163840 agent steps: CSR ")) > 0.5
+
+
 @pytest.mark.parametrize("algorithm", ["mappo", "ippo", "central-ppo"])
 def test_custom_parts(tmp_path, algorithm):
     output = run(

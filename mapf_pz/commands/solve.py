@@ -82,4 +82,4 @@ def _scenario_name(env: EnvConfig) -> str:
 def lower_bound(instance: Instance, distance_bytes: int | None = None) -> int:
     """Return the sum of the shortest path lengths of agents with one goal each."""
     simulator = simulator_of(instance, max_steps=1, edge_weights="uniform", seed=0, distance_bytes=distance_bytes)
-    return int(simulator.cost_to_go(0).sum())
+    return int(simulator.cost_to_go()[0].sum())

@@ -17,6 +17,8 @@ from torchrl.envs import EnvBase
 from mapf_pz.arrays import Ints
 from mapf_pz.batch import BatchConfig
 from mapf_pz.config import EnvConfig
+from mapf_pz.global_state import STATE_PLANES, global_state
+from mapf_pz.metrics import metric_names
 from mapf_pz.signatures import init_with_fields_of
 from mapf_pz.simulator import Simulator
 
@@ -29,6 +31,10 @@ class BatchedMapfConfig(BatchConfig):
     """Number of environments B."""
     device: str | torch.device = "cpu"
     """Device of all tensors that the environment returns; it is always stepped on the CPU."""
+    state: bool = False
+    """Whether to return the global state, for centralized critics."""
+    metrics: bool = False
+    """Whether to return the metrics of each episode at its end."""
 
 
 class BatchedMapfEnv(EnvBase):
@@ -42,9 +48,12 @@ class BatchedMapfEnv(EnvBase):
     | `("agents", "arrivals")` | (B, N, 1) int64 | goals reached in this episode (with `nothing`: 0 or 1) |
     | `("agents", "active")` | (B, N, 1) bool | False for agents that have disappeared |
     | `("agents", "position")` | (B, N, 2) int64 | [row, col]; -1 for agents that have disappeared |
+    | `("agents", "goal")` | (B, N, 2) int64 | the current goal, [row, col] |
     | `("agents", "action")` | (B, N) int64 | |
     | `("agents", "reward")` | (B, N, 1) float32 | |
     | `done`, `terminated`, `truncated` | (B, 1) bool | flags of the team's episode |
+    | `state` | (B, 7, H, W) float32 | with `state=True`: `mapf_pz.MapfEnv.state` |
+    | `("metrics", "CSR")`, ... | (B, 1) float32 | with `metrics=True`: `mapf_pz.MapfEnv.metrics`; NaN before the end |
 
     An environment that is done keeps its true final observation until it is reset. With `on_target="finish"`, agents
     that have disappeared observe zeros, receive no reward, and may only wait. `step` raises `ValueError` for actions of
@@ -65,6 +74,7 @@ class BatchedMapfEnv(EnvBase):
         num_agents = self.simulator.num_agents
         self.group_map = {"agents": [f"agent_{i}" for i in range(num_agents)]}
         self._seed_next: int | None = None
+        self._has_state, self._has_metrics = config.state, config.metrics
         self._make_specs(torch.Size([num_envs, num_agents]))
 
     def _make_specs(self, each: torch.Size) -> None:
@@ -77,9 +87,17 @@ class BatchedMapfEnv(EnvBase):
             arrivals=UnboundedDiscrete(shape=one, dtype=torch.int64),
             active=Binary(1, shape=one, dtype=torch.bool),
             position=Bounded(-1, max(self.simulator.shape) - 1, shape=torch.Size([*each, 2]), dtype=torch.int64),
+            goal=Bounded(0, max(self.simulator.shape) - 1, shape=torch.Size([*each, 2]), dtype=torch.int64),
             shape=each,
         )
-        self.observation_spec = Composite(agents=observed, shape=batch)
+        spec = Composite(agents=observed, shape=batch)
+        if self._has_state:
+            size = torch.Size([*batch, len(STATE_PLANES), *self.simulator.shape])
+            spec["state"] = Bounded(-1, 1, shape=size, dtype=torch.float32)
+        if self._has_metrics:
+            names = metric_names(self.config.on_target)
+            spec["metrics"] = Composite({name: Unbounded(shape=torch.Size([*batch, 1])) for name in names}, shape=batch)
+        self.observation_spec = spec
         action = Categorical(num_actions, shape=each, dtype=torch.int64)
         self.action_spec = Composite(agents=Composite(action=action, shape=each), shape=batch)
         reward = Unbounded(shape=one, dtype=torch.float32)
@@ -140,7 +158,16 @@ class BatchedMapfEnv(EnvBase):
             "arrivals": torch.from_numpy(agents["arrivals"].astype(np.int64)).unsqueeze(-1),
             "active": torch.from_numpy(agents["active"].copy()).unsqueeze(-1),
             "position": torch.from_numpy(position),
+            "goal": torch.from_numpy(self.simulator.coordinates(agents["goal"])),
         }
+
+    def _metrics(self, ended: Tensor) -> TensorDict:
+        """Return the metrics of the episodes that have `ended` (B, 1), and NaN for the others."""
+        values = {name: torch.full(ended.shape, torch.nan) for name in metric_names(self.config.on_target)}
+        for b in ended.squeeze(-1).nonzero().squeeze(-1).tolist():
+            for name, value in self.simulator.metrics(b).items():
+                values[name][b] = value
+        return TensorDict(values, batch_size=self.batch_size, device=self.device)
 
     def _with_flags(
         self, agents: dict[str, Tensor | TensorDict], terminated: Tensor, truncated: Tensor
@@ -148,9 +175,17 @@ class BatchedMapfEnv(EnvBase):
         # The explicit device saves TensorDict a search through its entries.
         batch, device = self.batch_size, self.device
         each = (*batch, self.simulator.num_agents)
-        group = TensorDict(agents, batch_size=each, device=device)
-        flags = {"done": terminated | truncated, "terminated": terminated, "truncated": truncated}
-        return TensorDict({"agents": group, **flags}, batch_size=batch, device=device)
+        entries: dict[str, Tensor | TensorDict] = {
+            "agents": TensorDict(agents, batch_size=each, device=device),
+            "done": terminated | truncated,
+            "terminated": terminated,
+            "truncated": truncated,
+        }
+        if self._has_state:
+            entries["state"] = torch.from_numpy(global_state(self.simulator))
+        if self._has_metrics:
+            entries["metrics"] = self._metrics(entries["done"])
+        return TensorDict(entries, batch_size=batch, device=device)
 
     def _set_seed(self, seed: int | None) -> None:
         """Seed the next reset: environment `b` with `seed + b`."""

@@ -29,6 +29,7 @@ __all__ = [
     "DeviceName",
     "EncoderName",
     "ImitationConfig",
+    "LoggerName",
     "ModelConfig",
     "OptimizationConfig",
     "PPOConfig",
@@ -41,6 +42,7 @@ AlgorithmName = Literal["mappo", "ippo", "central-ppo", "dagger", "bc"]
 CollectorName = Literal["single", "processes", "ray"]
 DeviceName = Literal["auto", "cpu", "cuda"]
 EncoderName = Literal["conv", "report", "residual"]
+LoggerName = Literal["tensorboard", "wandb"]
 PrecisionName = Literal["float32", "bfloat16", "auto"]
 
 TRAINING_ENV = EnvConfig(num_agents=8, max_steps=96, **RECOMMENDED)
@@ -195,6 +197,10 @@ class TrainConfig:
     """Number of processes that train together: they divide the environments and each minibatch among themselves, and
     average their gradients, so that an update uses the same number of samples. `auto`: as many as there are GPUs or
     cores, if the batch can be divided among them. Under `torchrun`, the number of its processes is used instead."""
+
+    loggers: tuple[LoggerName, ...] = ("tensorboard",)
+    """Where progress is logged in addition to `progress.csv`: `tensorboard` (files in the run's folder), `wandb`
+    (Weights & Biases, which its environment variables configure, such as `WANDB_PROJECT` and `WANDB_MODE`)."""
 
     def __post_init__(self) -> None:
         """Check names and numbers, and that the environments divide evenly among the workers."""

@@ -35,6 +35,11 @@ def config_files(config: TrainConfig) -> dict[str, bytes]:
     return {**object_files(config.task.env), CONFIG: _ADAPTER.dump_json(config, indent=2)}
 
 
+def config_values(config: TrainConfig) -> dict[str, Any]:
+    """Return a configuration as nested dictionaries of JSON values."""
+    return _ADAPTER.dump_python(config, mode="json")
+
+
 def save_config(folder: Path, config: TrainConfig) -> None:
     """Write a configuration's files to `folder` and remove those of an earlier one; raises as `config_files`."""
     files = config_files(config)

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import shutil
 from pathlib import Path
 
 from torch import nn
-from torchrl.record.loggers.tensorboard import TensorboardLogger
 
 from mapf_pz.errors import FormatError
 from mapf_pz.rl.checkpoint import FOLDER, Checkpoints, Position, read_position, restore
@@ -15,13 +13,14 @@ from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG_FILES, save_config
 from mapf_pz.rl.curves import Run, draw_curves
 from mapf_pz.rl.learner import Learner
+from mapf_pz.rl.loggers import LOGGER_FOLDERS, ProgressLogger, make_loggers
 from mapf_pz.rl.policy import WEIGHTS, save_weights
 from mapf_pz.rl.progress import PROGRESS, Row, append_progress, read_progress, write_progress
 
-CURVE, TENSORBOARD = "learning_curve.png", "tensorboard"
+CURVE = "learning_curve.png"
 CURVES = ("CSR", "ISR", "throughput", "agreement", "return")
 """Columns of the progress file that are drawn if there are any."""
-RUN_FILES = (*CONFIG_FILES, WEIGHTS, PROGRESS, CURVE, FOLDER, TENSORBOARD)
+RUN_FILES = (*CONFIG_FILES, WEIGHTS, PROGRESS, CURVE, FOLDER, *LOGGER_FOLDERS)
 """All files and folders that a run writes into its folder."""
 RECENT_EPISODES = 100
 """Number of latest training episodes whose mean CSR, or throughput, determines the best checkpoint. Without training
@@ -37,7 +36,7 @@ class RunFolder:
         self.checkpoints = Checkpoints(path)
         self._rows: list[Row] = []
         self._saved_steps = 0  # agent steps at the latest checkpoint
-        self._tensorboard: TensorboardLogger | None = None
+        self._loggers: list[ProgressLogger] = []
 
     def check_unused(self) -> None:
         """Raise `FileExistsError` if the folder holds a run."""
@@ -74,7 +73,7 @@ class RunFolder:
             for name in (PROGRESS, CURVE, WEIGHTS):
                 (self.path / name).unlink(missing_ok=True)
         save_config(self.path, config)
-        self._start_tensorboard()
+        self._loggers = make_loggers(self.path, config, self._rows)
 
     @property
     def seconds(self) -> float:
@@ -85,7 +84,8 @@ class RunFolder:
         """Append one row to the progress file; all rows have the same keys."""
         append_progress(self.path, row, is_first=not self._rows)
         self._rows.append(row)
-        self._log_scalars(row)
+        for logger in self._loggers:
+            logger.log(row)
 
     def save(self, learner: Learner, interval: int = 1) -> None:
         """Write a checkpoint if the latest is at least `interval` agent steps old."""
@@ -99,23 +99,10 @@ class RunFolder:
     def finish(self, network: nn.Module, config: TrainConfig) -> None:
         """Write the policy and the learning curve."""
         save_weights(self.path, network)
-        if self._tensorboard is not None:
-            self._tensorboard.experiment.close()
+        for logger in self._loggers:
+            logger.close()
         if self._rows:
             draw_curves([Run(self.path.name, config, self._rows)], CURVES, self.path / CURVE)
-
-    def _start_tensorboard(self) -> None:
-        """Rewrite TensorBoard's files from the rows so far, since events after the checkpoint cannot be removed."""
-        shutil.rmtree(self.path / TENSORBOARD, ignore_errors=True)
-        self._tensorboard = TensorboardLogger(TENSORBOARD, str(self.path))
-        for row in self._rows:
-            self._log_scalars(row)
-
-    def _log_scalars(self, row: Row) -> None:
-        if self._tensorboard is not None:
-            for name, value in row.items():
-                if not math.isnan(value):
-                    self._tensorboard.log_scalar(name, value, int(row["agent_steps"]))
 
     def _recent_score(self) -> float:
         """Return the mean CSR or throughput over the rows with the latest episodes, or 0 if no episode has ended."""

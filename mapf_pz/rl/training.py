@@ -25,6 +25,7 @@ from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG, config_files, load_config
 from mapf_pz.rl.launch import connecting, is_first, launched_size, local_rank
 from mapf_pz.rl.learner import Learner
+from mapf_pz.rl.loggers import check_loggers
 from mapf_pz.rl.networks import Actor
 from mapf_pz.rl.policy import load_policy
 from mapf_pz.rl.ranks import Ranks
@@ -73,6 +74,7 @@ def train(
         FileExistsError: The folder holds a run, and `overwrite` is False.
         FileNotFoundError: There is no such map.
         FormatError: The map's file is malformed.
+        ImportError: The package of a logger is not installed.
         ValueError: The configuration is not valid, or there is no GPU for `device="cuda"`.
     """
     run = RunFolder(Path(output))
@@ -128,6 +130,7 @@ def _run(
 ) -> Path:
     """Train from the start or from a checkpoint."""
     config_files(config)  # raises for a configuration that cannot be saved, before workers start
+    check_loggers(config)
     config = _with_learners(config)
     with connecting(int(config.num_learners), partial(_follow, config, make)) as ranks:
         if ranks.rank == 0:

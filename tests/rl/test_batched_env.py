@@ -12,6 +12,8 @@ MODES = [
     {"features": ("goal_vector", "last_actions")},
     {"on_target": "finish"},
     {"on_target": "restart", "action_model": "cardinal"},
+    {"state": True, "metrics": True},
+    {"state": True, "metrics": True, "on_target": "restart"},
 ]
 
 
@@ -60,6 +62,35 @@ def test_a_row_is_the_pettingzoo_environment(on_target):
             assert list(rewards.values()) == pytest.approx(now["agents", "reward"][b, :, 0].tolist())
             assert all(terminated.values()) == now["terminated"][b].item()
             assert all(truncated.values()) == now["truncated"][b].item()
+
+
+@pytest.mark.parametrize("on_target", ["nothing", "finish", "restart"])
+def test_state_goals_and_metrics_are_those_of_the_pettingzoo_environment(on_target):
+    keywords = {"source": RandomObstacles(5, 6, 0.1, 3, 30 if on_target == "restart" else 1), "max_steps": 40}
+    keywords |= {"on_target": on_target, "channels": ("view", "cost_to_go"), "reward": "progress"}
+    batched = BatchedMapfEnv(3, state=True, metrics=True, **keywords)
+    batched.set_seed(7)
+    now = batched.reset()
+    singles = [mapf_pz.parallel_env(**keywords) for _ in range(3)]
+    for b, env in enumerate(singles):
+        env.reset(seed=7 + b)
+    assert set(now["metrics"].keys()) == set(singles[0].metrics())
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        for b, env in enumerate(singles):
+            assert np.array_equal(now["state"][b].numpy(), env.state())
+            assert np.array_equal(now["agents", "goal"][b].numpy(), env.goals)
+            assert all(np.isnan(value[b].item()) for value in now["metrics"].values())
+        actions = rng.integers(4, size=(3, 3))
+        now = batched.step(now.set(("agents", "action"), torch.from_numpy(actions)))["next"]
+        for b, env in enumerate(singles):
+            env.step({agent: actions[b, env.possible_agents.index(agent)] for agent in env.agents})
+            if not env.agents:
+                expected = env.metrics()
+                assert {name: value[b].item() for name, value in now["metrics"].items()} == pytest.approx(expected)
+        if now["done"].any():
+            break
+    assert now["done"].any()
 
 
 def test_partial_reset_leaves_the_others_alone():

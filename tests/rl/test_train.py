@@ -1,5 +1,6 @@
 import dataclasses
 import json
+import math
 import re
 import time
 
@@ -16,7 +17,7 @@ from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.config import CuriosityConfig
 from mapf_pz.rl.observation_shape import ObservationShape
 from mapf_pz.rl.ppo import MAPPO
-from mapf_pz.rl.training import Progress
+from mapf_pz.rl.training import Progress, resume
 from tests.helpers.small_run import TINY, changed, rows, untimed
 
 
@@ -256,6 +257,55 @@ def test_tensorboard_shows_what_the_table_says(tmp_path):
         shown = events.Scalars(key)
         assert [event.step for event in shown] == [int(row["agent_steps"]) for row in told]
         assert [event.value for event in shown] == pytest.approx([float(row[key]) for row in told], rel=1e-5)
+
+
+WANDB = """
+import json
+import math
+from pathlib import Path
+
+def init(id, resume, name, dir, config):
+    assert resume == "allow"
+    return Run(Path(dir).parent / f"logged-{id}.jsonl", {"name": name, "seed": config["seed"]})
+
+class Run:
+    def __init__(self, file, first):
+        self.file = file
+        self.log(first)
+
+    def define_metric(self, name, step_metric):
+        self.log([name, step_metric])
+
+    def log(self, row):
+        with self.file.open("a") as stream:
+            print(json.dumps(row), file=stream)
+
+    def finish(self):
+        self.log("finished")
+"""
+
+
+def test_weights_and_biases_gets_all_rows_also_of_a_resumed_run(tmp_path, monkeypatch):
+    config = dataclasses.replace(TINY, loggers=("wandb",))
+    with pytest.raises(ImportError, match="pip install wandb"):
+        train(config, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+    (tmp_path / "packages" / "wandb-0.dist-info").mkdir(parents=True)
+    (tmp_path / "packages" / "wandb.py").write_text(WANDB)
+    monkeypatch.syspath_prepend(tmp_path / "packages")
+    resume(train(config, tmp_path / "run"), agent_steps=768)
+    train(config, tmp_path / "run", overwrite=True)
+    files = sorted(tmp_path.glob("logged-*.jsonl"), key=lambda file: file.stat().st_mtime)
+    first, second = ([json.loads(line) for line in file.read_text().splitlines()] for file in files)
+    start = [{"name": "run", "seed": TINY.seed}, ["*", "agent_steps"]]
+    assert [row.get("agent_steps") if isinstance(row, dict) else row for row in first[2:]] == [
+        *(192, 384, 576, "finished"),
+        *(None, start[1], 768, "finished"),
+    ]
+    assert (first[:2], second[:2]) == (start, start)
+    assert [row["agent_steps"] for row in second[2:-1]] == [192, 384, 576]
+    assert all(not math.isnan(value) for row in second[2:-1] for value in row.values())
+    assert not (tmp_path / "run" / "tensorboard").exists()
 
 
 def test_interrupt_saves_the_policy(tmp_path):
