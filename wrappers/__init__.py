@@ -4,6 +4,8 @@ from mapf_pz.action_modes import ACTION_MODES, ActionMode
 from mapf_pz.wrappers.centralized import CentralizedEnv, TeamReward, centralized_env
 from mapf_pz.wrappers.centralized_vector import CentralizedVectorEnv
 from mapf_pz.wrappers.continuous_actions import ContinuousActions
+from mapf_pz.wrappers.flat_observations import FlatObservations
+from mapf_pz.wrappers.masked_observations import MaskedObservations
 from mapf_pz.wrappers.record_episode import RecordEpisode
 
 __all__ = [
@@ -12,6 +14,8 @@ __all__ = [
     "CentralizedEnv",
     "CentralizedVectorEnv",
     "ContinuousActions",
+    "FlatObservations",
+    "MaskedObservations",
     "RecordEpisode",
     "TeamReward",
     "centralized_env",

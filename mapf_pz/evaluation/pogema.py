@@ -68,7 +68,16 @@ class InPogema:
             ValueError: the observations are not those of `observation_type="MAPF"`.
             RuntimeError: POGEMA's episode differs from the parallel one.
         """
-        free, positions, goals = _parse(observations)
+        return self.act_at(*_parse(observations))
+
+    def act_at(self, free: Bools, positions: Ints, goals: Ints) -> list[int]:
+        """Return an action for each of the N agents, as `act`.
+
+        Args:
+            free: (H, W), the free cells of the map.
+            positions: (N, 2), the agents' positions, [row, col].
+            goals: (N, 2), their current goals.
+        """
         if self._episode is None:
             # The next goal is unknown until the current one is reached; until then, the current goal is repeated.
             instance = Instance(Grid(free), Scenario(positions, np.repeat(goals[:, None], 2, axis=1)))

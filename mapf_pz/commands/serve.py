@@ -1,0 +1,42 @@
+"""The command `mapf-pz serve`: a policy for POGEMA's environment in a separate process."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+
+from tyro.conf import Positional
+
+from mapf_pz.config import CollisionSystem, OnTarget
+from mapf_pz.evaluation.pogema import InPogema
+from mapf_pz.evaluation.served_policy import replies
+
+
+@dataclass(frozen=True)
+class ServeOptions:
+    """Options of `mapf-pz serve`, which must equal those of POGEMA's `GridConfig`."""
+
+    policy: Positional[str]
+    """A planner, or a trained policy with cardinal actions: a bundled one or the folder of a run."""
+    collision_system: CollisionSystem = "priority"
+    """How conflicting moves are resolved."""
+    on_target: OnTarget = "finish"
+    """What an agent does at its goal."""
+    max_steps: int = 64
+    """Maximum number of steps per episode, POGEMA's `max_episode_steps`."""
+
+
+def serve(options: ServeOptions) -> None:
+    """Act in POGEMA's environment, the dependencies of which conflict with this package's.
+
+    Reads observations from the standard input and writes actions to the standard output, as lines of JSON, until the
+    input ends. `examples/in_pogema.py` is a client.
+    """
+    policy = InPogema(
+        options.policy,
+        collision_system=options.collision_system,
+        on_target=options.on_target,
+        max_steps=options.max_steps,
+    )
+    for reply in replies(policy, sys.stdin):
+        print(reply, flush=True)
