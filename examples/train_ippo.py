@@ -7,7 +7,7 @@ import numpy as np
 import tyro
 
 from mapf_pz.evaluation import EvaluationTask, evaluate
-from mapf_pz.evaluation.report import interval
+from mapf_pz.evaluation.intervals import interval
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.presets import PRESETS
@@ -35,7 +35,7 @@ def main(example: Example) -> None:
         maps = RandomObstacles(height=20, width=20, density=0.15, num_agents=num_agents)
         task = EvaluationTask("20 x 20", num_agents, {"source": maps, "max_steps": 160}, example.episodes)
         shares = [episode.metrics["ISR"] for episode in evaluate({"ippo": policy}, [task])]
-        low, high = interval(shares)
+        low, high = interval("ISR", shares)
         print(f"{task.label}: ISR {np.mean(shares):.3f} [{low:.3f}, {high:.3f}]")
 
 

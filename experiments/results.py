@@ -27,8 +27,9 @@ import tyro
 from experiments.tables import TABLES, Results, ResultTable, markdown
 from mapf_pz.evaluation import Episode, EvaluationTask, evaluate, load_suite
 from mapf_pz.evaluation.figures import draw_figures
+from mapf_pz.evaluation.intervals import interval
 from mapf_pz.evaluation.published import METRICS, PublishedEpisode, check_possible, load_published
-from mapf_pz.evaluation.report import grouped, interval
+from mapf_pz.evaluation.report import SOLVED, grouped
 from mapf_pz.evaluation.results import discard_policies
 from mapf_pz.instances.library import benchmark_file
 from mapf_pz.instances.pogema import load_pogema, pogema_keys
@@ -82,7 +83,7 @@ def measure(suites: tuple[str, ...] = (), jobs: int = 2) -> None:
         results = source | _summary(table, episodes)
         write_whole(FILES / f"{table.suite}.json", as_json(results).encode())
         if table.figure:
-            draw_figures(episodes, FILES)
+            draw_figures(episodes, FILES, published=_published_episodes(table))
         print(f"{table.suite}: written", flush=True)
     write()
 
@@ -136,7 +137,8 @@ def load_results(suite: str) -> Results:
 def _run(policy: str, task: EvaluationTask, number: int) -> Episode:
     """Run one episode of a task."""
     instance = task.instance(number)
-    single = task.with_(seed=task.seed + number, episodes=1, instances=None if instance is None else (instance,))
+    instances = None if instance is None else (instance,)
+    single = task.with_(seed=task.seed + number, episodes=1, instances=instances, instance_names=())
     return evaluate([policy], [single])[0]
 
 
@@ -178,16 +180,16 @@ def _summary(table: ResultTable, episodes: Sequence[Episode]) -> dict[str, Any]:
             "task": task_name,
             "num_agents": num_agents,
             "episodes": max(map(len, values.values())),
-            "metrics": {name: _mean(numbers) for name, numbers in values.items()},
+            "metrics": {name: _mean(name, numbers) for name, numbers in values.items() if not name.endswith(SOLVED)},
         }
         for (task_name, num_agents, policy), values in grouped(episodes).items()
     ]
     return {"rows": rows, "published": _published(table), "samples": _samples(episodes)}
 
 
-def _mean(values: Sequence[float]) -> dict[str, float]:
+def _mean(metric: str, values: Sequence[float]) -> dict[str, float]:
     """Return the mean and its 95 % interval, rounded to six digits."""
-    low, high = interval(values)
+    low, high = interval(metric, values)
     return {name: float(f"{v:.6g}") for name, v in (("mean", np.mean(values)), ("low", low), ("high", high))}
 
 
@@ -216,8 +218,8 @@ def _comparable(metrics: dict[str, float]) -> dict[str, float]:
     return {name: value for name, value in metrics.items() if name not in TIMES}
 
 
-def _published(table: ResultTable) -> list[dict[str, Any]]:
-    """Return the means of the published results on the suite's instances; checks that they are possible."""
+def _published_episodes(table: ResultTable) -> list[PublishedEpisode]:
+    """Return the published results on the suite's instances; checks that they are possible."""
     if table.published is None:
         return []
     tasks = load_suite(table.suite)
@@ -233,10 +235,14 @@ def _published(table: ResultTable) -> list[dict[str, Any]]:
     ]
     for episode in check_possible(episodes, instances, tasks[0].keywords["max_steps"]):
         print(f"impossible, {table.suite}: {episode}", file=sys.stderr)
+    return [episode for episode in episodes if episode.instance in instances or not episode.instance[1]]
+
+
+def _published(table: ResultTable) -> list[dict[str, Any]]:
+    """Return the means of the published results."""
     groups: dict[tuple[str, int], list[PublishedEpisode]] = {}
-    for episode in episodes:
-        if episode.instance in instances or not episode.instance[1]:
-            groups.setdefault((episode.algorithm, episode.num_agents), []).append(episode)
+    for episode in _published_episodes(table):
+        groups.setdefault((episode.algorithm, episode.num_agents), []).append(episode)
     return [
         {"policy": algorithm, "num_agents": num_agents, "episodes": len(members), "metrics": _means(members)}
         for (algorithm, num_agents), members in groups.items()
@@ -245,7 +251,7 @@ def _published(table: ResultTable) -> list[dict[str, Any]]:
 
 def _means(episodes: Sequence[PublishedEpisode]) -> dict[str, dict[str, float]]:
     present = [name for name in METRICS if all(name in episode.metrics for episode in episodes)]
-    return {name: _mean([episode.metrics[name] for episode in episodes]) for name in present}
+    return {name: _mean(name, [episode.metrics[name] for episode in episodes]) for name in present}
 
 
 def pages() -> list[Path]:

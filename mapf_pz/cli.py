@@ -40,6 +40,7 @@ COMMANDS: dict[str, Command] = {
     "play": Command("mapf_pz.commands.play:play", "control an agent with the keyboard"),
     "plot": Command("mapf_pz.commands.plot:plot", "draw the learning curves of training runs"),
     "render": Command("mapf_pz.commands.render:render", "save an episode or a plan as a web page, video or image"),
+    "report": Command("mapf_pz.commands.report:report", "make tables and figures of evaluations, for papers"),
     "schedule": Command(
         "mapf_pz.commands.schedule:schedule", "run a League of Robot Runners problem, tasks assigned by a scheduler"
     ),

@@ -130,7 +130,9 @@ class EvaluateOptions:
         tasks: list[EvaluationTask] = []
         for count in self.agent_counts or (None,):
             instances = tuple(load_instances(files, env.map, count, goals_per_agent(env)))
-            tasks.append(EvaluationTask(name, instances[0].num_agents, DEFAULTS, instances=instances))
+            names = tuple(Path(file).name for file in files) if len(files) == len(instances) else ()
+            count = instances[0].num_agents
+            tasks.append(EvaluationTask(name, count, DEFAULTS, instances=instances, instance_names=names))
         return tasks
 
 

@@ -18,11 +18,11 @@ class ServeOptions:
 
     policy: Positional[str]
     """A planner, or a trained policy with cardinal actions: a bundled one or the folder of a run."""
-    collision_system: CollisionSystem = "priority"
+    collision_system: CollisionSystem
     """How conflicting moves are resolved."""
-    on_target: OnTarget = "finish"
+    on_target: OnTarget
     """What an agent does at its goal."""
-    max_steps: int = 64
+    max_steps: int
     """Maximum number of steps per episode, POGEMA's `max_episode_steps`."""
 
 

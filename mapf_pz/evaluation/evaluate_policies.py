@@ -111,8 +111,8 @@ def _in_chunks(episodes: Sequence[int], size: int) -> Iterator[Sequence[int]]:
 
 def _run(job: Job) -> list[Episode]:
     """Run the episodes of a job."""
-    measured = run_episodes(job.factory, job.task, job.episodes)
+    task, measured = job.task, run_episodes(job.factory, job.task, job.episodes)
     return [
-        Episode(*_key(job.name, job.task, number), metrics)
+        Episode(*_key(job.name, task, number), metrics, task.instance_name(number), task.seed + number)
         for number, metrics in zip(job.episodes, measured, strict=True)
     ]

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from mapf_pz.evaluation.report import grouped, interval
+from mapf_pz.evaluation.intervals import interval
+from mapf_pz.evaluation.published import PublishedEpisode
+from mapf_pz.evaluation.report import SOLVED, grouped
 from mapf_pz.evaluation.results import Episode
 from mapf_pz.io.atomic import replacing
 
+FigureFormat = Literal["png", "pdf", "svg"]
 LABELS = {
     "CSR": "all agents at their goals (CSR)",
     "ISR": "agents at their goals (ISR)",
-    "SoC_ratio": "sum of costs / lower bound",
+    f"SoC_ratio{SOLVED}": "sum of costs / lower bound (solved)",
     "avg_throughput": "goals reached per step",
     "step_ms": "milliseconds per step",
 }
@@ -26,31 +30,61 @@ Points = dict[int, list[float]]
 """The values of a metric, by the number of agents."""
 
 
-def draw_figures(episodes: Iterable[Episode], folder: Path) -> list[Path]:
-    """Save a figure of each task with several numbers of agents, and return the files."""
+def draw_figures(
+    episodes: Iterable[Episode],
+    folder: Path,
+    format: FigureFormat = "png",
+    published: Sequence[PublishedEpisode] = (),
+) -> list[Path]:
+    """Save a figure of each task with several numbers of agents, and return the files.
+
+    Args:
+        episodes: the episodes.
+        folder: the folder of the files, which are named by the tasks.
+        format: the format of the files; `pdf` and `svg` are vector graphics.
+        published: published results of the same instances, which are drawn as dashed lines.
+    """
     by_task: dict[str, dict[str, dict[str, Points]]] = {}
     for (task_name, num_agents, policy), values in grouped(episodes).items():
         for metric in values:
             lines = by_task.setdefault(task_name, {}).setdefault(metric, {})
             lines.setdefault(policy, {})[num_agents] = values[metric]
-    return list(_draw(by_task, folder))
+    return list(_draw(by_task, folder, format, published))
 
 
-def _draw(by_task: dict[str, dict[str, dict[str, Points]]], folder: Path) -> Iterator[Path]:
+def _draw(
+    by_task: dict[str, dict[str, dict[str, Points]]],
+    folder: Path,
+    format: FigureFormat,
+    published: Sequence[PublishedEpisode],
+) -> Iterator[Path]:
     for task_name, metrics in by_task.items():
         shown = [name for name in LABELS if name in metrics]
         if not shown or max(len(points) for points in metrics[shown[0]].values()) < 2:
             continue
-        figure = Figure(figsize=(4.2 * len(shown), 3.6), layout="constrained")
+        figure = Figure(figsize=(4.2 * len(shown), 4.2), layout="constrained")
         for panel, metric in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
-            _draw_panel(panel, metric, metrics[metric])
-        figure.axes[0].legend(fontsize=8)
+            lifelong = "avg_throughput" in metrics
+            _draw_panel(panel, metric, metrics[metric], _published_points(published, metric, lifelong))
+        legends = [panel.get_legend_handles_labels() for panel in figure.axes]
+        handles = {label: line for lines, labels in legends for line, label in zip(lines, labels, strict=True)}
+        figure.legend(handles.values(), handles, fontsize=8, loc="outside lower center", ncols=len(shown) + 1)
         figure.suptitle(_escaped(task_name))
         name = "".join(char if char.isalnum() else "-" for char in task_name)
-        file = folder / f"{name}.png"
+        file = folder / f"{name}.{format}"
         with replacing(file) as temporary:
-            figure.savefig(temporary, dpi=110)
+            figure.savefig(temporary, format=format, dpi=110)
         yield file
+
+
+def _published_points(published: Sequence[PublishedEpisode], metric: str, lifelong: bool) -> dict[str, Points]:
+    """Return the values of a metric by algorithm and number of agents."""
+    lines: dict[str, Points] = {}
+    for episode in published:
+        if episode.lifelong == lifelong and metric in episode.metrics:
+            points = lines.setdefault(episode.algorithm, {})
+            points.setdefault(episode.num_agents, []).append(episode.metrics[metric])
+    return lines
 
 
 def _escaped(name: str) -> str:
@@ -58,16 +92,23 @@ def _escaped(name: str) -> str:
     return name.replace("$", r"\$")
 
 
-def _draw_panel(panel: Axes, metric: str, lines: dict[str, Points]) -> None:
-    """Plot the means of a metric with their 95 % intervals, a line for each policy."""
+def _draw_panel(panel: Axes, metric: str, lines: dict[str, Points], published: dict[str, Points]) -> None:
+    """Plot the means of a metric with their 95 % intervals, a line for each policy; published ones without interval."""
     for policy, points in lines.items():
         agents = sorted(points)
-        ends = np.array([interval(points[count]) for count in agents])
+        ends = np.array([interval(metric, points[count]) for count in agents])
         means = [float(np.mean(points[count])) for count in agents]
         panel.plot(agents, means, marker="o", markersize=3, label=_escaped(policy))
         panel.fill_between(agents, ends[:, 0], ends[:, 1], alpha=0.2)
+    for number, (name, points) in enumerate(published.items()):
+        agents = sorted(points)
+        means = [float(np.mean(points[count])) for count in agents]
+        gray = str(0.15 + 0.6 * number / len(published))
+        panel.plot(
+            agents, means, "--", marker=number % 12, color=gray, linewidth=1, label=f"{_escaped(name)} (published)"
+        )
     panel.set(xlabel="agents", ylabel=LABELS[metric])
     if metric == "step_ms":
         panel.set_yscale("log")
-    elif metric != "SoC_ratio":
+    elif not metric.startswith("SoC_ratio"):
         panel.set_ylim(bottom=0)

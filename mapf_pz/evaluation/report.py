@@ -1,49 +1,119 @@
-"""Summaries of evaluated episodes: means with intervals, as a table for the terminal and in Markdown."""
+"""Summaries of evaluated episodes: means with intervals, and differences between policies on the same episodes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from rich.markup import escape
-from rich.table import Table
 
+from mapf_pz.evaluation.intervals import bootstrap, interval
 from mapf_pz.evaluation.results import METRICS, Episode
 
-SHOWN = tuple(name for name in METRICS if name not in ("SoC", "ep_length", "runtime"))
-"""The metrics in tables; the others are only in the file of episodes."""
+SOLVED = " (solved)"
+"""Suffix of metrics that are averaged over solved episodes, those with a CSR of 1."""
+COLUMNS = (
+    *("CSR", "ISR", f"SoC_ratio{SOLVED}", f"makespan{SOLVED}", "avg_throughput", "exhausted_agents", "best_ratio"),
+    *("collisions", "step_ms", "agent_us"),
+)
+"""The default columns of tables; other metrics are only in the file of episodes."""
+ALL_COLUMNS = (*METRICS, *(f"{name}{SOLVED}" for name in ("SoC", "SoC_ratio", "makespan", "ep_length")))
+"""All columns that tables may have."""
 
 Group = tuple[str, int, str]
 """A task's name, its number of agents, and a policy."""
 
 
-def interval(values: Sequence[float], seed: int = 0, resamples: int = 2000) -> tuple[float, float]:
-    """Return the 95 % bootstrap interval of the mean of `values` (Efron, 1979)."""
-    array = np.asarray(values)
-    means = np.random.default_rng(seed).choice(array, (resamples, len(array))).mean(axis=1)
-    low, high = np.quantile(means, (0.025, 0.975))
-    return float(low), float(high)
+@dataclass(frozen=True)
+class Estimate:
+    """A mean and its 95 % interval."""
+
+    mean: float
+    """The mean."""
+    low: float
+    """Lower end of the interval."""
+    high: float
+    """Upper end of the interval."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The results of a policy in a task."""
+
+    task: str
+    """The task's name."""
+    num_agents: int
+    """Number of agents."""
+    policy: str
+    """The policy."""
+    episodes: int
+    """Number of episodes."""
+    estimates: Mapping[str, Estimate]
+    """Estimates by column, out of `ALL_COLUMNS`."""
+
+
+@dataclass(frozen=True)
+class SummaryTable:
+    """Results of policies in tasks."""
+
+    columns: tuple[str, ...]
+    """The columns that at least one row has, in order."""
+    rows: tuple[Summary, ...]
+    """A row for each task and policy."""
+
+
+def column_values(episode: Episode) -> dict[str, float]:
+    """Return the values of an episode by column; those of solved episodes only if the episode is solved."""
+    values = dict(episode.metrics)
+    if values.get("CSR") == 1:
+        values |= {f"{name}{SOLVED}": value for name, value in episode.metrics.items()}
+    return {name: value for name, value in values.items() if name in ALL_COLUMNS}
 
 
 def grouped(episodes: Iterable[Episode]) -> dict[Group, dict[str, list[float]]]:
-    """Return the values of each metric for each task and policy, in the order of the episodes."""
+    """Return the values of each column for each task and policy, in the order of the episodes."""
     groups: dict[Group, dict[str, list[float]]] = {}
     for episode in episodes:
         values = groups.setdefault((episode.task, episode.num_agents, episode.policy), {})
-        for name, value in episode.metrics.items():
+        for name, value in column_values(episode).items():
             values.setdefault(name, []).append(value)
     return groups
 
 
-def rows(episodes: Iterable[Episode]) -> list[list[str]]:
-    """Return the table: its header, and a row for each task and policy, with means and their 95 % intervals."""
-    groups = grouped(episodes)
-    shown = [name for name in SHOWN if any(_is_shown(name, values) for values in groups.values())]
-    table = [["task", "agents", "policy", "episodes", *shown]]
-    for (task_name, num_agents, policy), values in groups.items():
-        count = max(map(len, values.values()))
-        table.append([task_name, str(num_agents), policy, str(count), *(_cell(values.get(name)) for name in shown)])
-    return table
+def summaries(episodes: Iterable[Episode], columns: Sequence[str] = COLUMNS) -> SummaryTable:
+    """Return the means of each task and policy, in the order of the episodes.
+
+    Columns without values are omitted, and `exhausted_agents` if it is 0.
+    """
+    rows = [
+        Summary(*group, max(map(len, values.values()), default=0), _estimates(values, columns, interval))
+        for group, values in grouped(episodes).items()
+    ]
+    return _table(rows, columns)
+
+
+def differences(episodes: Sequence[Episode], baseline: str, columns: Sequence[str] = COLUMNS) -> SummaryTable:
+    """Return the mean differences between each policy and the policy `baseline` on the same episodes of each task.
+
+    Raises `ValueError` if there are no episodes of that policy.
+    """
+    references = {episode.key[1:]: column_values(episode) for episode in episodes if episode.policy == baseline}
+    if not references:
+        known = ", ".join(dict.fromkeys(episode.policy for episode in episodes))
+        raise ValueError(f"baseline {baseline!r}: no such policy in the results, expected one of {known}")
+    groups: dict[Group, list[dict[str, float]]] = defaultdict(list)
+    for episode in episodes:
+        other = references.get(episode.key[1:])
+        if episode.policy != baseline and other is not None:
+            values = column_values(episode)
+            pair = {name: value - other[name] for name, value in values.items() if name in other}
+            groups[episode.task, episode.num_agents, episode.policy].append(pair)
+    rows = [
+        Summary(*group, len(pairs), _estimates(_by_name(pairs), columns, lambda _, values: bootstrap(values)))
+        for group, pairs in groups.items()
+    ]
+    return _table(rows, columns)
 
 
 def exhausted(episodes: Iterable[Episode]) -> list[str]:
@@ -56,30 +126,25 @@ def exhausted(episodes: Iterable[Episode]) -> list[str]:
     ]
 
 
-def terminal_table(episodes: Iterable[Episode]) -> Table:
-    """Return the table for a terminal."""
-    header, *body = rows(episodes)
-    table = Table(*header, title="mean [95 % interval]")
-    for row in body:
-        table.add_row(*map(escape, row))
-    return table
+def _table(rows: Sequence[Summary], columns: Sequence[str]) -> SummaryTable:
+    """Return the rows by task and number of agents, with tasks and policies in the order in which they come first."""
+    tasks, policies = list(dict.fromkeys(r.task for r in rows)), list(dict.fromkeys(r.policy for r in rows))
+    ordered = sorted(rows, key=lambda row: (tasks.index(row.task), row.num_agents, policies.index(row.policy)))
+    return SummaryTable(tuple(name for name in columns if any(name in row.estimates for row in rows)), tuple(ordered))
 
 
-def markdown_table(episodes: Iterable[Episode]) -> str:
-    """Return the table in Markdown."""
-    header, *body = rows(episodes)
-    lines = [header, ["---"] * len(header), *body]
-    return "".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines)
+def _by_name(pairs: Sequence[Mapping[str, float]]) -> dict[str, list[float]]:
+    values: dict[str, list[float]] = defaultdict(list)
+    for pair in pairs:
+        for name, value in pair.items():
+            values[name].append(value)
+    return values
 
 
-def _is_shown(name: str, values: dict[str, list[float]]) -> bool:
-    """Return whether a metric is shown: `exhausted_agents` only if it is not 0."""
-    return any(values[name]) if name == "exhausted_agents" and name in values else name in values
-
-
-def _cell(values: Sequence[float] | None) -> str:
-    if values is None:
-        return ""
-    mean = f"{np.mean(values):.3g}"
-    low, high = (f"{end:.3g}" for end in interval(values))
-    return mean if low == high else f"{mean} [{low}, {high}]"
+def _estimates(
+    values: Mapping[str, Sequence[float]],
+    columns: Sequence[str],
+    interval_of: Callable[[str, Sequence[float]], tuple[float, float]],
+) -> dict[str, Estimate]:
+    shown = [name for name in columns if name in values and (name != "exhausted_agents" or any(values[name]))]
+    return {name: Estimate(float(np.mean(values[name])), *interval_of(name, values[name])) for name in shown}

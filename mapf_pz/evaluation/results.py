@@ -38,7 +38,7 @@ METRICS = (
     "agent_us",
 )
 """All metrics, in the order of the file's columns. Which of them an episode has depends on its mode."""
-COLUMNS = ("policy", "task", "num_agents", "episode", *METRICS)
+COLUMNS = ("policy", "task", "num_agents", "episode", "instance", "seed", *METRICS)
 EPISODES_FILE, TASKS_FILE = "episodes.csv", "tasks.json"
 MAX_BYTES, MAX_ROW_BYTES = 2**30, 2**20
 """Maximum size of the file of episodes (about ten million episodes), and of a row in it."""
@@ -58,6 +58,10 @@ class Episode:
     """Number of the episode in its task, from 0."""
     metrics: dict[str, float] = field(default_factory=dict)
     """Metrics by name, out of `METRICS`."""
+    instance: str = ""
+    """Name of the instance; empty if the environment generated it."""
+    seed: int = 0
+    """Random seed of the episode."""
 
     @property
     def key(self) -> tuple[str, str, int, int]:
@@ -100,6 +104,19 @@ class Results:
         return {episode.key for episode in self.episodes}
 
 
+def read_episodes(folder: Path) -> list[Episode]:
+    """Return the episodes of an evaluation.
+
+    Raises:
+        FileNotFoundError: the folder has no evaluation.
+        FormatError: its file is malformed.
+    """
+    file = folder / EPISODES_FILE
+    if not file.is_file():
+        raise FileNotFoundError(f"{folder}: expected the folder of an evaluation, with a file {EPISODES_FILE}")
+    return _read(file)
+
+
 def discard(folder: Path) -> None:
     """Delete the files of an evaluation from a folder."""
     for name in (EPISODES_FILE, TASKS_FILE):
@@ -116,7 +133,7 @@ def discard_policies(folder: Path, policies: Iterable[str]) -> None:
 
 
 def _row(episode: Episode) -> list[object]:
-    return [*episode.key, *(episode.metrics.get(name, "") for name in METRICS)]
+    return [*episode.key, episode.instance, episode.seed, *(episode.metrics.get(name, "") for name in METRICS)]
 
 
 def _description(task: EvaluationTask) -> dict[str, Any]:
@@ -179,9 +196,9 @@ def _episode(row: list[str], line: int, file: Path) -> Episode:
     if len(row) != len(COLUMNS):
         raise FormatError(file, f"expected an episode of {len(COLUMNS)} values, got {len(row)}", line)
     try:
-        policy, task_name, num_agents, number, *values = row
+        policy, task_name, num_agents, number, instance, seed, *values = row
         named = zip(METRICS, values, strict=True)
         metrics = {name: float(value) for name, value in named if value}
-        return Episode(policy, task_name, int(num_agents), int(number), metrics)
+        return Episode(policy, task_name, int(num_agents), int(number), metrics, instance, int(seed))
     except ValueError as error:
         raise FormatError(file, f"expected an episode: {error}", line) from None

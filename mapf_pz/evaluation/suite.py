@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import resources
@@ -195,13 +195,15 @@ def _of_map(entry: TaskEntry, num_agents: int, folder: Path) -> EvaluationTask:
         keywords = {"map": map if "goals" in entry.env else grid, "num_agents": num_agents}
         return _task(entry, grid.name, num_agents, keywords)
     instances: list[Instance] = []
+    names: list[str] = []
     for name in entry.scenarios:
         source = _find(name, "scenarios", folder) if name.endswith(".scen") else f"{grid.name}-{name}"
         scenario = load_scenario(source, grid)
         if len(scenario) < num_agents:
             raise ValueError(f"scenario {name!r}: expected {num_agents} agents, got {len(scenario)}")
         instances.append(Instance(grid, scenario.first(num_agents)))
-    return _task(entry, grid.name, num_agents, {}, instances)
+        names.append(Path(source).stem)
+    return _task(entry, grid.name, num_agents, {}, instances, names)
 
 
 def _of_random(entry: TaskEntry, num_agents: int, _: Path) -> EvaluationTask:
@@ -235,16 +237,18 @@ def _task(
     default_name: str,
     num_agents: int,
     keywords: dict[str, Any],
-    instances: list[Instance] | None = None,
+    instances: Sequence[Instance] = (),
+    names: Sequence[str] = (),
 ) -> EvaluationTask:
     EnvConfig(num_agents=num_agents, **entry.env)  # rejects invalid values
     return EvaluationTask(
         name=entry.name or default_name,
         num_agents=num_agents,
         keywords={"max_steps": entry.max_steps} | keywords | entry.env,
-        episodes=entry.episodes or (len(instances) if instances else 64),
+        episodes=entry.episodes or len(instances) or 64,
         seed=entry.seed,
-        instances=tuple(instances or ()),
+        instances=tuple(instances),
+        instance_names=tuple(names),
         best=entry.best,
     )
 

@@ -14,7 +14,8 @@ from mapf_pz.instances import InstanceList
 class EvaluationTask:
     """Episodes with the same settings, numbered from 0.
 
-    Raises `ValueError` if `keywords` or `instances` have another number of agents than `num_agents`.
+    Raises `ValueError` if `keywords` or `instances` have another number of agents than `num_agents`, or if there are
+    other numbers of instances and of names.
     """
 
     name: str
@@ -30,11 +31,16 @@ class EvaluationTask:
     """Seed of episode 0; episode `e` has the seed `seed + e`. Training uses only smaller seeds."""
     instances: tuple[Instance, ...] = ()
     """Fixed instances: episode `e` uses instance `e` modulo their number. If empty, the environment generates them."""
+    instance_names: tuple[str, ...] = ()
+    """Names of the instances in the results, such as those of their files. Default: the names of their maps."""
     best: float | None = None
     """Best known throughput in goals per step, for the metric `best_ratio`. None: no `best_ratio`."""
 
     def __post_init__(self) -> None:
         """Check that all parts agree on the number of agents, and resolve the number of episodes."""
+        if self.instance_names and len(self.instance_names) != len(self.instances):
+            expected = f"task {self.name!r}: {len(self.instances)} instances"
+            raise ValueError(f"{expected}, but {len(self.instance_names)} names of instances")
         for origin, count in self._agent_counts():
             if count != self.num_agents:
                 expected = f"task {self.name!r}: num_agents={self.num_agents}"
@@ -59,6 +65,11 @@ class EvaluationTask:
     def instance(self, episode: int) -> Instance | None:
         """Return the instance of an episode, or None if the environment generates it."""
         return self.instances[episode % len(self.instances)] if self.instances else None
+
+    def instance_name(self, episode: int) -> str:
+        """Return the name of an episode's instance, which is empty if the environment generates it."""
+        names = self.instance_names or [instance.grid.name for instance in self.instances]
+        return names[episode % len(names)] if names else ""
 
     def env_keywords(self, episode: int) -> dict[str, Any]:
         """Return the keyword arguments of `parallel_env` for an episode."""

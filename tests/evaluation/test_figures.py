@@ -6,11 +6,12 @@ pytest.importorskip("matplotlib")
 Image = pytest.importorskip("PIL.Image")
 
 from mapf_pz.evaluation.figures import draw_figures  # noqa: E402
+from mapf_pz.evaluation.published import PublishedEpisode  # noqa: E402
 
 
 def episodes(task_name, counts, *names, **metrics):
     return [
-        Episode(name, task_name, count, number, {metric: value + number for metric, value in metrics.items()})
+        Episode(name, task_name, count, number, {metric: value / (1 + number) for metric, value in metrics.items()})
         for name in names
         for count in counts
         for number in range(3)
@@ -47,3 +48,20 @@ def test_a_policy_with_fewer_numbers_of_agents(tmp_path):
 def test_names_are_no_formulas(tmp_path):
     (file,) = draw_figures(episodes(r"cost $\frac{", [1, 2], "$x_$", CSR=1.0), tmp_path)
     assert file.exists()
+
+
+@pytest.mark.parametrize("format", ["pdf", "svg"])
+def test_vector_figures_with_published_results(tmp_path, format):
+    tried = episodes("maze", [4, 8], "pibt", CSR=0.0) + episodes("goals", [4, 8], "pibt", avg_throughput=1.0)
+    published = [
+        PublishedEpisode(lifelong, name, count, ("maze", "0"), metrics)
+        for count in (4, 8)
+        for lifelong, name, metrics in ((False, "DCC", {"CSR": 1.0}), (True, "RHCR", {"avg_throughput": 2.0}))
+    ]
+    maze, goals = draw_figures(tried, tmp_path, format, published)
+    assert (maze.name, goals.name) == (f"maze.{format}", f"goals.{format}")
+    assert maze.read_bytes()[:5] == (b"%PDF-" if format == "pdf" else b"<?xml")
+    if format == "svg":
+        assert "DCC (published)" in maze.read_text()
+        assert "RHCR" not in maze.read_text()
+        assert "RHCR (published)" in goals.read_text()

@@ -1,14 +1,23 @@
+import csv
+
 import pytest
 from rich.console import Console
 
 from mapf_pz.evaluation import Episode, markdown_table, terminal_table
-from mapf_pz.evaluation.report import exhausted, grouped, interval, rows
+from mapf_pz.evaluation.formats import cells, comma_separated, latex
+from mapf_pz.evaluation.intervals import bootstrap, interval, wilson
+from mapf_pz.evaluation.report import differences, exhausted, grouped, summaries
+
+
+def rows(episodes):
+    return cells(summaries(episodes))
+
 
 EPISODES = [
     Episode("pibt", "maze", 4, 0, {"CSR": 1.0, "SoC": 10.0, "runtime": 0.5}),
     Episode("pibt", "maze", 4, 1, {"CSR": 0.0, "SoC": 20.0, "runtime": 0.5}),
     Episode("pibt", "maze", 8, 0, {"CSR": 1.0, "SoC": 30.0, "runtime": 0.5}),
-    Episode("random", "maze", 4, 0, {"CSR": 0.25, "SoC": 30.0, "runtime": 0.5}),
+    Episode("random", "maze", 4, 0, {"CSR": 0.0, "SoC": 30.0, "runtime": 0.5}),
     Episode("pibt", "lifelong", 4, 0, {"avg_throughput": 2.0, "best_ratio": 0.123456}),
 ]
 
@@ -20,35 +29,67 @@ def shown(episodes):
     return captured.get()
 
 
-def test_interval_holds_the_mean_and_shrinks_with_more_values():
-    low, high = interval([0.0, 1.0] * 50)
+def test_bootstrap_interval_holds_the_mean_and_shrinks_with_more_values():
+    low, high = bootstrap([0.0, 1.0] * 50)
     assert 0.35 < low < 0.5 < high < 0.65
-    narrow = interval([0.0, 1.0] * 5000)
+    narrow = bootstrap([0.0, 1.0] * 5000)
     assert high - low > 5 * (narrow[1] - narrow[0])
-    assert interval([3.0] * 10) == (3.0, 3.0)
-    assert interval([0.0, 1.0] * 50) == (low, high)
+    assert bootstrap([3.0] * 10) == (3.0, 3.0)
+    assert bootstrap([0.0, 1.0] * 50) == (low, high)
 
 
-def test_interval_of_normal_values():
+def test_bootstrap_interval_of_normal_values():
     values = [-1.0] * 200 + [1.0] * 200  # standard error of the mean: 1 / 20
-    assert interval(values) == pytest.approx((-1.96 / 20, 1.96 / 20), abs=0.01)
+    assert bootstrap(values) == pytest.approx((-1.96 / 20, 1.96 / 20), abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("share", "count", "expected"),
+    [(1.0, 3, (0.4385, 1)), (0.0, 64, (0, 0.0566)), (0.5, 10, (0.2366, 0.7634)), (0.9, 100, (0.8256, 0.9448))],
+)
+def test_wilsons_interval(share, count, expected):  # of binom.test's relatives in R: prop.test(correct=FALSE)
+    assert wilson(share, count) == pytest.approx(expected, abs=1e-4)
+
+
+def test_only_success_has_wilsons_interval():
+    assert interval("CSR", [1.0] * 3) == wilson(1.0, 3)
+    assert interval("ISR", [1.0] * 3) == (1.0, 1.0)
 
 
 def test_groups_are_by_task_and_policy():
     groups = grouped(EPISODES)
     assert list(groups) == [("maze", 4, "pibt"), ("maze", 8, "pibt"), ("maze", 4, "random"), ("lifelong", 4, "pibt")]
-    assert groups["maze", 4, "pibt"] == {"CSR": [1, 0], "SoC": [10, 20], "runtime": [0.5, 0.5]}
+    values = {"CSR": [1, 0], "SoC": [10, 20], "runtime": [0.5, 0.5], "SoC (solved)": [10]}
+    assert groups["maze", 4, "pibt"] == values
 
 
 def test_the_table():
     header, *body = rows(EPISODES)
     assert header == ["task", "agents", "policy", "episodes", "CSR", "avg_throughput", "best_ratio"]
     assert body == [
-        ["maze", "4", "pibt", "2", "0.5 [0, 1]", "", ""],
-        ["maze", "8", "pibt", "1", "1", "", ""],
-        ["maze", "4", "random", "1", "0.25", "", ""],
+        ["maze", "4", "pibt", "2", "0.5 [0.0945, 0.905]", "", ""],
+        ["maze", "4", "random", "1", "0 [0, 0.793]", "", ""],
+        ["maze", "8", "pibt", "1", "1 [0.207, 1]", "", ""],
         ["lifelong", "4", "pibt", "1", "", "2", "0.123"],
     ]
+
+
+def test_chosen_columns_in_their_order():
+    table = summaries(EPISODES, ["SoC (solved)", "SoC", "collisions", "CSR"])
+    assert table.columns == ("SoC (solved)", "SoC", "CSR")
+    assert cells(table)[1][-3:] == ["10", "15 [10, 20]", "0.5 [0.0945, 0.905]"]
+
+
+def test_differences_are_those_of_the_same_episodes():
+    episodes = [
+        Episode(policy, "maze", 4, number, {"CSR": float(solved), "SoC": cost})
+        for policy, results in {"a": [(1, 10), (1, 20), (0, 50)], "b": [(1, 13), (0, 40)], "c": []}.items()
+        for number, (solved, cost) in enumerate(results)
+    ]
+    table = differences(episodes, "a", ["CSR", "SoC", "SoC (solved)"])
+    assert cells(table)[1:] == [["maze", "4", "b", "2", "-0.5 [-1, 0]", "11.5 [3, 20]", "3"]]
+    with pytest.raises(ValueError, match="baseline 'd': no such policy in the results, expected one of a, b"):
+        differences(episodes, "d")
 
 
 def test_agents_at_the_end_of_their_goal_sequences_are_reported():
@@ -72,15 +113,41 @@ def test_markdown():
     assert lines == [
         "| task | agents | policy | episodes | CSR |",
         "| --- | --- | --- | --- | --- |",
-        "| maze | 4 | pibt | 2 | 0.5 [0, 1] |",
-        r"| maze | 4 | a\|b | 1 | 1 |",
+        "| maze | 4 | pibt | 2 | 0.5 [0.0945, 0.905] |",
+        r"| maze | 4 | a\|b | 1 | 1 [0.207, 1] |",
     ]
+
+
+def test_latex():
+    table = summaries([*EPISODES[:4], Episode("a_b&c", "maze", 8, 1, {"CSR": 1.0})], ["CSR"])
+    assert latex(table).splitlines() == [
+        r"\begin{tabular}{lrlrr}",
+        r"\toprule",
+        r"task & agents & policy & episodes & CSR \\",
+        r"\midrule",
+        r"maze & 4 & pibt & 2 & 0.5 [0.0945, 0.905] \\",
+        r"maze & 4 & random & 1 & 0 [0, 0.793] \\",
+        r"\midrule",
+        r"maze & 8 & pibt & 1 & 1 [0.207, 1] \\",
+        r"maze & 8 & a\_b\&c & 1 & 1 [0.207, 1] \\",
+        r"\bottomrule",
+        r"\end{tabular}",
+    ]
+
+
+def test_csv_has_numbers():
+    text = comma_separated(summaries(EPISODES[2:], ["CSR", "best_ratio"]))
+    header, first, *_, last = csv.reader(text.splitlines())
+    assert header[3:] == ["episodes", "CSR", "CSR low", "CSR high", "best_ratio", "best_ratio low", "best_ratio high"]
+    assert (first[:3], last[:3]) == (["maze", "4", "random"], ["lifelong", "4", "pibt"])
+    assert [float(value) for value in first[4:7]] == pytest.approx([0, 0, 0.79345], abs=1e-4)
+    assert last[4:] == ["", "", "", "0.123456", "0.123456", "0.123456"]
 
 
 def test_the_terminal_shows_what_the_table_has():
     text = shown(EPISODES)
     assert "mean [95 % interval]" in text
-    assert "0.5 [0, 1]" in text
+    assert "0.5 [0.0945, 0.905]" in text
     assert "best_ratio" in text
     assert "SoC" not in text
 

@@ -48,11 +48,27 @@ def rows(folder):
         return list(csv.DictReader(file))
 
 
+def test_instances_have_the_names_of_the_task(tmp_path):
+    task = EvaluationTask(
+        "drawn", 1, {"max_steps": 6}, 3, seed=5, instances=TASKS[0].instances, instance_names=("a", "b")
+    )
+    evaluated(Right(), [task], tmp_path)
+    assert [(row["instance"], row["seed"]) for row in rows(tmp_path)] == [("a", "5"), ("b", "6"), ("a", "7")]
+    with pytest.raises(ValueError, match="task 'drawn': 2 instances, but 1 names of instances"):
+        task.with_(instance_names=("a",))
+
+
 def test_the_file_has_every_number(tmp_path):
     episodes, left = evaluated(Right(), TASKS, tmp_path)
     assert (left, len(episodes)) == (ALL, ALL)
     written = rows(tmp_path)
     assert [tuple(row) for row in written] == [COLUMNS] * ALL
+    assert [(row["instance"], row["seed"]) for row in written[:3]] == [
+        ("drawn", "1000000"),
+        ("drawn", "1000001"),
+        ("drawn", "1000002"),
+    ]
+    assert {row["instance"] for row in written[3:]} == {""}
     for row, episode in zip(written, episodes, strict=True):
         assert (row["policy"], row["task"], int(row["num_agents"]), int(row["episode"])) == episode.key
         assert {name: float(row[name]) for name in METRICS if row[name]} == episode.metrics
@@ -108,10 +124,14 @@ def test_a_file_with_other_columns_is_not_changed(tmp_path, text):
     [
         ("right,drawn,1", f"expected an episode of {len(COLUMNS)} values, got 3"),
         ("", f"expected an episode of {len(COLUMNS)} values, got 0"),
-        ("right,drawn,1,two" + "," * len(METRICS), "expected an episode: .*'two'"),
-        ("right,drawn,1,2,high" + "," * (len(METRICS) - 1), "expected an episode: .*'high'"),
-        ("right,drawn,1,2," + "x" * 9999 + "," * (len(METRICS) - 1), r"expected an episode: .* float: 'x{443} \.\.\.$"),
-        ('right,"drawn,1,2' + "," * len(METRICS), "expected CSV"),
+        ("right,drawn,1,two,,0" + "," * len(METRICS), "expected an episode: .*'two'"),
+        ("right,drawn,1,2,,0,high" + "," * (len(METRICS) - 1), "expected an episode: .*'high'"),
+        (
+            "right,drawn,1,2,,0," + "x" * 9999 + "," * (len(METRICS) - 1),
+            r"expected an episode: .* float: 'x{443} \.\.\.$",
+        ),
+        ("right,drawn,1,2,,one" + "," * len(METRICS), "expected an episode: .*'one'"),
+        ('right,"drawn,1,2,,0' + "," * len(METRICS), "expected CSV"),
     ],
 )
 def test_a_malformed_row_is_an_error(tmp_path, row, message):
