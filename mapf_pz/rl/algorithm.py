@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Iterator
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, contextmanager
 from typing import ClassVar
 
 import torch
@@ -18,7 +19,7 @@ from torchrl.collectors import BaseCollector
 from torchrl.data import Unbounded
 from torchrl.envs import InitTracker, TensorDictPrimer, Transform
 
-from mapf_pz.rl.collect import collecting
+from mapf_pz.rl.collect import collecting, send_weights
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.networks import Actor, add_recurrence
@@ -105,8 +106,9 @@ class Algorithm(ABC):
 
         By default they are those of `collecting`. Statistics of episodes are not reported for batches without `next`.
         """
-        with collecting(self, self.config, seed, updates) as collector:
-            yield _latest(collector)
+        follow = _ahead if self.config.overlap else _latest
+        with collecting(self, self.config, seed, updates) as collector, closing(follow(collector)) as batches:
+            yield batches
 
     def network_module(self) -> TensorDictModule:
         """Return the network with its input and output keys; a hidden state is carried from step to step."""
@@ -116,8 +118,22 @@ class Algorithm(ABC):
         return TensorDictModule(self.network, in_keys=in_keys, out_keys=[*self.parameters, ("next", "hidden_state")])
 
 
-def _latest(collector: BaseCollector) -> Iterator[TensorDictBase]:
+def _latest(collector: BaseCollector) -> Generator[TensorDictBase]:
     """Yield the batches of a collector, which is given the current weights after each of them."""
     for batch in collector:
         yield batch
-        collector.update_policy_weights_()  # pyright: ignore[reportCallIssue] (annotated without the usual call)
+        send_weights(collector)
+
+
+def _ahead(collector: BaseCollector) -> Generator[TensorDictBase]:
+    """Yield the batches of a collector, of which the workers collect the next one before the caller asks for it.
+
+    They are given the current weights at its start: those that the learner has before it learns from this batch.
+    """
+    batches = iter(collector)
+    with ThreadPoolExecutor(1) as thread:  # it only waits for the workers
+        coming = thread.submit(next, batches, None)
+        while (batch := coming.result()) is not None:
+            send_weights(collector)
+            coming = thread.submit(next, batches, None)
+            yield batch

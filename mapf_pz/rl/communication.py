@@ -137,7 +137,7 @@ class CommunicatingEncoder(nn.Module):
         """Return the embeddings `(..., N, hidden)` of observations `(..., N, K, h, w)` and `(..., N, F)`."""
         embedding = self.encoder(image, features)
         lead = embedding.shape[:-2]
-        pose = features[..., self._pose]
+        pose = features[..., self._pose].float()
         pose = pose.reshape(-1, *pose.shape[-2:])
         team = Team.of_poses(pose, self._radius, embedding.shape[-1] // (HEADS * _WAVE_SIZE))
         embedding = embedding.reshape(-1, *embedding.shape[-2:])

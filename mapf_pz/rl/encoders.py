@@ -99,10 +99,19 @@ IMAGE_LAYERS: dict[EncoderName, Callable[[tuple[int, int, int], ModelConfig], li
 
 
 def make_encoder(shape: ObservationShape, config: ModelConfig) -> nn.Module:
-    """Return the encoder that `config` names; raises `ValueError` if `package.module:Class` is not an `nn.Module`."""
-    if ":" not in config.encoder:
-        return Encoder(shape, config)
-    return import_subclass("encoder", config.encoder, nn.Module)(shape, config)
+    """Return the encoder that `config` names; raises `ValueError` if `package.module:Class` is not an `nn.Module`.
+
+    Observations that are stored in float16 are converted to float32 before the encoder reads them.
+    """
+    make = import_subclass("encoder", config.encoder, nn.Module) if ":" in config.encoder else Encoder
+    encoder = make(shape, config)
+    encoder.register_forward_pre_hook(_to_float32)
+    return encoder
+
+
+def _to_float32(_: nn.Module, inputs: tuple[Tensor | None, ...]) -> tuple[Tensor | None, ...]:
+    """Return an encoder's inputs, the image and the features, in float32."""
+    return tuple(None if part is None else part.float() for part in inputs)
 
 
 def scaled(layer: nn.Linear | nn.Conv2d, scale: float = math.sqrt(2)) -> nn.Module:
