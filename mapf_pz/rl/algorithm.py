@@ -5,6 +5,7 @@ The training loop is in `mapf_pz.rl.updates`, and is the same for all algorithms
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -106,8 +107,15 @@ class Algorithm(ABC):
 
         By default they are those of `collecting`. Statistics of episodes are not reported for batches without `next`.
         """
-        follow = _ahead if self.config.overlap else _latest
-        with collecting(self, self.config, seed, updates) as collector, closing(follow(collector)) as batches:
+        if not self.config.overlap:
+            with collecting(self, self.config, seed, updates) as collector:
+                yield _latest(collector)
+            return
+        acting = copy.deepcopy(self)  # the workers share the memory of its actor's weights
+        with (
+            collecting(acting, self.config, seed, updates) as collector,
+            closing(_ahead(collector, acting.actor, self.actor)) as batches,
+        ):
             yield batches
 
     def network_module(self) -> TensorDictModule:
@@ -118,22 +126,27 @@ class Algorithm(ABC):
         return TensorDictModule(self.network, in_keys=in_keys, out_keys=[*self.parameters, ("next", "hidden_state")])
 
 
-def _latest(collector: BaseCollector) -> Generator[TensorDictBase]:
+def _latest(collector: BaseCollector) -> Iterator[TensorDictBase]:
     """Yield the batches of a collector, which is given the current weights after each of them."""
     for batch in collector:
         yield batch
         send_weights(collector)
 
 
-def _ahead(collector: BaseCollector) -> Generator[TensorDictBase]:
-    """Yield the batches of a collector, of which the workers collect the next one before the caller asks for it.
+def _ahead(collector: BaseCollector, actor: nn.Module, learned: nn.Module) -> Generator[TensorDictBase]:
+    """Yield the batches of a collector, of which the workers collect the next one while the caller uses this one.
 
-    They are given the current weights at its start: those that the learner has before it learns from this batch.
+    Args:
+        collector: the collector.
+        actor: the policy of its workers. When the next batch is started, it is given the weights of `learned`: those
+            from before the update with this batch.
+        learned: the policy that learns.
     """
     batches = iter(collector)
     with ThreadPoolExecutor(1) as thread:  # it only waits for the workers
         coming = thread.submit(next, batches, None)
         while (batch := coming.result()) is not None:
+            actor.load_state_dict(learned.state_dict())
             send_weights(collector)
             coming = thread.submit(next, batches, None)
             yield batch

@@ -175,11 +175,8 @@ def _observation_spec(space: spaces.Space[Any], each: torch.Size, dtype: torch.d
         return Composite({name: _observation_spec(part, each, dtype) for name, part in space.items()}, shape=each)
     if not isinstance(space, spaces.Box):
         raise TypeError(f"observation space {space}: expected a Box, or a Dict of Boxes")
-    largest = max(np.abs(space.low).max(), np.abs(space.high).max())
-    if largest > torch.finfo(dtype).max:
-        raise ValueError(
-            f"observation_precision={str(dtype).removeprefix('torch.')!r}: expected channels whose bounds are at most "
-            f"{torch.finfo(dtype).max:.0f}, got {largest}"
-        )
+    largest, most = max(np.abs(space.low).max(), np.abs(space.high).max()), torch.finfo(torch.float16).max
+    if dtype == torch.float16 and largest > most:
+        raise ValueError(f"observation_precision='float16': expected channels of at most {most:.0f}, got {largest}")
     low, high = (torch.from_numpy(bound).expand(*each, *bound.shape).to(dtype) for bound in (space.low, space.high))
     return Bounded(low, high, shape=low.shape, dtype=dtype)

@@ -178,6 +178,8 @@ _OPTIONS: dict[str, Any] = {
     # The tensors of a batch are overwritten by the next batch, instead of being copied.
     "return_same_td": True,
     "postproc": _shallow_copy,
+    # A GPU does all work in order, and copies to the CPU wait for it.
+    "no_cuda_sync": True,
     "track_traj_ids": False,
     "auto_register_policy_transforms": False,
 }

@@ -80,7 +80,13 @@ class Learner(ABC):
         name, default = ("CXX", "g++") if self.device.type == "cpu" else ("CC", "gcc")
         if shutil.which(os.environ.get(name, default)) is None:
             raise ValueError(f"compile=True: found no compiler; expected {default}, or the path of one in {name}")
-        return torch.compile(module)
+        compiled = torch.compile(module)
+
+        def call(*inputs: Tensor | TensorDictBase) -> Any:
+            with torch.random.fork_rng([]):  # compilation draws random numbers
+                return compiled(*inputs)
+
+        return call
 
     def anneal(self, done: float) -> float:
         """Decay the learning rates linearly to a tenth, and return the factor for the completed fraction `done`."""
