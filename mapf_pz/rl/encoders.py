@@ -105,13 +105,18 @@ def make_encoder(shape: ObservationShape, config: ModelConfig) -> nn.Module:
     """
     make = import_subclass("encoder", config.encoder, nn.Module) if ":" in config.encoder else Encoder
     encoder = make(shape, config)
-    encoder.register_forward_pre_hook(_to_float32)
+    encoder.register_forward_pre_hook(_widen_inputs)
     return encoder
 
 
-def _to_float32(_: nn.Module, inputs: tuple[Tensor | None, ...]) -> tuple[Tensor | None, ...]:
-    """Return an encoder's inputs, the image and the features, in float32."""
-    return tuple(None if part is None else part.float() for part in inputs)
+def _widen_inputs(_: nn.Module, inputs: tuple[Tensor | None, ...]) -> tuple[Tensor | None, ...]:
+    """Return an encoder's inputs, the image and the features, as `widened`."""
+    return tuple(None if part is None else widened(part) for part in inputs)
+
+
+def widened(observations: Tensor) -> Tensor:
+    """Return observations that are stored in float16 in float32, and others as they are."""
+    return observations.float() if observations.dtype == torch.float16 else observations
 
 
 def scaled(layer: nn.Linear | nn.Conv2d, scale: float = math.sqrt(2)) -> nn.Module:
