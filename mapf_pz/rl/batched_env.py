@@ -25,7 +25,7 @@ from mapf_pz.simulator import Simulator
 
 @dataclass(frozen=True)
 class BatchedMapfConfig(BatchConfig):
-    """All keywords of `BatchedMapfEnv`; the first three may be given by position."""
+    """All keywords of `BatchedMapfEnv`; the first four may be given by position."""
 
     num_envs: int = 64
     """Number of environments B."""
