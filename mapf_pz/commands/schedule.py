@@ -64,7 +64,8 @@ def schedule(options: ScheduleOptions) -> None:
         raise RuntimeError(f"{options.planner} returned an illegal plan: {violation}")
     if options.output is not None:
         options.output.parent.mkdir(parents=True, exist_ok=True)
-        write_plan(run.plan, options.output, run.instance, PlanMetadata(problem.name, options.planner, seconds))
+        metadata = PlanMetadata(problem.name, options.planner, seconds, run.schedule)
+        write_plan(run.plan, options.output, run.instance, metadata)
     print(
         f"{problem.name}: {problem.team_size} agents finished {run.num_finished} tasks in {options.num_steps} steps, "
         f"{1000 * seconds / options.num_steps:.1f} ms a step"

@@ -11,7 +11,7 @@ import math
 import re
 import warnings
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from reprlib import repr as shortened
@@ -109,10 +109,7 @@ class LorrProblem:
         if self.strategy not in (ROUND_ROBIN, ENTRANT):
             expected = f"expected {ROUND_ROBIN!r}, or none since 2024"
             raise ValueError(f"strategy {self.strategy!r} gives robots no fixed sequence of goals: {expected}")
-        if self.not_modeled:
-            ignored = ", ".join(map(shortened, self.not_modeled))
-            message = f"{self.name}: not modeled: {ignored}; results are not comparable with the competition's"
-            warnings.warn(message, stacklevel=2)
+        self.warn_not_modeled()
         period = self.num_tasks // math.gcd(self.num_tasks, self.team_size)
         tasks_per_agent = period if goals_per_agent is None else min(period, goals_per_agent)
         self._check_goals(tasks_per_agent if goals_per_agent is None else goals_per_agent)
@@ -132,6 +129,13 @@ class LorrProblem:
         instance = Instance(self.grid, Scenario(self.starts, goals), headings)
         check_reachable(instance)
         return instance
+
+    def warn_not_modeled(self, except_for: Sequence[str] = ()) -> None:
+        """Warn about `not_modeled` members other than `except_for`, since results are not comparable with others'."""
+        if names := [name for name in self.not_modeled if name not in except_for]:
+            ignored = ", ".join(map(shortened, names))
+            message = f"{self.name}: not modeled: {ignored}; results are not comparable with the competition's"
+            warnings.warn(message, stacklevel=3)
 
     def _check_goals(self, count: int) -> None:
         most = MAX_GOALS // self.team_size

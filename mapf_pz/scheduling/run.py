@@ -15,6 +15,7 @@ from mapf_pz.instance import Instance, Scenario
 from mapf_pz.instances.lorr import LorrProblem
 from mapf_pz.instances.sources import InstanceList
 from mapf_pz.planners.base import Planner
+from mapf_pz.plans.files import Schedule
 from mapf_pz.plans.plan import Plan
 from mapf_pz.scheduling.pool import TaskPool
 from mapf_pz.scheduling.schedulers import Scheduler
@@ -31,6 +32,8 @@ class ScheduledRun:
     """Number of finished tasks."""
     instance: Instance
     """The starts, and the goals that each agent visited in order (lifelong)."""
+    schedule: Schedule
+    """The tasks that were assigned to each agent."""
 
 
 def run_problem(
@@ -43,11 +46,13 @@ def run_problem(
 ) -> ScheduledRun:
     """Run a problem for `num_steps` steps; in each step, `scheduler` assigns tasks, then `planner` moves the agents.
 
-    Agents turn. The number of revealed tasks is the problem's `num_revealed`.
+    Agents turn. The number of revealed tasks is the problem's `num_revealed`. Warns about other members of the problem
+    that are not modeled, such as delays.
 
     Raises:
         ValueError: The scheduler's assignment is not allowed.
     """
+    problem.warn_not_modeled(except_for=("numTasksReveal",))
     simulator = _simulator(problem, num_steps, seed, edge_weights)
     pool = TaskPool(problem, problem.num_revealed)
     planner.compile("rotate")
@@ -55,20 +60,28 @@ def run_problem(
     agents = simulator.agents[0]
     cells, headings = [simulator.positions(0)], [agents["heading"].copy()]
     visited: list[list[list[int]]] = [[] for _ in range(problem.team_size)]
-    for _ in range(num_steps):
+    assigned: list[list[tuple[int, int]]] = [[] for _ in range(problem.team_size)]
+    revealed = dict.fromkeys(pool.tasks.tolist(), 0)
+    for step in range(1, num_steps + 1):
         next_cells = pool.next_cells()
         places = scheduler(pool, simulator.costs_to(next_cells), pool.lengths())
         pool.assign(places)
+        for entries, task in zip(assigned, pool.tasks[places].tolist(), strict=True):
+            if not entries or entries[-1][1] != task:
+                entries.append((step, task))
         simulator.set_goals(next_cells[places])
         simulator.step(planner.decide(simulator)[None])
         for agent in np.flatnonzero(agents["arrived"]):
             visited[agent].append(next_cells[places[agent]].tolist())
         pool.visit(agents["arrived"])
+        revealed = dict.fromkeys(pool.tasks.tolist(), step) | revealed
         cells.append(simulator.positions(0))
         headings.append(agents["heading"].copy())
     scenario = _scenario(problem, visited, simulator.goals(0))
     instance = Instance(problem.grid, scenario, np.full(problem.team_size, Heading.EAST))
-    return ScheduledRun(Plan(np.stack(cells), np.stack(headings)), pool.num_finished, instance)
+    tasks = {number: problem.task(number) for number in sorted(revealed)}
+    schedule = Schedule(tuple(map(tuple, assigned)), tasks, revealed)
+    return ScheduledRun(Plan(np.stack(cells), np.stack(headings)), pool.num_finished, instance, schedule)
 
 
 def _simulator(problem: LorrProblem, num_steps: int, seed: int, edge_weights: EdgeWeights) -> Simulator:

@@ -1,6 +1,8 @@
 """Schedulers: the rules of the task pool, which tasks they choose, and whole runs."""
 
 import json
+import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -139,6 +141,8 @@ def test_a_run_is_legal_and_visits_all_errands_in_order(planner, name):
         assert len(steps) >= counts[agent] - 1
     visits = int((counts - 1).sum())
     assert 0 < run.num_finished <= visits
+    assert run.schedule.finished(run.plan) == run.num_finished
+    assert len(run.schedule.visits(run.plan)) == visits
     again = run_problem(problem, planner(seed=1), SCHEDULERS[name], num_steps=120)
     assert np.array_equal(again.plan.positions, run.plan.positions)
 
@@ -156,10 +160,35 @@ def test_the_command(tmp_path, capsys):
     plan = tmp_path / "plan.json"
     words = ["schedule", str(folder / "p.json"), str(plan), "--planner", "pibt", "--num-steps", "40"]
     assert main(words) == 0
-    assert capsys.readouterr().out.startswith("p: 2 agents finished ")
-    assert read_plan(plan).plan.num_steps == 40
+    out = capsys.readouterr().out
+    assert out.startswith("p: 2 agents finished ")
+    finished = int(out.split("finished ")[1].split()[0])
+    file = read_plan(plan)
+    assert file.plan.num_steps == 40
+    assert file.claims["tasks finished"] == file.schedule.finished(file.plan) == finished > 0
+    # As in the files of the competition: [step, agent, task, number of visited errands], and [task, step, errands].
+    data = json.loads(plan.read_text())
+    assert data["version"] == "2024 LoRR"
+    assert [visits for *_, visits in data["events"]].count(1) >= len({task for _, _, task, _ in data["events"]})
+    assert data["tasks"][:3] == [[0, 0, [0, 3, 2, 0]], [1, 0, [2, 3]], [2, 0, [0, 2, 0, 1, 0, 0]]]
+    last_errands = {task: len(cells) // 2 for task, _, cells in data["tasks"]}
+    ends = [step for step, _, task, visits in data["events"] if visits == last_errands[task]]
+    assert sorted(step for _, step, _ in data["tasks"] if step) == sorted(ends)  # when the next one is revealed
+    for source in (["--problem", str(folder / "p.json")], ["--map", str(folder / "m.map")]):
+        assert main(["validate", str(plan), *source]) == 0
+        assert f"tasks finished: {finished}, as the file says" in capsys.readouterr().out
     assert main([*words, "--scheduler", "best"]) == 1
     assert "scheduler 'best': expected one of keep, nearest, shortest" in capsys.readouterr().err
     (folder / "p.json").write_text(text.replace("1.5", "0"))
     assert main(words) == 1
     assert "expected 'numTasksReveal' above 0, up to 1000, got 0" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("members", [("delayConfig",), ("numTasksReveal", "delayConfig"), ("numTasksReveal",), ()])
+def test_delays_are_not_modeled(members):
+    problem = replace(random_problem(num_agents=2, seed=0), not_modeled=members)
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        run_problem(problem, PIBT(), SCHEDULERS["keep"], num_steps=2)
+    expected = "problem: not modeled: 'delayConfig'; results are not comparable with the competition's"
+    assert [str(warning.message) for warning in found] == [expected] * ("delayConfig" in members)

@@ -1,8 +1,8 @@
 """Plan files of the League of Robot Runners, as its simulator writes and PlanViz reads them.
 
 Files with the model `MAPF_T` (rotating agents) of 2023, 2024 and 2026 can be read, and files with the model `MAPF`. The
-format of 2023 is written. In files of 2026, the steps of a plan are ticks: an agent is on its old cell until the last
-tick of a move, so its size and its position between two cells are ignored.
+format of 2023 is written, and for a schedule that of 2024. In files of 2026, the steps of a plan are ticks: an agent is
+on its old cell until the last tick of a move, so its size and its position between two cells are ignored.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from itertools import cycle
 from pathlib import Path
 from reprlib import repr as shortened
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from mapf_pz.io.json import (
     whole_number,
 )
 from mapf_pz.plans.files.letters import TURNS, Steps, follow_steps, follow_turns, format_steps, format_turns
-from mapf_pz.plans.files.planfile import PlanFile, PlanMetadata, Selection, check_size
+from mapf_pz.plans.files.planfile import PlanFile, PlanMetadata, Schedule, Selection, check_size
 from mapf_pz.plans.files.schedule import parse_schedule
 from mapf_pz.plans.files.ticks import expand_ticks
 from mapf_pz.plans.plan import Plan, reached
@@ -66,8 +66,11 @@ def parse_lorr(text: str, origin: str | Path, _: Selection) -> PlanFile:
     return PlanFile(plan, goals, schedule, claims)
 
 
-def format_lorr(plan: Plan, instance: Instance, _: PlanMetadata) -> str:
-    """Return the text of a plan file: with one task for each agent, or with a task for each of its goals (lifelong).
+def format_lorr(plan: Plan, instance: Instance, metadata: PlanMetadata) -> str:
+    """Return the text of a plan file.
+
+    With a schedule, it has the format of 2024. Otherwise it has that of 2023, with one task for each agent, or with a
+    task for each of its goals (lifelong).
 
     Raises `ValueError` if the plan has another number of agents than the instance, or if it has an impossible move or
     turn.
@@ -79,7 +82,9 @@ def format_lorr(plan: Plan, instance: Instance, _: PlanMetadata) -> str:
     facing = np.zeros(plan.num_agents, np.int64) if plan.headings is None else plan.headings[0]
     goals = instance.scenario.goals
     lifelong = goals.ndim == 3
-    events, tasks = _lifelong_tasks(plan, goals) if lifelong else _single_tasks(plan, goals)
+    tasks = _single_tasks(plan, goals) if not lifelong else _lifelong_tasks(plan, goals)
+    if metadata.schedule is not None:
+        tasks = _scheduled_tasks(plan, metadata.schedule)
     paths = [",".join(agent_letters) for agent_letters in letters]
     record: JsonObject = {
         "actionModel": model,
@@ -88,15 +93,14 @@ def format_lorr(plan: Plan, instance: Instance, _: PlanMetadata) -> str:
         "start": [
             [*cell, NAMES[model][h]] for cell, h in zip(plan.positions[0].tolist(), facing.tolist(), strict=True)
         ],
-        "numTaskFinished": sum(event[2] == "finished" for agent in events for event in agent),
+        "numTaskFinished": tasks.num_finished,
         "sumOfCost": plan.num_steps * plan.num_agents if lifelong else plan.sum_of_costs,
         "makespan": plan.num_steps if lifelong else plan.makespan,
         "actualPaths": paths,
         "plannerPaths": paths,
         "plannerTimes": [],
         "errors": [],
-        "events": events,
-        "tasks": tasks,
+        **tasks.members,
     }
     members = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in record.items()]
     return "{\n" + ",\n".join(members) + "\n}\n"
@@ -149,18 +153,47 @@ def _plain_letters(path: str, letters: str, agent: int, origin: str | Path) -> s
     raise FormatError(origin, message)
 
 
-def _single_tasks(plan: Plan, goals: Ints) -> tuple[list[_Events], list[list[int]]]:
-    """Return the events of agents with one goal each, and the tasks."""
+class _Tasks(NamedTuple):
+    """The tasks of a plan file."""
+
+    num_finished: int
+    members: JsonObject
+
+
+def _tasks_of_2023(events: list[_Events], tasks: list[list[int]]) -> _Tasks:
+    finished = sum(event[2] == "finished" for agent in events for event in agent)
+    return _Tasks(finished, {"events": events, "tasks": tasks})
+
+
+def _scheduled_tasks(plan: Plan, schedule: Schedule) -> _Tasks:
+    """Return the members of the format of 2024, in which a task has several errands."""
+    assigned = [",".join(f"{step}:{task}" for step, task in entries) for entries in schedule.assigned]
+    members: JsonObject = {
+        "version": "2024 LoRR",
+        "actualSchedule": assigned,
+        "plannerSchedule": assigned,
+        "scheduleErrors": [],
+        "events": [[visit.step, visit.agent, visit.task, visit.num_visited] for visit in schedule.visits(plan)],
+        "tasks": [
+            [number, schedule.revealed.get(number, 0), errands.reshape(-1).tolist()]
+            for number, errands in schedule.tasks.items()
+        ],
+    }
+    return _Tasks(schedule.finished(plan), members)
+
+
+def _single_tasks(plan: Plan, goals: Ints) -> _Tasks:
+    """Return the tasks and the events of agents with one goal each."""
     events: list[_Events] = []
     for agent, arrival in enumerate(plan.arrivals.tolist()):
         events.append([[agent, 0, "assigned"]])
         if (plan.positions[-1, agent] == goals[agent]).all():
             events[agent].append([agent, arrival, "finished"])
-    return events, [[agent, *goal] for agent, goal in enumerate(goals.tolist())]
+    return _tasks_of_2023(events, [[agent, *goal] for agent, goal in enumerate(goals.tolist())])
 
 
-def _lifelong_tasks(plan: Plan, goals: Ints) -> tuple[list[_Events], list[list[int]]]:
-    """Return the events of agents that visit their goals (N, L, 2) in order, and the tasks, numbered as assigned."""
+def _lifelong_tasks(plan: Plan, goals: Ints) -> _Tasks:
+    """Return the tasks, numbered as assigned, and the events of agents that visit their goals (N, L, 2) in order."""
     tasks = [[agent, *goal] for agent, goal in enumerate(goals[:, 0].tolist())]
     events: list[_Events] = [[[agent, 0, "assigned"]] for agent in range(plan.num_agents)]
     arrivals = [
@@ -172,4 +205,4 @@ def _lifelong_tasks(plan: Plan, goals: Ints) -> tuple[list[_Events], list[list[i
         events[agent].append([events[agent][-1][0], step, "finished"])
         events[agent].append([len(tasks), step, "assigned"])
         tasks.append([len(tasks), *goals[agent, taken % goals.shape[1]].tolist()])
-    return events, tasks
+    return _tasks_of_2023(events, tasks)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,21 @@ MAX_POSITIONS = 50_000_000
 _NO_ERRANDS = frozen([], np.int32)
 
 
+class Visit(NamedTuple):
+    """An agent visits an errand of its task."""
+
+    step: int
+    """The step, from 1."""
+    agent: int
+    """The agent."""
+    task: int
+    """The task's number."""
+    num_visited: int
+    """How many errands of the task have been visited, from 1."""
+    is_last: bool
+    """Whether the task is finished."""
+
+
 @dataclass(frozen=True, eq=False)
 class Schedule:
     """The tasks that were assigned to each agent, and when."""
@@ -27,9 +43,15 @@ class Schedule:
     """For each agent (step, task), in order: the task is assigned from the end of that step on; below 0: no task."""
     tasks: Mapping[int, Ints]
     """The errands (L, 2), [row, col], of each task, as given in the file."""
+    revealed: Mapping[int, int] = field(default_factory=dict[int, int])
+    """The step after which each task was revealed, if it is known."""
 
     def finished(self, plan: Plan, task: Callable[[int], Ints] | None = None) -> int:
-        """Return how many tasks a plan finishes, by running all errands of a task in order.
+        """Return how many tasks a plan finishes: see `visits`, which has the same arguments."""
+        return sum(visit.is_last for visit in self.visits(plan, task))
+
+    def visits(self, plan: Plan, task: Callable[[int], Ints] | None = None) -> list[Visit]:
+        """Return the visits of errands in a plan by step, where agents visit all errands of a task in order.
 
         Args:
             plan: a plan with the agents of the schedule.
@@ -40,16 +62,20 @@ class Schedule:
         """
         if len(self.assigned) != plan.num_agents:
             raise ValueError(f"schedule: expected {plan.num_agents} agents, got {len(self.assigned)}")
-        left: dict[int, Ints] = {}
+        visited: dict[int, int] = {}
+        visits: list[Visit] = []
         for agent, assigned in enumerate(self.assigned):
             ends = [step for step, _ in assigned[1:]] + [plan.num_steps + 1]
             for (step, number), end in zip(assigned, ends, strict=False):
                 if number >= 0:
-                    errands = left[number] if number in left else self._errands(number, task)
+                    errands, count = self._errands(number, task), visited.get(number, 0)
                     # The first row of a path is its start, which does not count as an arrival.
-                    path = plan.positions[max(step - 1, 0) : end, agent]
-                    left[number] = errands[len(reached(path, errands)) :]
-        return sum(len(errands) == 0 for errands in left.values())
+                    first = max(step - 1, 0)
+                    for after in reached(plan.positions[first:end, agent], errands[count:]):
+                        count += 1
+                        visits.append(Visit(first + after, agent, number, count, count == len(errands)))
+                    visited[number] = count
+        return sorted(visits)
 
     def only_goals(self) -> Ints | None:
         """Return the goals (N, 2) if every agent has exactly one task with one errand, else None."""
@@ -102,6 +128,8 @@ class PlanMetadata:
     """Name of the solver."""
     seconds: float = 0.0
     """Runtime of the solver in seconds."""
+    schedule: Schedule | None = None
+    """The tasks that were assigned to each agent during a lifelong episode."""
 
 
 def check_size(num_steps: int, num_agents: int, origin: object, line: int = 0) -> None:
