@@ -1,4 +1,4 @@
-"""Run a policy of this package in POGEMA's environment, which needs a Python environment of its own.
+"""Run a policy of this package in POGEMA's environment, which needs a separate Python environment.
 
 Run it with the Python that has POGEMA, and name this package's `mapf-pz`:
 

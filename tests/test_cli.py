@@ -518,8 +518,10 @@ def test_evaluate_reports_unknown_policies(capsys):
 
 
 COMPILE_TWO_KERNELS = """
+import sys
 import types
 from mapf_pz.core.jit import jit
+sys.modules["mapf_pz.core.fresh"] = sys.modules[__name__]
 for number in range(2):
     namespace = {"__name__": "mapf_pz.core.fresh"}
     kernel = types.FunctionType((lambda x: x + 1).__code__, namespace, f"kernel_{number}")

@@ -56,7 +56,7 @@ def pogema_keywords(config: object) -> dict[str, Any]:
     fields = {name: default if given.get(name) is None else given[name] for name, default in _DEFAULTS.items()}
     for name in ("possible_agents_xy", "possible_targets_xy", "map_name"):
         if fields[name] is not None:
-            raise ValueError(f"{name}: cannot be converted; use a map, with a source of your own if needed")
+            raise ValueError(f"{name}: cannot be converted; use a map, or a custom source")
     rules: dict[str, Any] = {
         "action_model": "cardinal",
         "collision_system": fields["collision_system"],
