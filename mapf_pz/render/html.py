@@ -1,4 +1,4 @@
-"""A recording as a self-contained web page, with playback, zoom, and the observations of a selected agent."""
+"""Recordings as a self-contained web page, with playback, zoom, and the observations of a selected agent."""
 
 from __future__ import annotations
 
@@ -6,76 +6,118 @@ import base64
 import html
 import json
 import zlib
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapf_pz.io.atomic import write_whole
-from mapf_pz.render.recording import Recording
 from mapf_pz.render.rgb import color_codes
+
+if TYPE_CHECKING:
+    from mapf_pz.render.recording import Recording
 
 ACTIVE, BLOCKED = 1, 2
 """Bits of an agent's flags in a step."""
 SPEEDS = (1, 2, 4, 8, 16, 32, 64)
 """The playback speeds of the page, in steps per second."""
+SCRIPTS = (
+    *("unpack", "episode", "actions", "colors", "camera", "svgpen", "ground", "directions", "agents", "chosen", "view"),
+    *("tables", "planes", "violations", "address", "legend", "export", "hint", "controls", "keys", "pointer", "player"),
+    "start",
+)
+"""The files of the folder `player` that are joined into the page's script, in this order."""
 
 
-def save_html(recording: Recording, path: str | Path, fps: float = 4) -> None:
-    """Write a page that shows the recording. It loads nothing and works offline.
+def save_html(recordings: Recording | Sequence[Recording], path: str | Path, fps: float = 4) -> None:
+    """Write a page that shows recordings. It loads nothing and works offline.
 
     Args:
-        recording: the recording.
+        recordings: a recording, or several that are shown side by side and played at the same time.
         path: the file, which is replaced atomically.
         fps: initial playback speed in steps per second, rounded to one of `SPEEDS`.
+
+    Raises:
+        ValueError: there is no recording.
     """
+    write_whole(Path(path), html_page(recordings, fps).encode())
+
+
+def html_page(recordings: Recording | Sequence[Recording], fps: float = 4) -> str:
+    """Return the text of the page that `save_html` writes; the arguments and errors are the same."""
+    several = list(recordings) if isinstance(recordings, Sequence) else [recordings]
+    if not several:
+        raise ValueError("expected at least one recording")
+    title = several[0].title if len(several) == 1 else " and ".join(each.name or each.title for each in several)
+    speed = min(SPEEDS, key=lambda speed: abs(speed - fps))
+    return _filled(title, {"speed": speed, "episodes": [_episode(each) for each in several]}, SCRIPTS)
+
+
+def _filled(title: str, data: dict[str, Any], scripts: Sequence[str]) -> str:
+    """Return the page with its title, style, script and data."""
     folder = resources.files("mapf_pz.render") / "player"
-    page, style, script = ((folder / f"player.{kind}").read_text("utf-8") for kind in ("html", "css", "js"))
-    parts = {"title": html.escape(recording.title), "style": style, "script": script, "data": _data(recording, fps)}
+    parts = {
+        "title": html.escape(title),
+        "style": (folder / "page.css").read_text("utf-8"),
+        "script": "\n".join(['"use strict";', *((folder / f"{name}.js").read_text("utf-8") for name in scripts)]),
+        "data": json.dumps(data).replace("<", "\\u003c"),
+    }
     # Split first, so that inserted text is not searched for placeholders.
-    first, *others = page.split("{{")
-    filled = [parts[name] + rest for name, rest in (other.split("}}", 1) for other in others)]
-    write_whole(Path(path), "".join([first, *filled]).encode())
+    first, *others = (folder / "page.html").read_text("utf-8").split("{{")
+    return "".join([first, *(parts[name] + rest for name, rest in (other.split("}}", 1) for other in others))])
 
 
-def _data(recording: Recording, fps: float) -> str:
-    """Return the data of the page, as JSON that can be embedded in HTML."""
-    (height, width), steps, agents = recording.free.shape, recording.num_steps, recording.num_agents
-    observed = recording.observed
-    data: dict[str, Any] = {
+def _episode(recording: Recording) -> dict[str, Any]:
+    """Return an episode as the page's script reads it."""
+    (height, width), observed, violations = recording.free.shape, recording.observed, recording.violations
+    return {
+        "title": recording.title,
+        "caption": recording.name or recording.title,
         "width": width,
         "height": height,
-        "steps": steps,
-        "agents": agents,
-        "speed": min(SPEEDS, key=lambda speed: abs(speed - fps)),
-        "colors": color_codes(agents),
+        "steps": recording.num_steps,
+        "agents": recording.num_agents,
+        "colors": color_codes(recording.num_agents),
         "facts": dict(recording.facts),
+        "metrics": dict(recording.metrics),
         "hasBlocked": recording.blocked is not None,
+        "lifelong": recording.lifelong,
+        "collisionSystem": recording.collision_system,
         "planes": list(recording.planes),
         "observers": 0 if observed is None else observed.shape[1],
         "viewSize": [0, 0] if observed is None else list(observed.shape[-2:]),
+        "view": recording.view,
+        "frame": recording.frame,
+        "violations": None
+        if violations is None
+        else [{"step": each.step, "agents": list(each.agents), "text": each.text} for each in violations],
         "arrays": {name: _packed(array) for name, array in _arrays(recording).items()},
     }
-    return json.dumps(data).replace("<", "\\u003c")
 
 
 def _arrays(recording: Recording) -> dict[str, NDArray[Any]]:
     """Return the arrays that the page reads, with the steps of each agent in consecutive order."""
-    width = recording.free.shape[1]
     all_true = np.ones(recording.positions.shape[:2], np.bool_)
     flags = ACTIVE * (all_true if recording.active is None else recording.active)
     flags = flags + BLOCKED * (~all_true if recording.blocked is None else recording.blocked)
     arrays: dict[str, NDArray[Any]] = {
         "free": recording.free.astype(np.uint8),
-        "cells": _differences(recording.positions @ (width, 1)),
+        "rows": _differences(recording.positions[..., 0]),
+        "cols": _differences(recording.positions[..., 1]),
         "flags": flags.T.astype(np.uint8),
     }
     if recording.goals is not None:
-        arrays["goals"] = _differences(recording.goals @ (width, 1))
+        arrays["goalRows"] = _differences(recording.goals[..., 0])
+        arrays["goalCols"] = _differences(recording.goals[..., 1])
     if recording.headings is not None:
         arrays["headings"] = recording.headings.T.astype(np.uint8)
+    if recording.actions is not None:
+        arrays["actions"] = recording.actions.T.astype(np.int8)
+    if recording.rewards is not None:
+        arrays["rewards"] = recording.rewards.T.astype("<f4")
     if recording.weights is not None:
         arrays["weights"] = recording.weights.astype("<f4")
     if recording.observed is not None:
@@ -83,9 +125,9 @@ def _arrays(recording: Recording) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def _differences(cells: NDArray[Any]) -> NDArray[Any]:
-    """Return (N, T + 1): each agent's first cell, then the differences between steps, which compress well."""
-    return np.diff(cells.T, axis=1, prepend=0).astype("<i4")
+def _differences(values: NDArray[Any]) -> NDArray[Any]:
+    """Return (N, T + 1): each agent's first value, then the differences between steps, which compress well."""
+    return np.diff(values.T, axis=1, prepend=0).astype("<i4")
 
 
 def _packed(array: NDArray[Any]) -> str:

@@ -1,0 +1,8 @@
+// Starts the player with the episodes in the element `data`.
+
+(async () => {
+  const data = JSON.parse($("data").textContent), episodes = [];
+  for (const episode of data.episodes) episodes.push(new Episode(episode, await unpackAll(episode.arrays, episode.steps + 1)));
+  window.player = new Player(episodes, data.speed);
+  document.body.dataset.ready = "yes";
+})();
