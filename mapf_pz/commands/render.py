@@ -14,11 +14,12 @@ from mapf_pz.commands.planfile import LoadedPlan, load_plan
 from mapf_pz.config import EnvConfig
 from mapf_pz.evaluation.episodes import AnyEnv, Policy, changed_keywords, rollout
 from mapf_pz.evaluation.policies import policy_factory
-from mapf_pz.planners import record_plan, validate
+from mapf_pz.planners import record_plan
 from mapf_pz.render import Recording, save_recording
 from mapf_pz.render.html import save_html
 from mapf_pz.render.recording import RecordedViolation
 from mapf_pz.render.save import check_output
+from mapf_pz.render.violations import find_violations
 from mapf_pz.wrappers import RecordEpisode
 
 
@@ -73,8 +74,7 @@ def record_episode(env: AnyEnv, policy: Policy, seed: int, policy_name: str) -> 
         task = bar.add_task("Running", total=env.config.max_steps + 1)
         rollout(recorded, policy, seed, on_step=lambda: bar.advance(task))
     recording = recorded.recording
-    facts = {"policy": policy_name, "seed": str(seed)}
-    return replace(recording, name=policy_name, title=f"{policy_name}: {recording.title}", facts=facts)
+    return replace(recording, name=policy_name, facts={"policy": policy_name, "seed": str(seed)})
 
 
 def _episode_recording(episode: EpisodeOptions, policy_name: str) -> Recording:
@@ -90,10 +90,9 @@ def _plan_recording(episode: EpisodeOptions, path: Path) -> Recording:
     return replace(
         recording,
         name=path.name,
-        title=f"{path.name}: {recording.title}",
         facts={"plan": path.name},
         metrics=_plan_metrics(loaded),
-        violations=_violations(loaded),
+        violations=find_violations(loaded.instance, loaded.file.plan.positions, loaded.file.plan.headings),
     )
 
 
@@ -102,11 +101,6 @@ def _plan_metrics(loaded: LoadedPlan) -> dict[str, float]:
     if loaded.instance.scenario.goals.ndim == 2:
         return {"SoC": loaded.file.plan.sum_of_costs, "makespan": loaded.file.plan.makespan}
     return {} if loaded.finished is None else {"tasks finished": loaded.finished}
-
-
-def _violations(loaded: LoadedPlan) -> tuple[RecordedViolation, ...]:
-    violation = validate(loaded.instance, loaded.file.plan)
-    return () if violation is None else (RecordedViolation(violation.step, violation.agents, str(violation)),)
 
 
 def _save(recordings: list[Recording], output: Path, fps: float) -> None:
@@ -124,5 +118,11 @@ def _summary(recording: Recording, with_name: bool) -> str:
     parts = [f"{recording.num_steps} steps"]
     parts += [f"{name} {value:.4g}" for name, value in recording.metrics.items()]
     if recording.violations is not None:
-        parts.append(recording.violations[0].text if recording.violations else "legal")
+        parts.append(_verdict(recording.violations))
     return (f"{recording.name}: " if with_name else "") + ", ".join(parts)
+
+
+def _verdict(violations: tuple[RecordedViolation, ...]) -> str:
+    if not violations:
+        return "legal"
+    return f"{len(violations)} violation{'s' if len(violations) > 1 else ''}, the first in {violations[0].text}"

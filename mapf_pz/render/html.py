@@ -51,9 +51,15 @@ def html_page(recordings: Recording | Sequence[Recording], fps: float = 4) -> st
     several = list(recordings) if isinstance(recordings, Sequence) else [recordings]
     if not several:
         raise ValueError("expected at least one recording")
-    title = several[0].title if len(several) == 1 else " and ".join(each.name or each.title for each in several)
     speed = min(SPEEDS, key=lambda speed: abs(speed - fps))
-    return _filled(title, {"speed": speed, "episodes": [_episode(each) for each in several]}, SCRIPTS)
+    return _filled(_title(several), {"speed": speed, "episodes": [_episode(each) for each in several]}, SCRIPTS)
+
+
+def _title(recordings: Sequence[Recording]) -> str:
+    """Return the names of the recordings and what they show, such as `pibt and mappo: random-16-16-20, 8 agents`."""
+    names = dict.fromkeys(recording.name for recording in recordings if recording.name)
+    titles = dict.fromkeys(recording.title for recording in recordings)
+    return ": ".join(filter(None, (" and ".join(names), " and ".join(titles))))
 
 
 def _filled(title: str, data: dict[str, Any], scripts: Sequence[str]) -> str:
@@ -74,7 +80,7 @@ def _episode(recording: Recording) -> dict[str, Any]:
     """Return an episode as the page's script reads it."""
     (height, width), observed, violations = recording.free.shape, recording.observed, recording.violations
     return {
-        "title": recording.title,
+        "title": recording.heading,
         "caption": recording.name or recording.title,
         "width": width,
         "height": height,

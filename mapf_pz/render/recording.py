@@ -53,11 +53,11 @@ class Recording:
     planes: tuple[str, ...] = ()
     """Names of the K planes of the observations."""
     title: str = ""
-    """One-line title."""
+    """One-line title: the map and the number of agents."""
     facts: Mapping[str, str] = field(default_factory=dict)
     """Settings to display, by name."""
     name: str = ""
-    """Short name, which tells recordings apart that are shown side by side. Empty: the title."""
+    """What acted, such as the name of a policy. It tells recordings apart that are shown side by side."""
     metrics: Mapping[str, float] = field(default_factory=dict)
     """Metrics of the whole episode, by name."""
     violations: tuple[RecordedViolation, ...] | None = None
@@ -96,6 +96,11 @@ class Recording:
         """Number of agents N."""
         return self.positions.shape[1]
 
+    @property
+    def heading(self) -> str:
+        """The name, if there is one, and the title."""
+        return f"{self.name}: {self.title}" if self.name else self.title
+
     def pictures(self, cell_size: int | None = None) -> Iterator[Picture]:
         """Yield images (H * cell_size, W * cell_size, 3) uint8 of the start and of the state after each step."""
         canvas = Canvas(self.free, self.num_agents, cell_size)
@@ -108,6 +113,6 @@ class Recording:
     def _repr_html_(self) -> str:
         """Return the page of `save_html` in a frame, which notebooks show."""
         return (
-            f'<iframe srcdoc="{html.escape(html_page(self))}" title="{html.escape(self.title)}" '
+            f'<iframe srcdoc="{html.escape(html_page(self))}" title="{html.escape(self.heading)}" '
             f'style="width: 100%; height: {FRAME_HEIGHT}px; border: 0" allowfullscreen></iframe>'
         )

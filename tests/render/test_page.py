@@ -300,7 +300,7 @@ def test_an_agent_is_selected_by_a_click_and_described(open_page):
     assert "not recorded" in page.locator("#planes").inner_text()  # only two agents' observations are
     page.fill("#agent", "0")
     scrub(page, 1)
-    assert table(page, "agent-facts") == {"row, column": "0, 0", "heading": "east", "goal": "0, 2"}
+    assert table(page, "agent-facts") == {"row, column": "0, 0", "heading": "east", "goal": "0, 2", "at its goal": "no"}
     assert page.locator("#planes figcaption").all_inner_texts() == ["view", "goal"]
     page.fill("#agent", "")
     assert state(page)["chosen"] == -1
@@ -593,7 +593,7 @@ def test_two_episodes_side_by_side(open_page):
         planes=(), name="B", metrics={"ISR": 0.5}, facts={"policy": "B"}, title="other",
     )  # fmt: skip
     page = open_page([replace(RECORDING, name="A", metrics={"ISR": 1.0}, facts={"policy": "A"}), short])
-    assert page.locator("h1").inner_text() == "A and B"
+    assert page.locator("h1").inner_text() == "A and B: a <b>title</b> and other"
     assert page.locator("#views figcaption").all_inner_texts() == ["A", "B"]
     assert table(page, "final") == {"": ["A", "B"], "agents": ["3", "3"], "steps": ["3", "1"], "ISR": ["1", "0.5"]}
     first, second = (page.locator("canvas").nth(k).bounding_box() for k in (0, 1))

@@ -1,6 +1,7 @@
 // Agents, their goals, and marks of those whose move was blocked or violates the rules.
 
 const DISC_SCALE = 4; // px per cell, below which agents are squares
+const HEADING_SCALE = 5; // px per cell, from which on headings are drawn
 const ROOMY_SCALE = 12; // px per cell, from which on a goal's frame is visible around an agent
 const NUMBER_SCALE = 22; // px per cell, from which on agents have numbers
 
@@ -15,23 +16,28 @@ function drawGoals(pen, episode, camera, step) {
   }
 }
 
+// The selected agent is drawn last, so that no other one hides it.
 function drawAgents(pen, episode, camera, time, options) {
-  const { scale } = camera, { ink } = options, step = Math.floor(time), next = Math.ceil(time);
-  const numbered = options.numbers && scale >= NUMBER_SCALE, radius = discRadius(scale);
-  for (let agent = 0; agent < episode.agents; agent++) {
-    if (!episode.isActive(agent, step)) continue;
-    const [row, col] = episode.position(agent, time);
-    if (!camera.sees(row, col)) continue;
-    const x = (col + 0.5) * scale, y = (row + 0.5) * scale, color = episode.colors[agent % episode.colors.length];
-    drawDisc(pen, x, y, scale, color, options.ground === "plain" ? null : ink.page);
-    if (episode.headings && scale >= 5) {
-      const angle = episode.angle(agent, time);
-      if (numbered) drawPointer(pen, x, y, scale, angle, color); else drawHeading(pen, x, y, radius, angle, ink.mark);
-    }
-    if (numbered) drawNumber(pen, agent, x, y, scale, color);
-    if (options.blocked && episode.isBlocked(agent, next)) drawRing(pen, x, y, radius, scale, ink.blocked);
-    if (agent === options.chosen) drawRing(pen, x, y, radius * 1.25, scale, ink.chosen);
+  for (let agent = 0; agent < episode.agents; agent++)
+    if (agent !== options.chosen) drawAgent(pen, episode, agent, camera, time, options);
+  if (options.chosen >= 0 && options.chosen < episode.agents) drawAgent(pen, episode, options.chosen, camera, time, options);
+}
+
+function drawAgent(pen, episode, agent, camera, time, options) {
+  const { scale } = camera, { ink } = options;
+  if (!episode.isActive(agent, Math.floor(time))) return;
+  const [row, col] = episode.position(agent, time);
+  if (!camera.sees(row, col)) return;
+  const x = (col + 0.5) * scale, y = (row + 0.5) * scale, radius = discRadius(scale);
+  const color = episode.colors[agent % episode.colors.length], numbered = options.numbers && scale >= NUMBER_SCALE;
+  drawDisc(pen, x, y, scale, color, options.ground === "plain" ? null : ink.page);
+  if (episode.headings && scale >= HEADING_SCALE) {
+    const angle = episode.angle(agent, time);
+    if (numbered) drawPointer(pen, x, y, scale, angle, color); else drawHeading(pen, x, y, radius, angle, ink.mark);
   }
+  if (numbered) drawNumber(pen, agent, x, y, scale, color);
+  if (options.blocked && episode.isBlocked(agent, Math.ceil(time))) drawRing(pen, x, y, radius, scale, ink.blocked);
+  if (agent === options.chosen) drawRing(pen, x, y, radius * 1.25, scale, ink.chosen);
 }
 
 function discRadius(scale) { return scale * (scale >= ROOMY_SCALE ? 0.38 : 0.48); }

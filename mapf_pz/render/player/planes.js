@@ -3,8 +3,8 @@
 const PLANE_WIDTH = 118; // px, about
 
 class Planes {
-  constructor(element, onPoint) { // `onPoint` gets the pointed cell of the map, or null
-    Object.assign(this, { element, onPoint });
+  constructor(caption, onPoint) { // `onPoint` gets the pointed cell of the map, or null
+    Object.assign(this, { caption, onPoint, element: document.createElement("div") });
     this.grid = Object.assign(document.createElement("div"), { className: "planes" });
     this.readout = document.createElement("p");
     this.readout.setAttribute("aria-live", "polite");
@@ -13,7 +13,7 @@ class Planes {
   }
 
   clear(note = "") {
-    this.element.replaceChildren(...(note ? [Object.assign(document.createElement("p"), { textContent: note })] : []));
+    this.element.replaceChildren(...(note ? [paragraph(note)] : []));
     this.shown = null;
   }
 
@@ -22,7 +22,7 @@ class Planes {
     if (agent >= episode.observers) { this.clear("This agent's observations were not recorded."); return; }
     if (!this.shown || this.shown.episode !== episode) {
       this.grid.replaceChildren(...episode.planes.map((name, plane) => this.figure(episode, name, plane)));
-      this.element.replaceChildren(this.grid, this.scale, this.readout);
+      this.element.replaceChildren(...(this.caption ? [paragraph(this.caption)] : []), this.grid, this.scale, this.readout);
     }
     this.shown = { episode, agent, step };
     [...this.grid.children].forEach((figure, plane) => this.paint(figure.firstChild, plane));
@@ -65,3 +65,5 @@ class Planes {
     this.onPoint(cell);
   }
 }
+
+function paragraph(text) { return Object.assign(document.createElement("p"), { textContent: text }); }

@@ -19,7 +19,7 @@ class Player {
     this.views = episodes.map((episode) => new View(episode, this.camera, this.options));
     this.addressBar = new AddressBar();
     this.hint = new Hint($("hint"), this.options);
-    this.planes = episodes.map(() => new Planes(document.createElement("div"), (cell) => this.point(cell)));
+    this.planes = episodes.map(({ caption }) => new Planes(episodes.length > 1 ? caption : "", (cell) => this.point(cell)));
     this.controls = new Controls(episodes, this.options, () => this.changeOptions());
     this.fillPanel();
     this.bind(speed);

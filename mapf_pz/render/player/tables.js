@@ -55,7 +55,8 @@ function agentRows(episodes, agent, time) {
 function agentFacts(episode, agent, step) {
   const i = episode.index(agent, step), facts = { "row, column": episode.cell(agent, step).join(", ") };
   if (episode.headings) facts.heading = HEADINGS[episode.headings[i]];
-  if (episode.hasGoals()) facts.goal = `${episode.goal(agent, step).join(", ")}${episode.isAtGoal(agent, step) ? " (reached)" : ""}`;
+  if (episode.hasGoals()) facts.goal = episode.goal(agent, step).join(", ");
+  if (episode.hasGoals()) facts["at its goal"] = episode.isAtGoal(agent, step) ? "yes" : "no";
   if (episode.actions && step > 0) facts["last action"] = actionName(episode, agent, step);
   if (episode.hasBlocked && episode.isBlocked(agent, step))
     facts["blocked by"] = episode.actions && episode.collisionSystem ? blockedBecause(episode, agent, step) : "yes";
