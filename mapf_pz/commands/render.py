@@ -15,8 +15,7 @@ from mapf_pz.config import EnvConfig
 from mapf_pz.evaluation.episodes import AnyEnv, Policy, changed_keywords, rollout
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.planners import record_plan
-from mapf_pz.render import Recording, save_recording
-from mapf_pz.render.html import save_html
+from mapf_pz.render import Recording, save_html, save_recording, save_viewer
 from mapf_pz.render.recording import RecordedViolation
 from mapf_pz.render.save import check_output
 from mapf_pz.render.violations import find_violations
@@ -44,11 +43,16 @@ class EpisodeOptions:
     """File of the League of Robot Runners problem of the plan, instead of a map."""
     fps: float = 4
     """Steps per second."""
+    viewer: bool = False
+    """Write a page without an episode, which shows map, scenario and plan files that are dropped on it."""
 
 
 def render(episode: EpisodeOptions) -> None:
     """Run episodes or read plan files, and save them as a web page, video or image."""
     check_output(episode.output, episode.fps)
+    if episode.viewer:
+        _save_viewer(episode)
+        return
     if episode.plan and episode.policy:
         raise ValueError("expected either --policy or --plan")
     if episode.problem is not None and not episode.plan:
@@ -101,6 +105,14 @@ def _plan_metrics(loaded: LoadedPlan) -> dict[str, float]:
     if loaded.instance.scenario.goals.ndim == 2:
         return {"SoC": loaded.file.plan.sum_of_costs, "makespan": loaded.file.plan.makespan}
     return {} if loaded.finished is None else {"tasks finished": loaded.finished}
+
+
+def _save_viewer(episode: EpisodeOptions) -> None:
+    if episode.output.suffix.lower() != ".html" or episode.plan or episode.policy:
+        raise ValueError("--viewer: expected an .html file, and neither --policy nor --plan")
+    episode.output.parent.mkdir(parents=True, exist_ok=True)
+    save_viewer(episode.output)
+    print(f"{episode.output}: drop a map, a scenario and a plan on this page")
 
 
 def _save(recordings: list[Recording], output: Path, fps: float) -> None:

@@ -24,12 +24,17 @@ ACTIVE, BLOCKED = 1, 2
 """Bits of an agent's flags in a step."""
 SPEEDS = (1, 2, 4, 8, 16, 32, 64)
 """The playback speeds of the page, in steps per second."""
-SCRIPTS = (
-    *("unpack", "episode", "actions", "colors", "camera", "svgpen", "ground", "directions", "agents", "chosen", "view"),
-    *("tables", "planes", "violations", "address", "legend", "export", "hint", "controls", "keys", "pointer", "player"),
-    "start",
+PLAYER = (
+    *("episode", "actions", "colors", "camera", "svgpen", "ground", "directions", "agents", "chosen", "view", "tables"),
+    *("planes", "violations", "address", "legend", "export", "hint", "controls", "keys", "pointer", "player"),
 )
-"""The files of the folder `player` that are joined into the page's script, in this order."""
+"""The files of the folder `player` that play episodes: they are joined into the page's script, in this order."""
+OF_RECORDINGS = (*PLAYER, "unpack", "start")
+"""The files of the script of a page with recordings."""
+OF_VIEWER = (*PLAYER, "textfile", "mapfile", "planfile", "lorrplan", "trackerplan", "textplan", "legality", "viewer")
+"""The files of the script of a page that reads files."""
+VIEWER_COLORS = 1000
+"""Number of different colors of agents on a page that reads files."""
 
 
 def save_html(recordings: Recording | Sequence[Recording], path: str | Path, fps: float = 4) -> None:
@@ -46,13 +51,27 @@ def save_html(recordings: Recording | Sequence[Recording], path: str | Path, fps
     write_whole(Path(path), html_page(recordings, fps).encode())
 
 
+def save_viewer(path: str | Path) -> None:
+    """Write a page that shows a map, a scenario and a plan file, which its user drops on it.
+
+    It is the page of `save_html` without an episode. It reads the files in the browser and sends nothing. Files: `.map`
+    and `.scen` of the MovingAI benchmark, and the plan files that `mapf_pz.plans.files.read_plan` reads, except for
+    paths in ticks.
+
+    Args:
+        path: the file, which is replaced atomically.
+    """
+    page = _filled("Plan viewer", {"colors": color_codes(VIEWER_COLORS)}, OF_VIEWER, "files.html")
+    write_whole(Path(path), page.encode())
+
+
 def html_page(recordings: Recording | Sequence[Recording], fps: float = 4) -> str:
     """Return the text of the page that `save_html` writes; the arguments and errors are the same."""
     several = list(recordings) if isinstance(recordings, Sequence) else [recordings]
     if not several:
         raise ValueError("expected at least one recording")
     speed = min(SPEEDS, key=lambda speed: abs(speed - fps))
-    return _filled(_title(several), {"speed": speed, "episodes": [_episode(each) for each in several]}, SCRIPTS)
+    return _filled(_title(several), {"speed": speed, "episodes": [_episode(each) for each in several]}, OF_RECORDINGS)
 
 
 def _title(recordings: Sequence[Recording]) -> str:
@@ -62,11 +81,12 @@ def _title(recordings: Sequence[Recording]) -> str:
     return ": ".join(filter(None, (" and ".join(names), " and ".join(titles))))
 
 
-def _filled(title: str, data: dict[str, Any], scripts: Sequence[str]) -> str:
-    """Return the page with its title, style, script and data."""
+def _filled(title: str, data: dict[str, Any], scripts: Sequence[str], files: str | None = None) -> str:
+    """Return the page with its title, style, script and data, and the part of the panel in the file `files`."""
     folder = resources.files("mapf_pz.render") / "player"
     parts = {
         "title": html.escape(title),
+        "files": "" if files is None else (folder / files).read_text("utf-8"),
         "style": (folder / "page.css").read_text("utf-8"),
         "script": "\n".join(['"use strict";', *((folder / f"{name}.js").read_text("utf-8") for name in scripts)]),
         "data": json.dumps(data).replace("<", "\\u003c"),

@@ -1,7 +1,6 @@
 """The page, operated in a browser as by its user."""
 
 import os
-import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -16,45 +15,20 @@ from mapf_pz.render.rgb import agent_colors
 from mapf_pz.wrappers import RecordEpisode
 from tests.helpers.small_recording import OBSERVED, POSITIONS, RECORDING
 
-FLAGS = (
-    *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
-    *("--disable-background-networking", "--disable-component-update"),
-)
-
-
-@pytest.fixture(scope="module")
-def browser():
-    api = pytest.importorskip("playwright.sync_api")
-    found = shutil.which("chromium")
-    if found is None:
-        pytest.skip("no chromium: apt-get install chromium")
-    with api.sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=found, args=list(FLAGS))
-        yield chromium
-        chromium.close()
-
 
 @pytest.fixture
-def open_page(browser, tmp_path):
-    """Return a function that saves and opens recordings; checks for errors and network requests at the end."""
-    pages, complaints, requests = [], [], []
+def open_page(new_page, tmp_path):
+    """Return a function that saves and opens recordings."""
 
     def opened(recordings=RECORDING, address="", width=1000, height=600, **options):
         save_html(recordings, tmp_path / "a.html")
-        page = browser.new_page(viewport={"width": width, "height": height}, **options)
-        page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on("request", lambda request: requests.append(request.url))
-        page.goto((tmp_path / "a.html").as_uri() + address)
+        page = new_page(
+            (tmp_path / "a.html").as_uri() + address, viewport={"width": width, "height": height}, **options
+        )
         page.wait_for_selector("body[data-ready]")
-        pages.append(page)
         return page
 
-    yield opened
-    for page in pages:
-        page.close()
-    assert complaints == []
-    assert all(url.startswith(("file:", "blob:", "data:")) for url in requests)
+    return opened
 
 
 def state(page):
@@ -622,3 +596,15 @@ def test_eight_hundred_agents(open_page, tmp_path):
     assert os.path.getsize(tmp_path / "a.html") < 5_000_000
     scrub(page, 512)
     assert state(page)["positions"] == positions[512].tolist()
+
+
+def test_a_notebook_plays_the_recording(new_page, tmp_path):
+    frame = replace(RECORDING, violations=VIOLATIONS)._repr_html_()
+    (tmp_path / "notebook.html").write_text(f"<!doctype html><title>notebook</title>{frame}")
+    page = new_page((tmp_path / "notebook.html").as_uri())
+    player = page.frame_locator("iframe")
+    player.locator("body[data-ready]").wait_for()
+    player.locator("#violations a").nth(1).click()
+    player.locator("#step", has_text="3 / 3").wait_for()
+    player.locator("#back").click()
+    assert player.locator("#step").inner_text() == "2 / 3"

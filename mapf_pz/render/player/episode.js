@@ -102,3 +102,8 @@ class Episode {
 }
 
 function sameCell(a, b) { return a[0] === b[0] && a[1] === b[1]; }
+
+// Replaces each run of `length` values by its cumulative sums.
+function addUp(values, length) {
+  for (let i = 0; i < values.length; i++) if (i % length) values[i] += values[i - 1];
+}

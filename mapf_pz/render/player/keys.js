@@ -2,7 +2,7 @@
 
 const PAN = 60; // px
 
-function bindKeys(player) {
+function bindKeys(player, signal) {
   const shifted = {
     ArrowLeft: () => player.pan(PAN, 0), ArrowRight: () => player.pan(-PAN, 0),
     ArrowUp: () => player.pan(0, PAN), ArrowDown: () => player.pan(0, -PAN),
@@ -20,7 +20,7 @@ function bindKeys(player) {
     if (!action) return;
     event.preventDefault();
     action();
-  });
+  }, { signal });
 }
 
 function usesKey(target, key) {

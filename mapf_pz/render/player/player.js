@@ -18,6 +18,7 @@ class Player {
     this.camera = new Camera(...sides);
     this.views = episodes.map((episode) => new View(episode, this.camera, this.options));
     this.addressBar = new AddressBar();
+    this.ended = new AbortController();
     this.hint = new Hint($("hint"), this.options);
     this.planes = episodes.map(({ caption }) => new Planes(episodes.length > 1 ? caption : "", (cell) => this.point(cell)));
     this.controls = new Controls(episodes, this.options, () => this.changeOptions());
@@ -38,7 +39,7 @@ class Player {
     $("planes").replaceChildren(...this.planes.map((planes) => planes.element));
     $("scrub").max = this.steps;
     $("agent").max = this.agents - 1;
-    listViolations($("violations"), this.episodes, this.captions);
+    listViolations($("violations"), this.episodes, this.captions, (step, agent) => this.show(step, agent));
     fillTable($("final"), finalRows(this.episodes), this.captions);
     fillTable($("facts"), rowsOf(this.episodes.map((episode) => episode.facts)), this.captions);
     for (const name of ["final", "facts"]) $(name).parentElement.hidden = !$(name).rows.length;
@@ -117,6 +118,7 @@ class Player {
   }
 
   tick(now) {
+    if (this.ended.signal.aborted) return;
     if (this.playing) {
       const seconds = Math.min(LONGEST_FRAME, (now - this.last) / 1000);
       this.seek(this.time + seconds * Number($("speed").value));
@@ -138,11 +140,16 @@ class Player {
 
   chooseNext(by) { this.choose((Math.max(this.options.chosen, by > 0 ? -1 : 0) + by + this.agents) % this.agents); }
 
-  followAddress() {
-    const { step, agent } = parseAddress(location.hash);
+  // Shows a step and selects an agent; -1 leaves either as it is.
+  show(step, agent) {
     this.play(false);
     this.choose(agent >= 0 ? agent : this.options.chosen);
     this.seek(step >= 0 ? step : this.time);
+  }
+
+  followAddress() {
+    const { step, agent } = parseAddress(location.hash);
+    this.show(step, agent);
   }
 
   // Controls.
@@ -161,10 +168,17 @@ class Player {
     $("agent").oninput = () => this.choose($("agent").value === "" ? -1 : Number($("agent").value));
     $("png").onclick = () => this.views.forEach((view) => savePng(view, this.time));
     $("svg").onclick = () => this.views.forEach((view) => saveSvg(view, this.time));
-    new ResizeObserver(() => this.resize()).observe($("views"));
-    addEventListener("hashchange", () => this.followAddress());
-    bindKeys(this);
+    this.sizes = new ResizeObserver(() => this.resize());
+    this.sizes.observe($("views"));
+    addEventListener("hashchange", () => this.followAddress(), { signal: this.ended.signal });
+    bindKeys(this, this.ended.signal);
     for (const view of this.views) new Pointer(this, view);
+  }
+
+  // Ends the player, so that another one can use the page.
+  end() {
+    this.ended.abort();
+    this.sizes.disconnect();
   }
 
   // For scripts that control the player.

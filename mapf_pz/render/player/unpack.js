@@ -1,4 +1,5 @@
-// The arrays of an episode. They are stored as base64 text of zlib-compressed bytes, packed by `html.py`.
+// The arrays of an episode. They are stored as base64 text of zlib-compressed bytes, packed by `html.py`; some as the
+// first value of each agent and the differences between steps.
 
 const ARRAY_TYPES = {
   rows: Int32Array, cols: Int32Array, goalRows: Int32Array, goalCols: Int32Array,
@@ -18,9 +19,4 @@ async function unpackAll(texts, length) {
   for (const [name, text] of Object.entries(texts)) arrays[name] = await unpack(text, ARRAY_TYPES[name] ?? Uint8Array);
   for (const name of STORED_AS_DIFFERENCES) if (arrays[name]) addUp(arrays[name], length);
   return arrays;
-}
-
-// Each run of `length` values is stored as its first value and the differences between neighbors.
-function addUp(values, length) {
-  for (let i = 0; i < values.length; i++) if (i % length) values[i] += values[i - 1];
 }

@@ -2,7 +2,8 @@
 
 const MOST_LISTED = 500;
 
-function listViolations(section, episodes, captions) {
+// `open` is called with the step and the agent of a link.
+function listViolations(section, episodes, captions, open) {
   const checked = episodes.map((episode, k) => [episode, captions[k]]).filter(([episode]) => episode.violations);
   section.hidden = !checked.length;
   const found = checked.flatMap(([episode, caption]) => episode.violations.map((violation) => [violation, caption]));
@@ -13,6 +14,7 @@ function listViolations(section, episodes, captions) {
     const link = document.createElement("a"), item = document.createElement("li");
     link.href = address(violation.step, violation.agents[0] ?? -1);
     link.dataset.step = violation.step;
+    link.onclick = (event) => { event.preventDefault(); open(violation.step, violation.agents[0] ?? -1); };
     link.textContent = `${several ? `${caption}: ` : ""}${violation.text}`;
     item.append(link);
     return item;
