@@ -61,8 +61,7 @@ def save_viewer(path: str | Path) -> None:
     Args:
         path: the file, which is replaced atomically.
     """
-    page = _filled("Plan viewer", {"colors": color_codes(VIEWER_COLORS)}, OF_VIEWER, "files.html")
-    write_whole(Path(path), page.encode())
+    write_whole(Path(path), viewer_page().encode())
 
 
 def html_page(recordings: Recording | Sequence[Recording], fps: float = 4) -> str:
@@ -72,6 +71,11 @@ def html_page(recordings: Recording | Sequence[Recording], fps: float = 4) -> st
         raise ValueError("expected at least one recording")
     speed = min(SPEEDS, key=lambda speed: abs(speed - fps))
     return _filled(_title(several), {"speed": speed, "episodes": [_episode(each) for each in several]}, OF_RECORDINGS)
+
+
+def viewer_page() -> str:
+    """Return the text of the page that `save_viewer` writes."""
+    return _filled("Plan viewer", {"colors": color_codes(VIEWER_COLORS)}, OF_VIEWER, "files.html")
 
 
 def _title(recordings: Sequence[Recording]) -> str:
@@ -98,7 +102,7 @@ def _filled(title: str, data: dict[str, Any], scripts: Sequence[str], files: str
 
 def _episode(recording: Recording) -> dict[str, Any]:
     """Return an episode as the page's script reads it."""
-    (height, width), observed, violations = recording.free.shape, recording.observed, recording.violations
+    (height, width), observed, violations = recording.free.shape, _shown_observations(recording), recording.violations
     return {
         "title": recording.heading,
         "caption": recording.name or recording.title,
@@ -146,9 +150,16 @@ def _arrays(recording: Recording) -> dict[str, NDArray[Any]]:
         arrays["rewards"] = recording.rewards.T.astype("<f4")
     if recording.weights is not None:
         arrays["weights"] = recording.weights.astype("<f4")
-    if recording.observed is not None:
-        arrays["observed"] = recording.observed
+    observed = _shown_observations(recording)
+    if observed is not None:
+        arrays["observed"] = observed
     return arrays
+
+
+def _shown_observations(recording: Recording) -> NDArray[np.int8] | None:
+    """Return the observations, unless they are of a single cell: planners do not read them."""
+    observed = recording.observed
+    return None if observed is None or observed.shape[-2:] == (1, 1) else observed
 
 
 def _differences(values: NDArray[Any]) -> NDArray[Any]:

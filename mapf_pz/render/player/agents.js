@@ -3,17 +3,20 @@
 const DISC_SCALE = 4; // px per cell, below which agents are squares
 const HEADING_SCALE = 5; // px per cell, from which on headings are drawn
 const ROOMY_SCALE = 12; // px per cell, from which on a goal's frame is visible around an agent
+const FAINT = 0.5; // opacity of small goals, which look like small agents otherwise
 const NUMBER_SCALE = 22; // px per cell, from which on agents have numbers
 
 function drawGoals(pen, episode, camera, step) {
   const { scale } = camera, inset = scale * 0.1;
   pen.lineWidth = Math.max(1, scale * 0.07);
+  pen.globalAlpha = scale < ROOMY_SCALE ? FAINT : 1;
   for (let agent = 0; agent < episode.agents; agent++) {
     const [row, col] = episode.goal(agent, step);
     if (!episode.isActive(agent, step) || !camera.sees(row, col)) continue;
     pen.strokeStyle = episode.colors[agent % episode.colors.length];
     pen.strokeRect(col * scale + inset, row * scale + inset, scale - 2 * inset, scale - 2 * inset);
   }
+  pen.globalAlpha = 1;
 }
 
 // The selected agent is drawn last, so that no other one hides it.

@@ -6,7 +6,9 @@ const DIVERGING = [ // ColorBrewer's RdBu, as in the documentation's figures: -1
   [253, 219, 199], [244, 165, 130], [214, 96, 77], [178, 24, 43], [103, 0, 31],
 ];
 
-// The theme's colors by name, as defined by page.css.
+function preferredTheme() { return matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"; }
+
+// Sets the theme, and returns its colors by name, as page.css defines them.
 function themeInk(theme) {
   document.documentElement.dataset.theme = theme;
   const style = getComputedStyle(document.documentElement);

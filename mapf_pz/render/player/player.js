@@ -24,7 +24,7 @@ class Player {
     this.controls = new Controls(episodes, this.options, () => this.changeOptions());
     this.fillPanel();
     this.bind(speed);
-    this.setTheme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+    this.setTheme(preferredTheme());
     this.camera.fits = true;
     this.resize();
     this.followAddress();

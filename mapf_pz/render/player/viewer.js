@@ -5,7 +5,12 @@ const VIEWER_SPEED = 4; // steps per second
 class Viewer {
   constructor(colors) {
     Object.assign(this, { colors, texts: {} }); // the name and text of each kind of file
-    $("choose").onchange = async () => { await this.add($("choose").files); };
+    themeInk(preferredTheme());
+    document.body.classList.add("empty");
+    $("choose").onchange = async () => {
+      await this.add($("choose").files);
+      $("choose").value = ""; // so that a changed file can be chosen again
+    };
     addEventListener("dragover", (event) => { event.preventDefault(); document.body.classList.add("dropping"); });
     addEventListener("dragleave", () => document.body.classList.remove("dropping"));
     addEventListener("drop", async (event) => {
@@ -30,12 +35,14 @@ class Viewer {
     $("complaint").textContent = "";
     try {
       const episode = this.episode();
+      document.body.classList.remove("empty");
       window.player?.end();
       window.player = new Player([episode], VIEWER_SPEED);
       document.querySelector("h1").textContent = document.title = episode.title;
       document.body.dataset.ready = "yes";
     } catch (error) {
       if (!(error instanceof FileError)) throw error;
+      document.body.classList.add("empty");
       $("complaint").textContent = error.message;
     }
   }
@@ -69,8 +76,7 @@ function planEpisode(map, scenario, plan, texts, colors) {
   const data = {
     ...plan, width: map.width, height: map.height, free: map.free, colors, caption: name,
     title: `${name}: ${map.name}, ${plan.agents} agents`, metrics: {}, lifelong: false, hasBlocked: false,
-    facts: Object.fromEntries(Object.entries(texts).map(([kind, file]) => [kind, file.name])),
-    planes: [], observers: 0, viewSize: [0, 0], violations: null,
+    facts: {}, planes: [], observers: 0, viewSize: [0, 0], violations: null,
   };
   const arrays = { flags: new Uint8Array(plan.rows.length).fill(ACTIVE) };
   if (goals) {
@@ -78,12 +84,14 @@ function planEpisode(map, scenario, plan, texts, colors) {
     Object.assign(arrays, { goalRows: each(0), goalCols: each(1) });
   }
   const episode = new Episode(data, arrays);
-  if (texts.plan) {
-    const costs = Array.from({ length: plan.agents }, (_, agent) => episode.restsFrom(agent));
-    episode.metrics = { SoC: costs.reduce((sum, cost) => sum + cost, 0), makespan: Math.max(...costs) };
-    episode.violations = findViolations(episode, scenario?.starts);
-  }
+  if (texts.plan && goals) episode.metrics = planCosts(episode);
+  if (texts.plan) episode.violations = findViolations(episode, scenario?.starts);
   return episode;
+}
+
+function planCosts(episode) {
+  const costs = Array.from({ length: episode.agents }, (_, agent) => episode.restsFrom(agent));
+  return { SoC: costs.reduce((sum, cost) => sum + cost, 0), makespan: Math.max(...costs) };
 }
 
 window.viewer = new Viewer(JSON.parse($("data").textContent).colors);
