@@ -135,6 +135,7 @@ def _summary(recording: Recording, with_name: bool) -> str:
 
 
 def _verdict(violations: tuple[RecordedViolation, ...]) -> str:
-    if not violations:
+    count = len(violations)
+    if not count:
         return "legal"
-    return f"{len(violations)} violation{'s' if len(violations) > 1 else ''}, the first in {violations[0].text}"
+    return f"{count} violation{'s' if count > 1 else ''}, the first in {violations[0].text}"

@@ -75,6 +75,6 @@ def _violation(step: int, agents: tuple[int, ...], positions: Ints, rule: str) -
 
 def _are_free(free: Bools, cells: Ints) -> Bools:
     """Return which of `cells` (..., 2) are free cells of the map `free` (H, W)."""
-    inside: Bools = ((cells >= 0) & (cells < np.array(free.shape))).all(axis=-1)
+    inside: Bools = np.all((cells >= 0) & (cells < np.array(free.shape)), axis=-1)
     row, col = np.moveaxis(np.where(inside[..., None], cells, 0), -1, 0)
     return inside & free[row, col]

@@ -1,6 +1,8 @@
 """The page, operated in a browser as by its user."""
 
 import os
+import re
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -52,6 +54,24 @@ def ink(page, name):
     """Return a color of the theme, 0 to 255."""
     code = page.evaluate(f"player.options.ink.{name}")
     return [int(code[i : i + 2], 16) for i in (1, 3, 5)]
+
+
+@contextmanager
+def options(page):
+    """Open the options of the map."""
+    page.locator("#options summary").click()
+    yield
+    page.locator("#options summary").click()
+
+
+def choose(page, **shown):
+    """Set checkboxes of the map's options, and the colors of cells, `ground`."""
+    with options(page):
+        for name, value in shown.items():
+            if name == "ground":
+                page.select_option("#ground", value)
+            else:
+                page.set_checked(f"#{name}", value)
 
 
 def scrub(page, step):
@@ -114,8 +134,9 @@ def test_steps_by_buttons_and_keys(open_page):
 
 def test_a_focused_control_keeps_its_keys(open_page):
     page = open_page()
-    page.focus("#goals")
-    page.keyboard.press(" ")
+    with options(page):
+        page.focus("#goals")
+        page.keyboard.press(" ")
     assert not page.is_checked("#goals")
     assert not state(page)["playing"]
     page.focus("#agent")
@@ -173,7 +194,7 @@ def test_numbers_are_drawn_when_there_is_room(open_page):
         return new Set(new Uint32Array(view.canvas.getContext("2d").getImageData(x, y, size, size).data.buffer)).size;
     }"""
     assert page.evaluate(area, center) > 1
-    page.uncheck("#numbers")
+    choose(page, numbers=False)
     with_mark = page.evaluate("player.views[0].episode.headings = undefined; player.redraw()")
     assert with_mark is None
     assert page.evaluate(area, center) == 1  # a plain disc
@@ -196,6 +217,13 @@ def test_zoom_and_pan(open_page):
     page.mouse.wheel(0, 200)
     page.wait_for_function(f"player.camera.scale < {scale}")
     page.keyboard.press("0")
+    assert page.evaluate("player.camera.scale") == scale
+    page.click("#larger")
+    assert page.evaluate("player.camera.scale") > 0.99 * scale
+    page.click("#smaller")
+    page.click("#smaller")
+    assert page.evaluate("player.camera.scale") < 0.9 * scale
+    page.click("#whole")
     assert page.evaluate("player.camera.scale") == scale
     page.mouse.move(300, 300)
     page.mouse.down()
@@ -234,7 +262,7 @@ def test_touch(open_page):
 def test_a_followed_agent_stays_centered(open_page):
     page = open_page()
     page.fill("#agent", "0")
-    page.check("#follow")
+    choose(page, follow=True)
     for step in (0, 3):
         scrub(page, step)
         page.evaluate("player.draw()")
@@ -258,7 +286,7 @@ def test_blocked_moves_are_marked_and_counted(open_page):
     scrub(page, 1)
     ring = [2.5, 0.5 - 0.38]  # behind the agent, which faces east
     assert color_at(page, *ring) == ink(page, "blocked")
-    page.uncheck("#blocked")
+    choose(page, blocked=False)
     assert color_at(page, *ring) != ink(page, "blocked")
     assert table(page, "present")["moves blocked"] == "1"
 
@@ -323,7 +351,7 @@ def test_the_field_of_view_is_framed(open_page, view, frame, heading, corners):
     frame_color = ink(page, "chosen")
     for row, col in ((top + 0.6, left), (top + 0.6, right + 1), (top, left + 0.6), (bottom + 1, left + 0.6)):
         assert color_at(page, row, col) == frame_color
-    page.uncheck("#field")
+    choose(page, field=False)
     assert color_at(page, top + 0.6, left) != frame_color
 
 
@@ -402,6 +430,45 @@ def test_why_a_move_was_blocked(open_page, system, cells, actions, reasons):
     assert shown == reasons
 
 
+@pytest.mark.parametrize("action_model", ["cardinal", "rotate"])
+@pytest.mark.parametrize("system", ["soft", "priority", "block_both"])
+def test_every_blocked_move_has_a_cause(open_page, system, action_model):
+    env = RecordEpisode(
+        mapf_pz.parallel_env(
+            map="random-12-12-15", num_agents=50, max_steps=40, collision_system=system, action_model=action_model,
+            on_target="finish", view_size=(1, 1),
+        )
+    )  # fmt: skip
+    env.reset(seed=0)
+    rng = np.random.default_rng(0)
+    while env.agents:
+        env.step({agent: int(rng.integers(env.action_space(agent).n)) for agent in env.agents})
+    recording = env.recording
+    blocked = np.argwhere(recording.blocked).tolist()
+    assert len(blocked) > 50
+    page = open_page(recording)
+    causes = page.evaluate(
+        "moves => moves.map(([step, agent]) => blockedBecause(player.episodes[0], agent, step))", blocked
+    )
+    for (step, agent), cause in zip(blocked, causes, strict=True):
+        kind, *others = re.split(r" ?agents? (?=\d)", cause)
+        numbers = [int(number) for other in others for number in re.findall(r"\d+", other)]
+        assert agent not in numbers
+        assert all(recording.active[step - 1, numbers])
+        cells, before = recording.positions[step], recording.positions[step - 1]
+        if kind in ("obstacle", "edge of the map"):
+            assert numbers == []
+        elif kind == "":  # another agent was on the cell
+            assert np.abs(before[numbers[0]] - before[agent]).sum() == 1
+            assert (cells[numbers[0]] == before[numbers[0]]).all() == ("stayed" in cause) or "was on" in cause
+        elif kind == "swap with":
+            assert recording.blocked[step, numbers].all()
+        else:
+            assert kind == "vertex conflict with"
+            assert all(np.abs(before[numbers] - before[agent]).sum(axis=1) <= 2)
+            assert system == "block_both" or np.abs(cells[numbers[0]] - before[agent]).sum() == 1  # it moved there
+
+
 def test_unknown_facts_are_not_shown(open_page):
     page = open_page(
         replace(RECORDING, goals=None, headings=None, blocked=None, observed=None, planes=(), weights=None)
@@ -410,9 +477,10 @@ def test_unknown_facts_are_not_shown(open_page):
     scrub(page, 3)
     assert table(page, "agent-facts") == {"row, column": "2, 2"}
     assert table(page, "present") == {"agents on the map": "2"}
-    for control in ("goals", "blocked", "field", "directions"):
-        assert not page.locator(f"#{control}").is_visible()
-    assert page.locator("#numbers").is_visible()
+    with options(page):
+        for control in ("goals", "blocked", "field", "directions"):
+            assert not page.locator(f"#{control}").is_visible()
+        assert page.locator("#numbers").is_visible()
 
 
 # Metrics, guidance graphs, and traffic.
@@ -438,19 +506,19 @@ def test_reached_goals_are_counted_in_lifelong_episodes(open_page):
 def test_cells_are_colored_by_edge_weights_and_traffic(open_page):
     page = open_page()
     plain = color_at(page, 2.5, 3.5)
-    page.select_option("#ground", "weights")
+    choose(page, ground="weights")
     expensive, cheap = color_at(page, 2.5, 3.5), color_at(page, 0.5, 3.5)
     assert expensive == ink(page, "hot")
     assert cheap == plain
     assert page.locator("#legend").inner_text().split("\n") == ["mean cost of leaving the cell", "0.875", "1"]
-    page.select_option("#ground", "traffic")
+    choose(page, ground="traffic")
     assert page.evaluate("[...player.episodes[0].traffic()]") == [0, 1, 1, 0, 0, 0, 1, 0, 0, 1, 1, 0]
     assert color_at(page, 0.5, 1.5) == ink(page, "hot")
-    page.select_option("#ground", "plain")
+    choose(page, ground="plain")
     assert color_at(page, 2.5, 3.5) == plain
     assert not page.locator("#legend").is_visible()
     without = open_page(replace(RECORDING, weights=None))
-    assert without.locator("#ground option").all_inner_texts() == ["nothing", "traffic"]
+    assert without.locator("#ground option").all_text_contents() == ["nothing", "traffic"]
 
 
 def test_arrows_point_in_the_cheaper_direction_of_edges(open_page):
@@ -459,7 +527,7 @@ def test_arrows_point_in_the_cheaper_direction_of_edges(open_page):
     assert edges == [[0, 0, 0.5], [0, 1, 0.5], [0, 2, 0.5]]  # east along row 0, at half the cost
     scrub(page, 3)
     plain = color_at(page, 0.5, 1)
-    page.check("#directions")
+    choose(page, directions=True)
     assert color_at(page, 0.5, 1) != plain
     assert "cheaper direction" in page.locator("#legend").inner_text()
 
@@ -467,13 +535,13 @@ def test_arrows_point_in_the_cheaper_direction_of_edges(open_page):
 def test_the_path_ahead(open_page):
     page = open_page(replace(RECORDING, observed=None, planes=()))
     page.fill("#agent", "0")
-    page.uncheck("#goals")
+    choose(page, goals=False)
     ahead = [color_at(page, 0.5, 1 + part) for part in np.linspace(0, 1, 30)]
     color = np.rint(agent_colors(3)[0])
     near = [np.abs(np.array(each) - color).max() < 40 for each in ahead]
     assert any(near)
     assert not all(near)  # dashed
-    page.uncheck("#ahead")  # the line to the goal is black
+    choose(page, ahead=False)  # the line to the goal is black
     without = [color_at(page, 0.5, 1 + part) for part in np.linspace(0, 1, 30)]
     assert not any(np.abs(np.array(each) - color).max() < 40 for each in without)
 
@@ -526,8 +594,9 @@ def test_an_address_names_a_step_and_an_agent(open_page):
 
 def test_a_step_is_saved_as_images(open_page, tmp_path):
     page = open_page(address="#t=1&agent=0", color_scheme="light")
-    page.select_option("#ground", "weights")
-    page.check("#directions")
+    choose(page, ground="weights")
+    choose(page, directions=True)
+    page.locator("#options summary").click()
     with page.expect_download() as svg:
         page.click("#svg")
     assert svg.value.suggested_filename == "a-b-title-b-step-1.svg"
@@ -576,6 +645,9 @@ def test_two_episodes_side_by_side(open_page):
     page.fill("#agent", "0")
     scrub(page, 3)  # the second episode shows its last step
     assert table(page, "agent-facts")["row, column"] == ["0, 2", "0, 0"]
+    choose(page, ground="traffic")  # one range of colors for both
+    assert page.evaluate("player.views.map((view) => view.ground.range('traffic').largest)") == [1, 1]
+    assert color_at(page, 0.5, 1.5) == ink(page, "hot")
     page.mouse.move(second["x"] + 50, second["y"] + 50)
     page.mouse.down()
     page.mouse.move(second["x"] + 80, second["y"] + 60)

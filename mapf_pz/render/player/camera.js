@@ -1,7 +1,8 @@
 // Which part of the map is shown: `scale` pixels per cell, with the map's corner at (`left`, `top`).
 
-const LARGEST_SCALE = 96; // px per cell
-const MARGIN = 16; // px around the whole map
+const SMALLEST_SCALE = 0.05, LARGEST_SCALE = 96; // px per cell
+const MARGIN = 8; // px around the whole map
+const TOOLBAR = 30; // px above the whole map, for the buttons
 
 class Camera {
   constructor(height, width) { // of the map, in cells
@@ -17,10 +18,10 @@ class Camera {
   }
 
   fit() {
-    const room = Math.min((this.boxWidth - MARGIN) / this.width, (this.boxHeight - MARGIN) / this.height);
-    this.scale = Math.max(Math.min(LARGEST_SCALE, room), 0.05);
+    const room = [(this.boxWidth - 2 * MARGIN) / this.width, (this.boxHeight - TOOLBAR - 2 * MARGIN) / this.height];
+    this.scale = Math.max(Math.min(LARGEST_SCALE, ...room), SMALLEST_SCALE);
     this.left = (this.boxWidth - this.scale * this.width) / 2;
-    this.top = (this.boxHeight - this.scale * this.height) / 2;
+    this.top = (this.boxHeight + TOOLBAR - this.scale * this.height) / 2;
     this.fits = true;
   }
 

@@ -11,19 +11,26 @@ const GROUNDS = {
 };
 
 class Ground {
-  constructor(episode) { this.episode = episode; }
+  // `compared`: all episodes of the page, which have the same range of colors.
+  constructor(episode, compared) { Object.assign(this, { episode, compared, ranges: {} }); }
 
-  // What the colors of a ground mean: least and largest value; null if cells are not colored.
+  // The least and the largest value that a ground's colors show; null if it is not known or the cells are not colored.
   range(name) {
-    const { free } = this.episode, values = GROUNDS[name].values?.(this.episode);
-    if (!values) return null;
+    if (this.ranges[name] === undefined) this.ranges[name] = this.findRange(GROUNDS[name]);
+    return this.ranges[name];
+  }
+
+  findRange({ values, isKnown }) {
+    const episodes = values ? this.compared.filter(isKnown) : [];
+    if (!episodes.includes(this.episode)) return null;
     let least = Infinity, largest = -Infinity;
-    for (let cell = 0; cell < values.length; cell++)
-      if (free[cell] && Number.isFinite(values[cell])) {
-        least = Math.min(least, values[cell]);
-        largest = Math.max(largest, values[cell]);
-      }
-    return { least, largest, values };
+    for (const episode of episodes)
+      values(episode).forEach((value, cell) => {
+        if (!episode.free[cell] || !Number.isFinite(value)) return;
+        least = Math.min(least, value);
+        largest = Math.max(largest, value);
+      });
+    return { least, largest };
   }
 
   draw(pen, camera, ink, name) {
@@ -41,10 +48,10 @@ class Ground {
     if (this.key === key) return;
     this.key = key;
     const { episode } = this, free = channels(ink.free), hot = channels(ink.hot), range = this.range(name);
-    const spread = range ? range.largest - range.least : 0;
+    const spread = range ? range.largest - range.least : 0, values = range ? GROUNDS[name].values(episode) : [];
     this.floor = picture(episode, (cell) => {
       if (!episode.free[cell]) return null;
-      const value = range ? range.values[cell] : NaN;
+      const value = values[cell];
       return spread > 0 && Number.isFinite(value) ? blend(free, hot, (value - range.least) / spread) : free;
     });
     const obstacle = channels(ink.obstacle);

@@ -1,8 +1,7 @@
 // What the colors of cells and the arrows mean.
 
 function showLegend(element, view, options) {
-  const { episode, ground } = view, lines = [], known = GROUNDS[options.ground].isKnown(episode);
-  const range = known ? ground.range(options.ground) : null;
+  const { episode, ground } = view, lines = [], range = ground.range(options.ground);
   if (range && range.least <= range.largest) {
     const bar = document.createElement("i"), scale = Object.assign(document.createElement("div"), { className: "scale" });
     bar.style.background = `linear-gradient(to right, ${options.ink.free}, ${options.ink.hot})`;

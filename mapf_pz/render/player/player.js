@@ -16,7 +16,7 @@ class Player {
     this.options = { chosen: -1, pointed: null };
     const sides = ["height", "width"].map((side) => Math.max(...episodes.map((episode) => episode[side])));
     this.camera = new Camera(...sides);
-    this.views = episodes.map((episode) => new View(episode, this.camera, this.options));
+    this.views = episodes.map((episode) => new View(episode, episodes, this.camera, this.options));
     this.addressBar = new AddressBar();
     this.ended = new AbortController();
     this.hint = new Hint($("hint"), this.options);
@@ -164,6 +164,9 @@ class Player {
       this.play(false);
       this.seek(step);
     };
+    $("smaller").onclick = () => this.zoom(0.8);
+    $("larger").onclick = () => this.zoom(1.25);
+    $("whole").onclick = () => this.fit();
     $("theme").onclick = () => this.toggleTheme();
     $("agent").oninput = () => this.choose($("agent").value === "" ? -1 : Number($("agent").value));
     $("png").onclick = () => this.views.forEach((view) => savePng(view, this.time));

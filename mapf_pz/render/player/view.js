@@ -1,8 +1,8 @@
 // One episode on a canvas.
 
 class View {
-  constructor(episode, camera, options) {
-    Object.assign(this, { episode, camera, options, ground: new Ground(episode) });
+  constructor(episode, compared, camera, options) {
+    Object.assign(this, { episode, camera, options, ground: new Ground(episode, compared) });
     this.canvas = document.createElement("canvas");
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("role", "img");
@@ -45,7 +45,7 @@ class View {
     pen.fillStyle = options.ink.page;
     pen.fillRect(0, 0, camera.boxWidth, camera.boxHeight);
     pen.translate(camera.left, camera.top);
-    this.ground.draw(pen, camera, options.ink, GROUNDS[options.ground].isKnown(episode) ? options.ground : "plain");
+    this.ground.draw(pen, camera, options.ink, options.ground);
     if (options.directions && episode.weights) drawDirections(pen, episode, camera, options.ink.arrow);
     if (options.goals && episode.hasGoals()) drawGoals(pen, episode, camera, step);
     const isChosen = options.chosen >= 0 && options.chosen < episode.agents;
