@@ -647,7 +647,7 @@ def test_two_episodes_side_by_side(open_page):
     assert table(page, "agent-facts")["row, column"] == ["0, 2", "0, 0"]
     choose(page, ground="traffic")  # one range of colors for both
     assert page.evaluate("player.views.map((view) => view.ground.range('traffic').largest)") == [1, 1]
-    assert color_at(page, 0.5, 1.5) == ink(page, "hot")
+    assert color_at(page, 2.5, 1.7) == ink(page, "hot")
     page.mouse.move(second["x"] + 50, second["y"] + 50)
     page.mouse.down()
     page.mouse.move(second["x"] + 80, second["y"] + 60)
