@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator
 
 import numpy as np
@@ -53,16 +54,18 @@ def _marked(wrong: Bools, first_step: int, positions: Ints, rule: str) -> Iterat
 
 
 def _of_pairs(positions: Ints) -> Iterator[RecordedViolation]:
-    before: dict[tuple[int, int], int] = {}
+    """Yield each agent that shares a cell with the first agent there, and each two agents that swap cells."""
+    before: defaultdict[tuple[int, ...], list[int]] = defaultdict(list)
     for step, cells in enumerate(positions.tolist()):
-        here: dict[tuple[int, int], int] = {}
+        here: defaultdict[tuple[int, ...], list[int]] = defaultdict(list)
         for agent, cell in enumerate(map(tuple, cells)):
-            if cell in here:
-                yield _violation(step, (here[cell], agent), positions, "two agents on one cell")
-            here.setdefault(cell, agent)
-            other = before.get(cell, agent)
-            if other < agent and cells[other] == positions[step - 1, agent].tolist():
-                yield _violation(step, (other, agent), positions, "two agents swap cells")
+            here[cell].append(agent)
+            if here[cell][0] != agent:
+                yield _violation(step, (here[cell][0], agent), positions, "two agents on one cell")
+            for other in before.get(cell, ()):
+                came_from = positions[step - 1, agent].tolist()
+                if other < agent and cells[other] == came_from != list(cell):
+                    yield _violation(step, (other, agent), positions, "two agents swap cells")
         before = here
 
 

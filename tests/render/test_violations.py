@@ -31,6 +31,15 @@ def test_a_swap_is_one_violation():
     ]
 
 
+def test_agents_that_stay_on_one_cell_do_not_swap():
+    positions = [[(0, 0), (0, 1)], [(0, 1), (0, 1)], [(0, 1), (0, 1)]]
+    assert texts(positions[0], [(0, 1), (0, 2)], positions) == [
+        "step 1: agent 0 and agent 1 at [row 0, col 1]: two agents on one cell",
+        "step 2: agent 0 and agent 1 at [row 0, col 1]: two agents on one cell",
+        "step 2: agent 1 at [row 0, col 1]: not the agent's goal",
+    ]
+
+
 def test_turns():
     positions = np.zeros((3, 1, 2), np.int64)
     assert texts([(0, 0)], [(0, 0)], positions, np.array([[0], [2], [3]])) == [

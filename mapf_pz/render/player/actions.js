@@ -1,6 +1,8 @@
 // The actions of agents, and why a move did not happen: the rules of docs/reference/rules.md.
 
-const ACTIONS = { rotate: ["forward", "turn left", "turn right", "wait"], cardinal: ["wait", "up", "down", "left", "right"] };
+const ACTIONS = {
+  rotate: ["forward", "turn left", "turn right", "wait"], cardinal: ["wait", "up", "down", "left", "right"],
+};
 const CARDINAL_DIRECTIONS = [-1, 3, 1, 2, 0]; // headings; -1: no move
 
 function actionName(episode, agent, step) {

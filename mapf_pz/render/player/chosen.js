@@ -12,7 +12,8 @@ function drawChosen(pen, episode, camera, time, options) {
   drawLine(pen, trail, scale);
   if (options.ahead) {
     const path = [episode.position(agent, time)];
-    for (let later = Math.ceil(time); later <= episode.endOfPath(agent, step); later++) path.push(episode.cell(agent, later));
+    const end = episode.endOfPath(agent, step);
+    for (let later = Math.ceil(time); later <= end; later++) path.push(episode.cell(agent, later));
     pen.globalAlpha = 0.9; pen.lineWidth = Math.max(1.5, scale * 0.09); pen.setLineDash([scale * 0.12, scale * 0.18]);
     drawLine(pen, path, scale);
     pen.setLineDash([]);
@@ -40,11 +41,11 @@ function drawGoalLine(pen, episode, camera, time, options) {
 
 // The cell [row, column] of the map at a place [row, column] of the agent's image.
 function fieldCell(episode, agent, step, row, col) {
-  const [rows, cols] = episode.viewSize, [ownRow, ownCol] = observerPlace(episode);
-  const up = episode.frame === "egocentric" ? episode.headings[episode.index(agent, step)] : 3; // north
-  const ahead = ownRow - row, right = col - ownCol, [down, east] = HEADING_STEPS[up], [downR, eastR] = HEADING_STEPS[(up + 1) % 4];
-  const [r, c] = episode.cell(agent, step);
-  return [r + ahead * down + right * downR, c + ahead * east + right * eastR];
+  const [ownRow, ownCol] = observerPlace(episode), [agentRow, agentCol] = episode.cell(agent, step);
+  const up = episode.frame === "egocentric" ? episode.headings[episode.index(agent, step)] : NORTH;
+  const [upRows, upCols] = HEADING_STEPS[up], [rightRows, rightCols] = HEADING_STEPS[(up + 1) % 4];
+  const ahead = ownRow - row, right = col - ownCol;
+  return [agentRow + ahead * upRows + right * rightRows, agentCol + ahead * upCols + right * rightCols];
 }
 
 // Where the agent itself is in its image.

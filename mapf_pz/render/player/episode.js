@@ -2,6 +2,7 @@
 
 const ACTIVE = 1, BLOCKED = 2; // bits of an agent's flags
 const HEADINGS = ["east", "south", "west", "north"];
+const NORTH = 3;
 const HEADING_STEPS = [[0, 1], [1, 0], [0, -1], [-1, 0]]; // row, column
 
 class Episode {

@@ -78,7 +78,13 @@ function drawGrid(pen, episode, camera, color) {
   const firstCol = Math.max(0, Math.floor(left)), lastCol = Math.min(episode.width, Math.ceil(right));
   pen.strokeStyle = color; pen.lineWidth = 1;
   pen.beginPath();
-  for (let row = firstRow; row <= lastRow; row++) { pen.moveTo(firstCol * scale, row * scale); pen.lineTo(lastCol * scale, row * scale); }
-  for (let col = firstCol; col <= lastCol; col++) { pen.moveTo(col * scale, firstRow * scale); pen.lineTo(col * scale, lastRow * scale); }
+  for (let row = firstRow; row <= lastRow; row++) {
+    pen.moveTo(firstCol * scale, row * scale);
+    pen.lineTo(lastCol * scale, row * scale);
+  }
+  for (let col = firstCol; col <= lastCol; col++) {
+    pen.moveTo(col * scale, firstRow * scale);
+    pen.lineTo(col * scale, lastRow * scale);
+  }
   pen.stroke();
 }

@@ -27,7 +27,7 @@ class Hint {
     const [row, col] = camera.at(x, y).map(Math.floor);
     if (!episode.isFree(row, col)) return "";
     const { legend, values, isKnown } = GROUNDS[this.options.ground];
-    const value = values && isKnown(episode) ? ` · ${legend}: ${shortNumber(values(episode)[row * episode.width + col])}` : "";
-    return place([row, col]) + value;
+    if (!values || !isKnown(episode)) return place([row, col]);
+    return `${place([row, col])} · ${legend}: ${shortNumber(values(episode)[row * episode.width + col])}`;
   }
 }

@@ -29,20 +29,24 @@ function checkMove(episode, agent, step, add) {
   if (!allowed) add(step, "not a move to an adjacent cell, or not straight ahead");
 }
 
-// Finds agents on one cell, and swaps, given which agent was on each cell before; returns the same for this step.
+// Finds agents on one cell, and swaps, given which agents were on each cell before; returns the same for this step.
 function checkPairs(episode, step, before, found) {
   const here = new Map();
   for (let agent = 0; agent < episode.agents; agent++) {
-    const [row, col] = episode.cell(agent, step), key = row * ROW_STRIDE + col, other = here.get(key), swapped = before.get(key);
-    if (other === undefined) here.set(key, agent); else found.push(violation(episode, step, [other, agent], "two agents on one cell"));
-    if (swapped < agent && sameCell(episode.cell(swapped, step), episode.cell(agent, step - 1)))
-      found.push(violation(episode, step, [swapped, agent], "two agents swap cells"));
+    const cell = episode.cell(agent, step), key = cell[0] * ROW_STRIDE + cell[1], others = here.get(key);
+    if (others) found.push(violation(episode, step, [others[0], agent], "two agents on one cell"));
+    if (others) others.push(agent); else here.set(key, [agent]);
+    for (const other of before.get(key) ?? []) {
+      const from = episode.cell(agent, step - 1);
+      if (other < agent && !sameCell(from, cell) && sameCell(episode.cell(other, step), from))
+        found.push(violation(episode, step, [other, agent], "two agents swap cells"));
+    }
   }
   return here;
 }
 
 function violation(episode, step, agents, rule) {
   const who = agents.map((agent) => `agent ${agent}`).join(" and ");
-  const where = new Set(agents.map((agent) => episode.cell(agent, step)).map(([row, col]) => `[row ${row}, col ${col}]`));
-  return { step, agents, text: `step ${step}: ${who} at ${[...where].join(" and ")}: ${rule}` };
+  const places = agents.map((agent) => episode.cell(agent, step)).map(([row, col]) => `[row ${row}, col ${col}]`);
+  return { step, agents, text: `step ${step}: ${who} at ${[...new Set(places)].join(" and ")}: ${rule}` };
 }

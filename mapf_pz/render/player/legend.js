@@ -9,9 +9,9 @@ function showLegend(element, view, options) {
     lines.push(Object.assign(document.createElement("div"), { textContent: GROUNDS[options.ground].legend }), scale);
   }
   if (options.directions && episode.weights) {
-    const zoomed = view.camera.scale >= ARROW_SCALE;
-    const text = zoomed ? `▶ cheaper direction; full size: ${FULL_RATIO} times cheaper` : "zoom in for arrows in the cheaper directions";
-    lines.push(Object.assign(document.createElement("div"), { textContent: text }));
+    const meaning = `▶ cheaper direction; full size: ${FULL_RATIO} times cheaper`;
+    const textContent = view.camera.scale >= ARROW_SCALE ? meaning : "zoom in for arrows in the cheaper directions";
+    lines.push(Object.assign(document.createElement("div"), { textContent }));
   }
   element.replaceChildren(...lines);
 }

@@ -53,15 +53,17 @@ class Planes {
   paint(canvas, plane) {
     const pen = canvas.getContext("2d"), image = pen.createImageData(canvas.width, canvas.height);
     for (let row = 0, i = 0; row < canvas.height; row++)
-      for (let col = 0; col < canvas.width; col++, i += 4) image.data.set([...divergingColor(this.value(plane, row, col)), 255], i);
+      for (let col = 0; col < canvas.width; col++, i += 4)
+        image.data.set([...divergingColor(this.value(plane, row, col)), 255], i);
     pen.putImageData(image, 0, 0);
   }
 
   // States the pointed value.
   tell() {
     if (!this.pointed || !this.shown) { this.readout.textContent = ""; this.onPoint(null); return; }
-    const { plane, row, col } = this.pointed, { episode, agent, step } = this.shown, cell = fieldCell(episode, agent, step, row, col);
-    this.readout.textContent = `${episode.planes[plane]} at row ${cell[0]}, column ${cell[1]}: ${this.value(plane, row, col).toFixed(2)}`;
+    const { plane, row, col } = this.pointed, { episode, agent, step } = this.shown;
+    const cell = fieldCell(episode, agent, step, row, col), value = this.value(plane, row, col).toFixed(2);
+    this.readout.textContent = `${episode.planes[plane]} at row ${cell[0]}, column ${cell[1]}: ${value}`;
     this.onPoint(cell);
   }
 }

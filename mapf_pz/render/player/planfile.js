@@ -3,7 +3,8 @@
 // The positions, and headings if agents have them, of all agents, with the steps of each in consecutive order.
 class PlanTable {
   constructor(agents, steps, rotates, name) {
-    if (agents * steps > MOST_POSITIONS) throw new FileError(name, `expected at most ${MOST_POSITIONS} steps times agents, got ${steps} x ${agents}`);
+    const expected = `expected at most ${MOST_POSITIONS} steps times agents`;
+    require(agents * steps <= MOST_POSITIONS, name, `${expected}, got ${steps} x ${agents}`);
     const size = agents * (steps + 1);
     Object.assign(this, { agents, steps, rows: new Int32Array(size), cols: new Int32Array(size), goals: null });
     if (rotates) this.headings = new Uint8Array(size);
@@ -22,10 +23,12 @@ function parsePlan(text, name, scenario) {
   if (start.startsWith("{")) return parseLorrPlan(text, name);
   if (/^(\w+=|0:)/.test(start)) return parseTextPlan(text, name);
   if (/^.*\b(solution_plan|path)\b/.test(start)) return parseTrackerPlan(text, name, scenario);
-  throw new FileError(name, `expected a plan: League of Robot Runners JSON, tracker CSV, or text with a 'solution=', got ${shortened(text)}`, 1);
+  const expected = "expected a plan: League of Robot Runners JSON, tracker CSV, or text with a 'solution='";
+  throw new FileError(name, `${expected}, got ${shortened(text)}`, 1);
 }
 
-// Follows the letters of an agent from its start; `moves` is the step of a letter, [row, column] or a function of the heading.
+// Follows the letters of an agent from its start: `moves` holds the step [row, column] of a letter, `turns` the quarter
+// turns of rotating agents, which move straight ahead with `F`.
 function followLetters(table, agent, start, letters, moves, turns) {
   let [row, col, heading] = start;
   table.set(agent, 0, row, col, heading);

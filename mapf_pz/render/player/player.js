@@ -188,13 +188,14 @@ class Player {
 
   state() {
     const step = Math.floor(this.time), [episode] = this.episodes;
-    const positions = Array.from({ length: episode.agents }, (_, agent) => episode.cell(agent, Math.min(step, episode.steps)));
+    const shown = Math.min(step, episode.steps);
+    const positions = Array.from({ length: episode.agents }, (_, agent) => episode.cell(agent, shown));
     return { step: this.time, playing: this.playing, chosen: this.options.chosen, positions, theme: this.theme };
   }
 
   // The position of a cell's center on the page.
   onPage(row, col) {
-    const box = this.views[0].canvas.getBoundingClientRect();
-    return [box.left + this.camera.left + (col + 0.5) * this.camera.scale, box.top + this.camera.top + (row + 0.5) * this.camera.scale];
+    const box = this.views[0].canvas.getBoundingClientRect(), { left, top, scale } = this.camera;
+    return [box.left + left + (col + 0.5) * scale, box.top + top + (row + 0.5) * scale];
   }
 }

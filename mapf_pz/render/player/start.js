@@ -2,7 +2,10 @@
 
 (async () => {
   const data = JSON.parse($("data").textContent), episodes = [];
-  for (const episode of data.episodes) episodes.push(new Episode(episode, await unpackAll(episode.arrays, episode.steps + 1)));
+  for (const episode of data.episodes) {
+    const arrays = await unpackAll(episode.arrays, episode.steps + 1);
+    episodes.push(new Episode(episode, arrays));
+  }
   window.player = new Player(episodes, data.speed);
   document.body.dataset.ready = "yes";
 })();

@@ -2,11 +2,12 @@
 
 class SvgPen {
   constructor(width, height) {
-    Object.assign(this, { width, height, parts: [], path: "", globalAlpha: 1, lineWidth: 1, dash: [], lineJoin: "miter" });
-    Object.assign(this, { fillStyle: "#000", strokeStyle: "#000", font: "", textAlign: "start", textBaseline: "alphabetic" });
+    Object.assign(this, { width, height, parts: [], path: "", dash: [], lineWidth: 1, lineJoin: "miter" });
+    Object.assign(this, { fillStyle: "#000", strokeStyle: "#000", globalAlpha: 1, font: "" });
   }
 
-  translate(x, y) { this.offset = [x, y]; this.parts.push(`<g transform="translate(${short(x)} ${short(y)})">`); }
+  // Is called once: what follows is moved.
+  translate(x, y) { this.parts.push(`<g transform="translate(${short(x)} ${short(y)})">`); }
   beginPath() { this.path = ""; }
   moveTo(x, y) { this.path += `M${short(x)} ${short(y)}`; }
   lineTo(x, y) { this.path += `L${short(x)} ${short(y)}`; }
@@ -20,8 +21,11 @@ class SvgPen {
 
   fill() { this.parts.push(`<path d="${this.path}" fill="${this.fillStyle}"${this.opacity()}/>`); }
   stroke() { this.parts.push(`<path d="${this.path}" fill="none"${this.line()}/>`); }
-  fillRect(x, y, width, height) { this.parts.push(`<rect${box(x, y, width, height)} fill="${this.fillStyle}"${this.opacity()}/>`); }
   strokeRect(x, y, width, height) { this.parts.push(`<rect${box(x, y, width, height)} fill="none"${this.line()}/>`); }
+
+  fillRect(x, y, width, height) {
+    this.parts.push(`<rect${box(x, y, width, height)} fill="${this.fillStyle}"${this.opacity()}/>`);
+  }
 
   fillText(text, x, y) {
     const [weight, size, ...family] = this.font.split(" ");
@@ -57,8 +61,8 @@ class SvgPen {
   }
 
   text() {
-    const size = `viewBox="0 0 ${short(this.width)} ${short(this.height)}" width="${short(this.width)}" height="${short(this.height)}"`;
-    return `<svg xmlns="http://www.w3.org/2000/svg" ${size}>\n${this.parts.join("\n")}\n${this.offset ? "</g>\n" : ""}</svg>\n`;
+    const { width, height } = this, size = `viewBox="0 0 ${width} ${height}" width="${width}" height="${height}"`;
+    return `<svg xmlns="http://www.w3.org/2000/svg" ${size}>\n${this.parts.join("\n")}\n</g>\n</svg>\n`;
   }
 }
 

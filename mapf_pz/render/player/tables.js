@@ -49,7 +49,10 @@ function presentRows(episodes, time) {
 }
 
 function agentRows(episodes, agent, time) {
-  return rowsOf(episodes.map((episode) => (agent < episode.agents ? agentFacts(episode, agent, Math.floor(Math.min(time, episode.steps))) : {})));
+  return rowsOf(episodes.map((episode) => {
+    const step = Math.floor(Math.min(time, episode.steps));
+    return agent < episode.agents ? agentFacts(episode, agent, step) : {};
+  }));
 }
 
 function agentFacts(episode, agent, step) {

@@ -7,6 +7,10 @@ class FileError extends Error {
   constructor(name, message, line = 0) { super(`${name}${line ? `:${line}` : ""}: ${message}`); }
 }
 
+function require(holds, name, message, line = 0) {
+  if (!holds) throw new FileError(name, message, line);
+}
+
 function linesOf(text) { return text.split("\n").map((line) => line.replace(/\r+$/, "")); }
 
 function shortened(value) {

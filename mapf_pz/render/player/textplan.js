@@ -9,16 +9,17 @@ function parseTextPlan(text, name) {
     if (entry) header.set(entry[1], [entry[2], k + 1]);
     else if (line.trim()) steps.push(textCells(line, steps.length, name, k + 1));
   }
-  if (!steps.length) throw new FileError(name, "expected a solution, got none");
-  const agents = steps[0].length, rotates = steps[0][0][2] >= 0, table = new PlanTable(agents, steps.length - 1, rotates, name);
+  require(steps.length > 0, name, "expected a solution, got none");
+  const agents = steps[0].length, rotates = steps[0][0][2] >= 0;
+  const table = new PlanTable(agents, steps.length - 1, rotates, name);
   steps.forEach((cells, step) => {
-    if (cells.length !== agents || cells.some(([, , heading]) => heading >= 0 !== rotates))
-      throw new FileError(name, `expected ${agents} cells in step ${step}, with headings for all cells or for none`);
+    const isComplete = cells.length === agents && cells.every(([, , heading]) => heading >= 0 === rotates);
+    require(isComplete, name, `expected ${agents} cells in step ${step}, with headings for all cells or for none`);
     cells.forEach(([x, y, heading], agent) => table.set(agent, step, y, x, heading));
   });
   if (header.get("goals")?.[0]) {
     const [value, line] = header.get("goals"), goals = textCells(`0:${value}`, 0, name, line);
-    if (goals.length !== agents) throw new FileError(name, `expected ${agents} goals, got ${goals.length}`, line);
+    require(goals.length === agents, name, `expected ${agents} goals, got ${goals.length}`, line);
     table.goals = goals.map(([x, y]) => [y, x]);
   }
   return table;
@@ -27,14 +28,14 @@ function parseTextPlan(text, name) {
 // The cells [x, y, heading or -1] of a line `STEP:(x,y),(x,y,HEADING),...`.
 function textCells(line, step, name, number) {
   const prefix = `${step}:`, cells = [];
-  if (!line.startsWith(prefix)) throw new FileError(name, `expected '${prefix}' and cells, got ${shortened(line)}`, number);
+  require(line.startsWith(prefix), name, `expected '${prefix}' and cells, got ${shortened(line)}`, number);
   const cell = /\((\d{1,9}),(\d{1,9})(?:,([XY]_(?:PLUS|MINUS)))?\)(?:,|$)/y;
   cell.lastIndex = prefix.length;
   while (cell.lastIndex < line.length) {
     const start = cell.lastIndex, match = cell.exec(line);
-    if (!match) throw new FileError(name, `expected a cell (x,y), got ${shortened(line.slice(start))}`, number);
+    require(match, name, `expected a cell (x,y), got ${shortened(line.slice(start))}`, number);
     cells.push([Number(match[1]), Number(match[2]), TEXT_HEADINGS.indexOf(match[3])]);
   }
-  if (!cells.length) throw new FileError(name, "expected at least one cell", number);
+  require(cells.length > 0, name, "expected at least one cell", number);
   return cells;
 }

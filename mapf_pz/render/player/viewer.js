@@ -49,13 +49,13 @@ class Viewer {
 
   episode() {
     const { texts } = this;
-    if (!texts.map) throw new FileError(Object.values(texts)[0].name, "expected a map (.map), too");
+    require(texts.map, Object.values(texts)[0].name, "expected a map (.map), too");
     const map = parseMap(texts.map.text, texts.map.name);
-    if (!texts.plan && !texts.scenario) throw new FileError(texts.map.name, "expected a plan or a scenario, too");
+    require(texts.plan || texts.scenario, texts.map.name, "expected a plan or a scenario, too");
     const scenario = texts.scenario ? parseScenario(texts.scenario.text, texts.scenario.name, map) : null;
-    const plan = texts.plan ? parsePlan(texts.plan.text, texts.plan.name, scenario) : standing(scenario, texts.scenario.name);
-    if (scenario && plan.agents > scenario.starts.length)
-      throw new FileError(texts.scenario.name, `expected ${plan.agents} agents, as in the plan, got ${scenario.starts.length}`);
+    if (!texts.plan) return planEpisode(map, scenario, standing(scenario, texts.scenario.name), texts, this.colors);
+    const plan = parsePlan(texts.plan.text, texts.plan.name, scenario), starts = scenario?.starts.length ?? plan.agents;
+    require(plan.agents <= starts, texts.scenario?.name, `expected ${plan.agents} agents, as in the plan, got ${starts}`);
     return planEpisode(map, scenario, plan, texts, this.colors);
   }
 }

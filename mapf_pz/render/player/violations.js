@@ -19,11 +19,13 @@ function listViolations(section, episodes, captions, open) {
     item.append(link);
     return item;
   });
-  if (found.length > MOST_LISTED) items.push(Object.assign(document.createElement("li"), { textContent: `and ${found.length - MOST_LISTED} more` }));
+  const others = found.length - MOST_LISTED;
+  if (others > 0) items.push(Object.assign(document.createElement("li"), { textContent: `and ${others} more` }));
   section.querySelector("ol").replaceChildren(...items);
 }
 
 function markCurrentViolations(section, step) {
   for (const link of section.querySelectorAll("a"))
-    if (Number(link.dataset.step) === step) link.setAttribute("aria-current", "step"); else link.removeAttribute("aria-current");
+    if (Number(link.dataset.step) === step) link.setAttribute("aria-current", "step");
+    else link.removeAttribute("aria-current");
 }
