@@ -169,6 +169,7 @@ def is_elsewhere(address):
 def test_the_site_loads_nothing_from_elsewhere(site):
     pages, styles = sorted(site.rglob("*.html")), sorted(site.rglob("*.css"))
     assert len(pages) >= 25
+    assert site / "viewer.html" in pages
     assert styles
     for page in pages:
         loads = Loads()

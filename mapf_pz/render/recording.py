@@ -70,10 +70,10 @@ class Recording:
     """How conflicts were resolved; with the actions, the page derives why a move was blocked. None: unknown."""
     lifelong: bool = False
     """Whether an agent receives its next goal when it reaches one."""
-    view: View = "centered"
-    """The observing agent's place in the observations, as in `EnvConfig.view`."""
-    frame: Frame = "map"
-    """The orientation of the observations, as in `EnvConfig.frame`."""
+    view: View | None = None
+    """The observing agent's place in the observations, as in `EnvConfig.view`. None: unknown."""
+    frame: Frame | None = None
+    """The orientation of the observations, as in `EnvConfig.frame`. None: unknown."""
 
     def __post_init__(self) -> None:
         """Check the shapes."""

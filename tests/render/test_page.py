@@ -237,8 +237,11 @@ def test_zoom_and_pan(open_page):
 
 def test_touch(open_page):
     page = open_page(width=400, height=700, has_touch=True)
+    page.locator("#options summary").tap()
+    assert page.locator("#goals").is_visible()
     page.touchscreen.tap(*page.evaluate("player.onPage(0, 0)"))
     assert state(page)["chosen"] == 0
+    assert not page.locator("#goals").is_visible()  # the map closes the options
     session = page.context.new_cdp_session(page)
 
     def touch(kind, *points):
@@ -323,6 +326,16 @@ def test_planes_have_the_colors_of_the_documentation_and_values_at_the_pointer(o
     assert color_at(page, 0.5, 1) == ink(page, "blocked")  # the frame of that cell
     page.mouse.move(300, 300)
     assert page.locator("#planes p").inner_text() == ""
+
+
+def test_values_of_planes_without_a_known_view(open_page):
+    page = open_page(replace(RECORDING, view=None))
+    page.fill("#agent", "0")
+    scrub(page, 1)
+    page.locator("#planes canvas").nth(1).hover(position={"x": 5, "y": 5})
+    assert page.locator("#planes p").inner_text() == "goal: -1.00"
+    with options(page):
+        assert not page.locator("#field").is_visible()
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ const TRAIL = 60; // steps
 
 function drawChosen(pen, episode, camera, time, options) {
   const agent = options.chosen, step = Math.floor(time), { scale } = camera;
-  if (options.field && episode.observers > agent) drawField(pen, episode, camera, step, options);
+  if (options.field && episode.hasField() && agent < episode.observers) drawField(pen, episode, camera, step, options);
   pen.strokeStyle = episode.colors[agent % episode.colors.length];
   pen.lineWidth = Math.max(2, scale * 0.18); pen.lineJoin = "round"; pen.globalAlpha = 0.45;
   const trail = [episode.position(agent, time)];

@@ -6,7 +6,7 @@ class Controls {
   constructor(episodes, options, onChange) {
     const known = {
       goals: (episode) => episode.hasGoals(), blocked: (episode) => episode.hasBlocked,
-      field: (episode) => episode.observers > 0, directions: (episode) => episode.weights !== undefined,
+      field: (episode) => episode.hasField(), directions: (episode) => episode.weights !== undefined,
     };
     for (const name of SWITCHES) {
       const box = $(name);

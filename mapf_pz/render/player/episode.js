@@ -17,6 +17,7 @@ class Episode {
   goal(agent, step) { const i = this.index(agent, step); return [this.goalRows[i], this.goalCols[i]]; }
   isActive(agent, step) { return (this.flags[this.index(agent, step)] & ACTIVE) > 0; }
   isBlocked(agent, step) { return (this.flags[this.index(agent, step)] & BLOCKED) > 0; }
+  hasField() { return this.observers > 0 && this.view !== null && this.frame !== null; }
   hasGoals() { return this.goalRows !== undefined; }
   isAtGoal(agent, step) { return this.hasGoals() && sameCell(this.cell(agent, step), this.goal(agent, step)); }
   isInside(row, col) { return row >= 0 && row < this.height && col >= 0 && col < this.width; }

@@ -62,8 +62,9 @@ class Planes {
   tell() {
     if (!this.pointed || !this.shown) { this.readout.textContent = ""; this.onPoint(null); return; }
     const { plane, row, col } = this.pointed, { episode, agent, step } = this.shown;
-    const cell = fieldCell(episode, agent, step, row, col), value = this.value(plane, row, col).toFixed(2);
-    this.readout.textContent = `${episode.planes[plane]} at row ${cell[0]}, column ${cell[1]}: ${value}`;
+    const cell = episode.hasField() ? fieldCell(episode, agent, step, row, col) : null;
+    const place = cell ? ` at row ${cell[0]}, column ${cell[1]}` : "";
+    this.readout.textContent = `${episode.planes[plane]}${place}: ${this.value(plane, row, col).toFixed(2)}`;
     this.onPoint(cell);
   }
 }

@@ -19,6 +19,7 @@ class Pointer {
 
   press(event) {
     if (!this.down.size) this.moved = false;
+    $("options").open = false; // they may cover the map
     this.down.set(event.pointerId, [event.offsetX, event.offsetY]);
     this.view.canvas.setPointerCapture(event.pointerId);
   }
