@@ -14,6 +14,7 @@ const METRICS = {
 function fillTable(table, rows, captions) {
   const shown = rows.filter(([, values]) => values.some((value) => value !== undefined));
   const head = captions.length > 1 && shown.length ? [line("", captions)] : [];
+  for (const row of head) row.className = "captions";
   table.replaceChildren(...head, ...shown.map(([name, values, title]) => line(name, values, title)));
 }
 
