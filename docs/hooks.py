@@ -1,4 +1,4 @@
-"""Extend the site: links to repository files outside docs/, and the command-line reference, made from `--help`."""
+"""Extend the site: links out of docs/, the command-line reference, made from `--help`, and the plan viewer."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from unittest.mock import patch
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.exceptions import PluginError
-from mkdocs.structure.files import Files
+from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 from mapf_pz.cli import COMMANDS, main
+from mapf_pz.render.html import viewer_page
 
 LINK = re.compile(r"(?<!!)\[([^]]*)]\((\.\./[^)\s]*)\)")
 COMMAND_REFERENCE = "<!-- command reference -->"
@@ -25,6 +26,12 @@ SAME_OPTIONS = {
     *("lifelong", "lifelong-cardinal", "oneshot", "oneshot-cardinal"),
 }
 """Presets of `mapf-pz train` with the same options as `quickstart`, which are not listed again."""
+
+
+def on_files(files: Files, *, config: MkDocsConfig) -> Files:
+    """Add the plan viewer."""
+    files.append(File.generated(config, "viewer.html", content=viewer_page()))
+    return files
 
 
 def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:

@@ -274,9 +274,19 @@ def test_render_a_page(capsys, tmp_path):
     page = file.read_text()
     assert "<title>pibt: empty-8-8, 3 agents</title>" in page
     metrics = dict(part.split() for part in out[0].split(", ")[1:])
-    for name, value in {"policy": "pibt", "seed": "4", **metrics}.items():
-        assert f'"{name}": "{value}"' in page
-    assert '"weights": "' in page
+    data = json.loads(re.search('<script type="application/json" id="data">(.*)</script>', page)[1])
+    (episode,) = data["episodes"]
+    assert episode["facts"] == {"policy": "pibt", "seed": "4"}
+    assert {name: f"{value:.4g}" for name, value in episode["metrics"].items()} == metrics
+    assert "weights" in episode["arrays"]
+
+
+def test_render_several_policies_side_by_side(capsys, tmp_path):
+    file = tmp_path / "a.html"
+    status, out, err = run(capsys, "render", file, "--policy", "pibt", "--policy", "random", "--num-agents", 3)
+    assert (status, err) == (0, [])
+    assert [line.split()[1] for line in out] == ["pibt:", "random:"]
+    assert "<title>pibt and random: empty-8-8, 3 agents</title>" in file.read_text()
 
 
 def test_render_a_plan(capsys, tmp_path):
@@ -284,15 +294,15 @@ def test_render_a_plan(capsys, tmp_path):
     assert run(capsys, "solve", plan, "--num-agents", 3)[0] == 0
     status, out, err = run(capsys, "render", file, "--plan", plan, "--map", "empty-8-8")
     assert (status, err) == (0, [])
-    assert out[0].endswith(" steps, legal")
-    assert '"legal": "yes"' in file.read_text()
+    assert re.search(r" steps, SoC \d+, makespan \d+, legal$", out[0])
+    assert '"violations": []' in file.read_text()
     data = json.loads(plan.read_text())
     data["actualPaths"][0] = data["actualPaths"][0].replace("F", "W", 1)  # all that comes after is one cell off
     plan.write_text(json.dumps(data))
     status, out, err = run(capsys, "render", file, "--plan", plan, "--map", "empty-8-8")
     assert (status, err) == (0, [])
-    assert "steps, step " in out[0]
-    assert '"legal": "no: step ' in file.read_text()
+    assert re.search(r", \d+ violations?, the first in step \d+: ", out[0])
+    assert '"violations": [{"step": ' in file.read_text()
 
 
 @pytest.mark.parametrize("on_target", ["nothing", "finish", "restart"])
@@ -317,6 +327,8 @@ def test_render_is_reproducible(capsys, tmp_path, on_target):
         (["a.gif", "--plan", "nowhere.json"], "expected either --map or --problem"),
         (["a.gif", "--plan", "nowhere.json", "--map", "empty-8-8"], "nowhere.json: no such file"),
         (["a.gif", "--problem", "nowhere.json"], "--problem: expected --plan"),
+        (["a.gif", "--policy", "pibt", "--plan", "a.json"], "expected either --policy or --plan"),
+        (["a.gif", "--policy", "pibt", "--policy", "random"], "a.gif: expected an .html file for several episodes"),
         (["a.gif", "--map", "nowhere"], "no .map file is named 'nowhere'"),
         (["a.gif", "--map", "nowhere.map"], "nowhere.map"),
         (["a.gif", "--num-agents", "1000"], "1000"),

@@ -413,5 +413,7 @@ def test_train_then_play(tmp_path, algorithm):
     planes = mapf_pz.parallel_env(**policy.env_kwargs | OFF).observation_space("agent_0")["image"].shape[0]
     assert env.observation_space("agent_0")["image"].shape[0] == 2 * 3 * planes
     assert [episode.metrics["ep_length"] for episode in evaluate({"it": policy}, [task])] == [10, 10]
-    render(EpisodeOptions(tmp_path / "end.png", str(tmp_path), EnvConfig(map="empty-8-8", num_agents=4, max_steps=3)))
+    render(
+        EpisodeOptions(tmp_path / "end.png", (str(tmp_path),), EnvConfig(map="empty-8-8", num_agents=4, max_steps=3))
+    )
     assert (tmp_path / "end.png").stat().st_size > 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, cast
 
 import numpy as np
+from gymnasium.spaces import Discrete
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper
@@ -33,6 +34,7 @@ class RecordEpisode(BaseParallelWrapper[str, AgentObservation, Any]):
         super().__init__(env)
         self._inner = cast("MapfEnv", env.unwrapped)
         self._planes = _plane_names(self._inner)
+        self._has_discrete_actions = isinstance(env.action_space(env.possible_agents[0]), Discrete)
         size = len(self._planes) * int(np.prod(self._inner.config.view_size))
         fitting = MAX_OBSERVED_BYTES // ((self._inner.config.max_steps + 1) * size)
         self._num_observed = fitting if observed is None else observed
@@ -44,13 +46,13 @@ class RecordEpisode(BaseParallelWrapper[str, AgentObservation, Any]):
         """Start an episode and its recording."""
         result = super().reset(seed, options)
         self._steps = []
-        self._record_state()
+        self._record_state({})
         return result
 
     def step(self, actions: dict[str, Any]) -> StepResult:
-        """Take a step, and record the new state."""
+        """Take a step, and record it."""
         result = super().step(actions)
-        self._record_state()
+        self._record_state(actions)
         return result
 
     @property
@@ -59,16 +61,22 @@ class RecordEpisode(BaseParallelWrapper[str, AgentObservation, Any]):
         if not self._steps:
             raise RuntimeError("call reset() first")
         arrays: dict[str, Any] = {name: np.stack([step[name] for step in self._steps]) for name in self._steps[0]}
-        simulator = self._inner.simulator
+        simulator, config = self._inner.simulator, self._inner.config
         return Recording(
             free=self._inner.grid,
-            weights=None if self._inner.config.edge_weights == "uniform" else simulator.edge_weights(0),
+            weights=None if config.edge_weights == "uniform" else simulator.edge_weights(0),
+            collision_system=config.collision_system,
+            lifelong=config.on_target == "restart",
             planes=self._planes,
+            view=config.resolved_view,
+            frame=config.resolved_frame,
+            metrics=self._inner.metrics(),
             title=f"{simulator.grid(0).name}, {len(self.possible_agents)} agents",
             **arrays,
         )
 
-    def _record_state(self) -> None:
+    def _record_state(self, actions: dict[str, Any]) -> None:
+        """Record the state, and the actions that led to it."""
         env, agents = self._inner, self._inner.simulator.agents[0]
         # The agents' own observations of this step, without the effects of wrappers.
         simulator = env.simulator
@@ -78,10 +86,13 @@ class RecordEpisode(BaseParallelWrapper[str, AgentObservation, Any]):
             "goals": env.goals,
             "active": agents["active"].astype(np.bool_),
             "blocked": agents["blocked"].astype(np.bool_),
+            "rewards": agents["reward"].copy() if actions else np.zeros(agents.size, np.float32),
             "observed": np.rint(127 * seen).astype(np.int8),
         }
         if env.config.action_model == "rotate":
             state["headings"] = env.headings
+        if self._has_discrete_actions:
+            state["actions"] = np.array([actions.get(agent, -1) for agent in self.possible_agents], np.int8)
         self._steps.append(state)
 
 

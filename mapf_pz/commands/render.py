@@ -1,86 +1,141 @@
-"""The command `mapf-pz render`: save an episode or a plan as a web page, video or image."""
+"""The command `mapf-pz render`: save episodes or plans as a web page, video or image."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated
 
 from rich.console import Console
 from rich.progress import Progress
-from tyro.conf import Positional
+from tyro.conf import Positional, UseAppendAction
 
-from mapf_pz.commands.planfile import load_plan
+from mapf_pz.commands.planfile import LoadedPlan, load_plan
 from mapf_pz.config import EnvConfig
 from mapf_pz.evaluation.episodes import AnyEnv, Policy, changed_keywords, rollout
 from mapf_pz.evaluation.policies import policy_factory
-from mapf_pz.planners import record_plan, validate
-from mapf_pz.render import Recording, save_recording
+from mapf_pz.planners import record_plan
+from mapf_pz.render import Recording, save_html, save_recording, save_viewer
+from mapf_pz.render.recording import RecordedViolation
 from mapf_pz.render.save import check_output
+from mapf_pz.render.violations import find_violations
 from mapf_pz.wrappers import RecordEpisode
 
 
 @dataclass(frozen=True)
 class EpisodeOptions:
-    """Options of `mapf-pz render`: an episode or a plan, and the output file."""
+    """Options of `mapf-pz render`: episodes or plans, and the output file."""
 
     output: Positional[Path]
     """Output file. `.html`: an interactive page; `.svg`, `.gif`, `.mp4`: an animation; `.png`: an image of the last
     state."""
-    policy: str = "random"
-    """Policy: `random`, a planner, the name of a bundled trained policy, or the folder of a training run."""
+    policy: Annotated[tuple[str, ...], UseAppendAction] = ()
+    """Policy: `random`, a planner, the name of a bundled trained policy, or the folder of a training run. Given several
+    times, the page shows the episodes side by side. Default: `random`."""
     env: EnvConfig = field(default_factory=EnvConfig)
     """The environment. Fields at their defaults follow the policy; a plan uses `map`, `scenario` and `num_agents`."""
     seed: int = 0
     """Random seed."""
-    plan: Path | None = None
-    """Plan file, instead of a policy: League of Robot Runners JSON, MAPF tracker CSV, or text of PIBT or LaCAM."""
+    plan: Annotated[tuple[Path, ...], UseAppendAction] = ()
+    """Plan file, instead of a policy: League of Robot Runners JSON, MAPF tracker CSV, or text of PIBT or LaCAM. Given
+    several times, the page shows the plans side by side."""
     problem: Path | None = None
     """File of the League of Robot Runners problem of the plan, instead of a map."""
     fps: float = 4
     """Steps per second."""
+    viewer: bool = False
+    """Write a page without an episode, which shows map, scenario and plan files that are dropped on it."""
 
 
 def render(episode: EpisodeOptions) -> None:
-    """Run an episode or read a plan file, and save it as a web page, video or image."""
+    """Run episodes or read plan files, and save them as a web page, video or image."""
     check_output(episode.output, episode.fps)
-    if episode.plan is not None:
-        _save_plan(episode, episode.plan)
+    if episode.viewer:
+        _save_viewer(episode)
         return
-    if episode.problem is not None:
+    if episode.plan and episode.policy:
+        raise ValueError("expected either --policy or --plan")
+    if episode.problem is not None and not episode.plan:
         raise ValueError("--problem: expected --plan, too")
-    env, policy = policy_factory(episode.policy, episode.seed)(changed_keywords(episode.env))
-    save_episode(env, policy, episode.seed, episode.output, episode.fps, episode.policy)
+    if max(len(episode.plan), len(episode.policy)) > 1 and episode.output.suffix.lower() != ".html":
+        raise ValueError(f"{episode.output}: expected an .html file for several episodes")
+    if episode.plan:
+        recordings = [_plan_recording(episode, plan) for plan in episode.plan]
+    else:
+        recordings = [_episode_recording(episode, policy) for policy in episode.policy or ("random",)]
+    _save(recordings, episode.output, episode.fps)
 
 
 def save_episode(env: AnyEnv, policy: Policy, seed: int, output: Path, fps: float, policy_name: str) -> None:
     """Run an episode of `env`, save it to `output`, and print its metrics; `policy_name` is the policy's name."""
-    recording = _record(env, policy, seed)
-    metrics = {metric: f"{value:.4g}" for metric, value in env.metrics().items()}
-    facts = {"policy": policy_name, "seed": str(seed)} | metrics
-    _save(replace(recording, title=f"{policy_name}: {recording.title}", facts=facts), output, fps)
-    print(f"{output}: {env.step_count} steps, {', '.join(f'{metric} {value}' for metric, value in metrics.items())}")
+    _save([record_episode(env, policy, seed, policy_name)], output, fps)
 
 
-def _save_plan(episode: EpisodeOptions, plan: Path) -> None:
-    env = episode.env
-    map, scenario = (None if name is None else str(name) for name in (env.map, env.scenario))
-    file, instance, _, has_goals = load_plan(plan, map, scenario, env.num_agents, episode.problem)
-    violation = validate(instance, file.plan)
-    facts = {"plan": plan.name, "legal": "yes" if violation is None else f"no: {violation}"}
-    recording = record_plan(instance, file.plan, has_goals)
-    _save(replace(recording, title=f"{plan.name}: {recording.title}", facts=facts), episode.output, episode.fps)
-    print(f"{episode.output}: {file.plan.num_steps} steps, {'legal' if violation is None else violation}")
-
-
-def _save(recording: Recording, output: Path, fps: float) -> None:
-    output.parent.mkdir(parents=True, exist_ok=True)
-    save_recording(recording, output, fps)
-
-
-def _record(env: AnyEnv, policy: Policy, seed: int) -> Recording:
-    """Run an episode with a progress bar, and return its recording."""
+def record_episode(env: AnyEnv, policy: Policy, seed: int, policy_name: str) -> Recording:
+    """Run an episode of `env` with a progress bar, and return its recording, which is named after the policy."""
     console, recorded = Console(stderr=True), RecordEpisode(env)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("Running", total=env.config.max_steps + 1)
         rollout(recorded, policy, seed, on_step=lambda: bar.advance(task))
-    return recorded.recording
+    recording = recorded.recording
+    return replace(recording, name=policy_name, facts={"policy": policy_name, "seed": str(seed)})
+
+
+def _episode_recording(episode: EpisodeOptions, policy_name: str) -> Recording:
+    env, policy = policy_factory(policy_name, episode.seed)(changed_keywords(episode.env))
+    return record_episode(env, policy, episode.seed, policy_name)
+
+
+def _plan_recording(episode: EpisodeOptions, path: Path) -> Recording:
+    env = episode.env
+    map, scenario = (None if name is None else str(name) for name in (env.map, env.scenario))
+    loaded = load_plan(path, map, scenario, env.num_agents, episode.problem)
+    recording = record_plan(loaded.instance, loaded.file.plan, loaded.has_goals)
+    return replace(
+        recording,
+        name=path.name,
+        facts={"plan": path.name},
+        metrics=_plan_metrics(loaded),
+        violations=find_violations(loaded.instance, loaded.file.plan.positions, loaded.file.plan.headings),
+    )
+
+
+def _plan_metrics(loaded: LoadedPlan) -> dict[str, float]:
+    """Return the costs of a plan, or the number of finished tasks if agents have several goals and it is known."""
+    if loaded.instance.scenario.goals.ndim == 2:
+        return {"SoC": loaded.file.plan.sum_of_costs, "makespan": loaded.file.plan.makespan}
+    return {} if loaded.finished is None else {"tasks finished": loaded.finished}
+
+
+def _save_viewer(episode: EpisodeOptions) -> None:
+    if episode.output.suffix.lower() != ".html" or episode.plan or episode.policy:
+        raise ValueError("--viewer: expected an .html file, and neither --policy nor --plan")
+    episode.output.parent.mkdir(parents=True, exist_ok=True)
+    save_viewer(episode.output)
+    print(f"{episode.output}: drop a map, a scenario and a plan on this page")
+
+
+def _save(recordings: list[Recording], output: Path, fps: float) -> None:
+    """Save recordings, and print a line for each."""
+    output.parent.mkdir(parents=True, exist_ok=True)
+    if len(recordings) == 1:
+        save_recording(recordings[0], output, fps)
+    else:
+        save_html(recordings, output, fps)
+    for recording in recordings:
+        print(f"{output}: {_summary(recording, with_name=len(recordings) > 1)}")
+
+
+def _summary(recording: Recording, with_name: bool) -> str:
+    parts = [f"{recording.num_steps} steps"]
+    parts += [f"{name} {value:.4g}" for name, value in recording.metrics.items()]
+    if recording.violations is not None:
+        parts.append(_verdict(recording.violations))
+    return (f"{recording.name}: " if with_name else "") + ", ".join(parts)
+
+
+def _verdict(violations: tuple[RecordedViolation, ...]) -> str:
+    count = len(violations)
+    if not count:
+        return "legal"
+    return f"{count} violation{'s' if count > 1 else ''}, the first in {violations[0].text}"

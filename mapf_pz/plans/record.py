@@ -27,6 +27,7 @@ def record_plan(instance: Instance, plan: Plan, with_goals: bool = True) -> Reco
         positions=plan.positions,
         goals=shown,
         headings=plan.headings,
+        lifelong=goals.ndim == 3,
         title=f"{instance.grid.name}, {plan.num_agents} agents",
     )
 

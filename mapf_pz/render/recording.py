@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
@@ -9,7 +10,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapf_pz.arrays import Bools, Floats, Ints
+from mapf_pz.config import CollisionSystem, Frame, View
+from mapf_pz.render.html import html_page
 from mapf_pz.render.rgb import Canvas, Picture
+
+FRAME_HEIGHT = 640
+"""Height of the page in a notebook, in pixels."""
+
+
+@dataclass(frozen=True)
+class RecordedViolation:
+    """A violation of the rules in a plan."""
+
+    step: int
+    """The step after which it is visible, 0 to T."""
+    agents: tuple[int, ...]
+    """The agents involved."""
+    text: str
+    """A one-line description."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,15 +53,33 @@ class Recording:
     planes: tuple[str, ...] = ()
     """Names of the K planes of the observations."""
     title: str = ""
-    """One-line title."""
+    """One-line title: the map and the number of agents."""
     facts: Mapping[str, str] = field(default_factory=dict)
-    """Further facts to display, by name."""
+    """Settings to display, by name."""
+    name: str = ""
+    """What acted, such as the name of a policy. It tells recordings apart that are shown side by side."""
+    metrics: Mapping[str, float] = field(default_factory=dict)
+    """Metrics of the whole episode, by name."""
+    violations: tuple[RecordedViolation, ...] | None = None
+    """Violations of the rules, in chronological order. None: not checked."""
+    actions: Ints | None = None
+    """(T + 1, N): each agent's action in the step before; -1 if it took none. None: unknown."""
+    rewards: Floats | None = None
+    """(T + 1, N): each agent's reward for the step before. None: unknown."""
+    collision_system: CollisionSystem | None = None
+    """How conflicts were resolved; with the actions, the page derives why a move was blocked. None: unknown."""
+    lifelong: bool = False
+    """Whether an agent receives its next goal when it reaches one."""
+    view: View | None = None
+    """The observing agent's place in the observations, as in `EnvConfig.view`. None: unknown."""
+    frame: Frame | None = None
+    """The orientation of the observations, as in `EnvConfig.frame`. None: unknown."""
 
     def __post_init__(self) -> None:
         """Check the shapes."""
         each = self.positions.shape[:2]
-        shapes = {"positions": (*each, 2), "goals": (*each, 2), "headings": each, "active": each, "blocked": each}
-        for name, shape in shapes.items():
+        shapes = dict.fromkeys(("headings", "active", "blocked", "actions", "rewards"), each)
+        for name, shape in (shapes | dict.fromkeys(("positions", "goals"), (*each, 2))).items():
             value = getattr(self, name)
             if value is not None and value.shape != shape:
                 raise ValueError(f"recording: expected {name} of shape {shape}, got {value.shape}")
@@ -60,6 +96,11 @@ class Recording:
         """Number of agents N."""
         return self.positions.shape[1]
 
+    @property
+    def heading(self) -> str:
+        """The name, if there is one, and the title."""
+        return f"{self.name}: {self.title}" if self.name else self.title
+
     def pictures(self, cell_size: int | None = None) -> Iterator[Picture]:
         """Yield images (H * cell_size, W * cell_size, 3) uint8 of the start and of the state after each step."""
         canvas = Canvas(self.free, self.num_agents, cell_size)
@@ -68,3 +109,10 @@ class Recording:
             active = None if self.active is None else self.active[step]
             goals = self.positions[step] if self.goals is None else self.goals[step]  # hidden below the agents
             yield canvas.draw(self.positions[step], headings, goals, active)
+
+    def _repr_html_(self) -> str:
+        """Return the page of `save_html` in a frame, which notebooks show."""
+        return (
+            f'<iframe srcdoc="{html.escape(html_page(self))}" title="{html.escape(self.heading)}" '
+            f'style="width: 100%; height: {FRAME_HEIGHT}px; border: 0" allowfullscreen></iframe>'
+        )

@@ -41,7 +41,7 @@ def save_svg(recording: Recording, path: str | Path, fps: float = 4) -> None:
 def _lines(recording: Recording, fps: float) -> Iterator[str]:
     height, width = (CELL * side for side in recording.free.shape)
     yield f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}">'
-    yield f"<title>{html.escape(recording.title)}</title><style>{STYLE}</style>"
+    yield f"<title>{html.escape(recording.heading)}</title><style>{STYLE}</style>"
     yield f'<rect class="free" width="{width}" height="{height}"/>'
     yield f'<path class="obstacle" d="{"".join(_obstacles(recording.free))}"/>'
     timeline = _Timeline(recording.num_steps, fps)

@@ -41,4 +41,6 @@ RECORDING = Recording(
     ("view", "goal"),
     "a <b>title</b>",
     {"who": "me"},
+    view="centered",
+    frame="map",
 )

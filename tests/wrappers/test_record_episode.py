@@ -5,7 +5,7 @@ from pettingzoo.utils import BaseParallelWrapper
 import mapf_pz
 from mapf_pz.actions import Action
 from mapf_pz.instance import Scenario
-from mapf_pz.wrappers import RecordEpisode
+from mapf_pz.wrappers import ContinuousActions, RecordEpisode
 
 
 def drawn(**keywords):
@@ -51,6 +51,37 @@ def test_refused_moves_and_agents_that_disappear():
     assert recording.active[:, 1].tolist() == [True, False, False, False]
     assert recording.blocked.tolist() == [[False, False], [False, False], [False, False], [True, False]]
     assert not recording.observed[2:, 1].any()
+
+
+@pytest.mark.parametrize("action_model", ["rotate", "cardinal"])
+def test_actions_rewards_and_metrics_are_recorded(action_model):
+    env = RecordEpisode(drawn(action_model=action_model, on_target="finish", collision_system="priority"))
+    env.reset(seed=0)
+    rng, actions, rewards = np.random.default_rng(0), [[-1, -1]], [[0, 0]]
+    while env.agents:
+        chosen = {agent: int(rng.integers(env.action_space(agent).n)) for agent in env.agents}
+        _, paid, *_ = env.step(chosen)
+        actions.append([chosen.get(agent, -1) for agent in env.possible_agents])
+        rewards.append([paid.get(agent, 0) for agent in env.possible_agents])
+    recording = env.recording
+    assert recording.actions.tolist() == actions
+    np.testing.assert_allclose(recording.rewards, rewards, rtol=1e-6)
+    assert recording.metrics == env.metrics()
+    assert recording.collision_system == "priority"
+
+
+def test_actions_that_are_not_discrete_are_not_recorded():
+    env = RecordEpisode(ContinuousActions(drawn()))
+    env.reset(seed=0)
+    env.step({agent: np.zeros(4, np.float32) for agent in env.agents})
+    assert env.recording.actions is None
+
+
+@pytest.mark.parametrize(("on_target", "lifelong"), [("nothing", False), ("restart", True)])
+def test_the_rules_are_recorded(on_target, lifelong):
+    env = RecordEpisode(drawn(on_target=on_target, view="centered"))
+    env.reset(seed=0)
+    assert (env.recording.lifelong, env.recording.view, env.recording.frame) == (lifelong, "centered", "egocentric")
 
 
 def test_an_episode_is_recorded_alone():

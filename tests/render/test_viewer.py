@@ -1,0 +1,170 @@
+"""The page that reads files, operated in a browser as by its user."""
+
+import json
+
+import numpy as np
+import pytest
+
+from mapf_pz.instance import Grid, Instance, Scenario
+from mapf_pz.instances import write_map, write_scenario
+from mapf_pz.planners import Plan
+from mapf_pz.plans.files import read_plan, write_plan
+from mapf_pz.render import save_viewer
+from mapf_pz.render.violations import find_violations
+
+FREE = np.array([[1, 1, 1, 1], [1, 0, 1, 1], [1, 1, 1, 1]], bool)
+GRID = Grid(FREE, "small")
+STARTS, GOALS = np.array([[0, 0], [0, 3]]), np.array([[0, 2], [2, 3]])
+INSTANCE = Instance(GRID, Scenario(STARTS, GOALS))
+CARDINAL = Plan([[[0, 0], [0, 3]], [[0, 1], [1, 3]], [[0, 2], [2, 3]]])
+ROTATING = Plan(
+    [[[0, 0], [0, 3]], [[0, 1], [0, 3]], [[0, 2], [1, 3]], [[0, 2], [2, 3]]], [[0, 2], [0, 1], [0, 1], [0, 1]]
+)
+
+
+@pytest.fixture
+def viewer(new_page, tmp_path):
+    """Return a function that opens the page and gives it files, by name and text."""
+    save_viewer(tmp_path / "viewer.html")
+    write_map(GRID, tmp_path / "small.map")
+    write_scenario(INSTANCE.scenario, GRID, tmp_path / "small.scen")
+    page = new_page((tmp_path / "viewer.html").as_uri())
+
+    def give(*names, **texts):
+        for name, text in texts.items():
+            (tmp_path / name.replace("__", ".")).write_text(text)
+        page.set_input_files("#choose", [tmp_path / name for name in (*names, *(n.replace("__", ".") for n in texts))])
+        page.wait_for_function("document.body.dataset.ready || $('complaint').textContent")
+        return page
+
+    return give
+
+
+def shown(page):
+    """Return the positions (T + 1, N, 2) and headings (T + 1, N) of the page's episode."""
+    return page.evaluate(
+        """() => {
+            const [episode] = player.episodes, steps = [...Array(episode.steps + 1).keys()];
+            const each = (read) => steps.map((step) => [...Array(episode.agents).keys()].map((k) => read(k, step)));
+            const heading = (k, step) => episode.headings[episode.index(k, step)];
+            return [each((k, step) => episode.cell(k, step)), episode.headings ? each(heading) : null];
+        }"""
+    )
+
+
+@pytest.mark.parametrize(
+    ("plan", "extension"),
+    [(CARDINAL, "json"), (CARDINAL, "csv"), (CARDINAL, "txt"), (ROTATING, "json"), (ROTATING, "txt")],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_plan_files_are_read(viewer, tmp_path, plan, extension):
+    file = tmp_path / f"plan.{extension}"
+    headings = None if plan.headings is None else plan.headings[0]
+    write_plan(plan, file, Instance(GRID, INSTANCE.scenario, headings))
+    page = viewer("small.map", "small.scen", file.name)
+    positions, headings = shown(page)
+    assert positions == plan.positions.tolist()
+    assert headings == (None if plan.headings is None else plan.headings.tolist())
+    assert page.locator("#violations h2").inner_text() == "No violations of the rules"
+    assert page.locator("h1").inner_text() == f"plan.{extension}: small, 2 agents"
+    metrics = page.locator("#final td").all_inner_texts()
+    assert metrics == ["2", str(plan.num_steps), str(plan.sum_of_costs), str(plan.makespan)]
+    if extension != "csv":  # the others contain starts and goals
+        page = viewer("small.map", file.name)
+        assert shown(page)[0] == plan.positions.tolist()
+        assert page.evaluate("player.episodes[0].goal(1, 0)") == [2, 3]
+    page.keyboard.press("End")
+    assert page.evaluate("player.state().step") == plan.num_steps
+
+
+def test_violations_are_those_of_the_validator(viewer, tmp_path):
+    rng = np.random.default_rng(0)
+    grid = Grid(rng.random((6, 6)) > 0.2, "small")
+    free = np.argwhere(grid.free)
+    starts, goals = rng.permutation(free)[:8], rng.permutation(free)[:8]
+    instance = Instance(grid, Scenario(starts, goals))
+    write_map(grid, tmp_path / "small.map")
+    moves = np.array([(0, 1), (1, 0), (0, -1), (-1, 0), (0, 0), (0, 2)])
+    cells = np.concatenate([starts[None], starts + rng.choice(moves, (12, 8)).cumsum(axis=0)]).clip(0, 6)
+    lines = "\n".join(
+        f"{k}:" + "".join(f"({col},{row})," for row, col in step) for k, step in enumerate(cells.tolist())
+    )
+    header = "goals=" + "".join(f"({col},{row})," for row, col in goals.tolist())
+    page = viewer("small.map", bad__txt=f"{header}\nsolution=\n{lines}\n")
+    expected = [violation.text for violation in find_violations(instance, cells, None)]
+    assert len(expected) > 20
+    assert sorted(page.locator("#violations a").all_inner_texts()) == sorted(expected)
+    np.testing.assert_array_equal(read_plan(tmp_path / "bad.txt").plan.positions, cells)
+    turned = "0:(0,0,X_PLUS),\n1:(0,0,X_MINUS),\n2:(0,0,Y_MINUS),\n3:(1,0,Y_MINUS),\n4:(1,0,X_PLUS),\n"
+    page = viewer("small.map", turned__txt=turned)
+    plan = read_plan(tmp_path / "turned.txt").plan
+    instance = Instance(grid, Scenario(plan.positions[0], plan.positions[:1].swapaxes(0, 1).repeat(2, axis=1)))
+    expected = [violation.text for violation in find_violations(instance, plan.positions, plan.headings)]
+    assert len(expected) >= 2
+    assert sorted(page.locator("#violations a").all_inner_texts()) == sorted(expected)
+
+
+def test_a_scenario_alone_shows_starts_and_goals(viewer):
+    page = viewer("small.map", "small.scen")
+    assert shown(page)[0] == [STARTS.tolist()]
+    assert page.evaluate("player.episodes[0].goal(0, 0)") == [0, 2]
+    assert not page.locator("#violations").is_visible()
+
+
+MAP = "type octile\nheight 2\nwidth 2\nmap\n..\n.@\n"
+BOTH = ["small.map", "small.scen"]
+
+
+def lorr(**members):
+    """Return the text of a plan file with some members changed."""
+    plan = {"actionModel": "MAPF", "teamSize": 1, "start": [[0, 0, "N/A"]], "actualPaths": ["R,W"]}
+    return json.dumps(plan | members)
+
+
+@pytest.mark.parametrize(
+    ("names", "files", "message"),
+    [
+        ([], {"a.map": MAP.replace("width 2", "width x")}, "a.map:3: expected 'width' and a number, got 'width x'"),
+        ([], {"a.map": MAP.replace("@", "?")}, "a.map:6: expected one of .GSE@OTW, got '?'"),
+        ([], {"a.map": MAP.replace("@", "")}, "a.map:6: expected a row of 2 cells, got 1"),
+        (["small.map"], {}, "small.map: expected a plan or a scenario, too"),
+        (["small.scen"], {}, "small.scen: expected a map (.map), too"),
+        (["small.map"], {"a.scen": "version 1\n0\ta\t4\t3\n"}, "a.scen:2: expected 9 columns separated by tabs, got 4"),
+        (["small.map"], {"a.scen": "0\ta\t4\t3\t1\t1\t0\t0\t1\n"}, "a.scen:1: expected the start to be a free cell"),
+        (["small.map"], {"a.scen": "0\ta\t9\t3\t1\t1\t0\t0\t1\n"}, "expected the size of map 'small', width 4"),
+        (["small.map"], {"a.json": "{"}, "a.json: expected JSON"),
+        (["small.map"], {"a.json": "{}"}, "a.json: expected 'actionModel' MAPF or MAPF_T, got nothing"),
+        (["small.map"], {"a.json": lorr(actualPaths=["R,X"])}, "expected one of UDLRW as step 2 of agent 0, got 'X'"),
+        (["small.map"], {"a.json": lorr(start=[[0, "x"]])}, "a.json: expected the start of agent 0"),
+        (["small.map"], {"a.json": lorr(teamSize=2)}, "a.json: expected 'start' to be a list of at least 2"),
+        (["small.map"], {"a.csv": "agents,path\n1,r\n"}, "a.csv: expected a scenario to be given"),
+        (BOTH, {"a.csv": "agents,path\n1,rq\n"}, "a.csv: expected one of udlrw as step 2 of agent 0, got 'q'"),
+        (BOTH, {"a.csv": "agents,path\n1,r\n2,r\n"}, "a.csv: expected one plan, got 2"),
+        (["small.map"], {"a.txt": "solution=\n0:(0,0),\n2:(0,0),\n"}, "a.txt:3: expected '1:' and cells, got '2:"),
+        (["small.map"], {"a.txt": "solution=\n0:(0,0),(1\n"}, "a.txt:2: expected a cell (x,y), got '(1'"),
+        (["small.map"], {"a.txt": "hello"}, "a.txt:1: expected a plan: "),
+    ],
+)  # fmt: skip
+def test_messages_for_bad_files(viewer, tmp_path, names, files, message):
+    page = viewer(*names, **{name.replace(".", "__"): text for name, text in files.items()})
+    assert message in page.locator("#complaint").inner_text()
+    assert not page.locator("#play").is_visible()
+    viewer("small.map", "small.scen")  # it still works
+    page.wait_for_selector("body[data-ready]")
+    assert page.locator("#complaint").inner_text() == ""
+    assert page.locator("#play").is_visible()
+
+
+def test_files_are_dropped(viewer, tmp_path):
+    page = viewer("small.map")
+    page.evaluate(
+        """(text) => {
+            const transfer = new DataTransfer();
+            transfer.items.add(new File([text], "small.scen"));
+            dispatchEvent(new DragEvent("drop", { dataTransfer: transfer, cancelable: true }));
+        }""",
+        (tmp_path / "small.scen").read_text(),
+    )
+    page.wait_for_selector("body[data-ready]")
+    assert shown(page)[0] == [STARTS.tolist()]
+    assert page.locator("#loaded").inner_text().split() == ["map", "small.map", "scenario", "small.scen"]
