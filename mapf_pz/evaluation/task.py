@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from mapf_pz.config import EnvConfig
 from mapf_pz.instance import Instance, InstanceSource
 from mapf_pz.instances import InstanceList
 
@@ -32,6 +33,9 @@ class EvaluationTask:
     """Fixed instances: episode `e` uses instance `e` modulo their number. If empty, the environment generates them."""
     best: float | None = None
     """Best known throughput in goals per step, for the metric `best_ratio`. None: no `best_ratio`."""
+    best_costs: tuple[int | None, ...] = ()
+    """Best known sum of costs of each of `instances` for cardinal agents that stay at their goals, for the metric
+    `best_ratio`; None: not known. Empty: none is known."""
 
     def __post_init__(self) -> None:
         """Check that all parts agree on the number of agents, and resolve the number of episodes."""
@@ -59,6 +63,14 @@ class EvaluationTask:
     def instance(self, episode: int) -> Instance | None:
         """Return the instance of an episode, or None if the environment generates it."""
         return self.instances[episode % len(self.instances)] if self.instances else None
+
+    def best_result(self, episode: int, config: EnvConfig) -> float | None:
+        """Return the best known throughput or sum of costs of an episode in an environment; None: not known."""
+        if config.on_target == "restart":
+            return self.best
+        if config.on_target != "nothing" or config.action_model != "cardinal" or not self.best_costs:
+            return None
+        return self.best_costs[episode % len(self.best_costs)]
 
     def env_keywords(self, episode: int) -> dict[str, Any]:
         """Return the keyword arguments of `parallel_env` for an episode."""
