@@ -22,6 +22,7 @@ from mapf_pz.evaluation.parallel import run_jobs
 from mapf_pz.evaluation.tracker import known_cost
 from mapf_pz.instance import Instance, Scenario
 from mapf_pz.instances import FixedMap, InstanceList, load_instance, load_map
+from mapf_pz.instances.library import benchmark_file
 from mapf_pz.planners import EPIBT, PIBT, LaCAM, Planner, planner_of, validate
 from mapf_pz.planners.pibt.planner import PREFERENCES, PRIORITIES
 from mapf_pz.simulator import Simulator
@@ -55,13 +56,12 @@ def tracker(
     ratios: dict[int, list[list[float]]] = defaultdict(list)
     for n, k, costs in run_jobs(partial(_solve, map, time_limits), tasks, jobs):
         found[n].append(costs)
-        lower, best = known_cost(f"{map}-random-{k}", n)
+        lower, best_known = known_cost(f"{map}-random-{k}", n)
         below = [cost for cost, _ in costs.values() if cost < lower]
         if below:
             raise AssertionError(f"scenario {k}, {n} agents: {below} is below the published bound {lower}")
-        ratios[n].append(
-            [costs[limit][0] / (best or math.nan) if limit in costs else math.nan for limit in time_limits]
-        )
+        best = best_known or math.nan
+        ratios[n].append([costs[limit][0] / best if limit in costs else math.nan for limit in time_limits])
     for n in num_agents:
         rows = [
             [

@@ -14,7 +14,7 @@ from mapf_pz.config import EnvConfig
 from mapf_pz.evaluation.tracker import known_cost
 from mapf_pz.instance import Instance, Scenario
 from mapf_pz.instances.configured import sample_instance
-from mapf_pz.planners import planner_of, validate
+from mapf_pz.planners import planner_of, validate, write_trace
 from mapf_pz.planners.base import simulator_of
 from mapf_pz.plans.files import PlanMetadata, check_format, write_plan
 
@@ -46,6 +46,9 @@ class SolveOptions:
     """Time limit in seconds."""
     seed: int = 0
     """Random seed."""
+    trace: Path | None = None
+    """Output file, `.csv`: the sum of costs of each better solution that an anytime planner (`lacam`, `prioritized`)
+    found, and the seconds until then. None: not written."""
 
 
 def solve(options: SolveOptions) -> None:
@@ -65,6 +68,9 @@ def solve(options: SolveOptions) -> None:
     if violation is not None:
         raise RuntimeError(f"{options.planner} returned an illegal plan: {violation}")
     options.output.parent.mkdir(parents=True, exist_ok=True)
+    if options.trace is not None:
+        options.trace.parent.mkdir(parents=True, exist_ok=True)
+        write_trace(planner.trace, options.trace)
     bound, scenario = lower_bound(instance, env.distance_bytes), _scenario_name(env)
     write_plan(plan, options.output, instance, PlanMetadata(scenario, options.planner, seconds, bound))
     ratio = plan.sum_of_costs / bound if bound else 1.0
