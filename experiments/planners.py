@@ -6,7 +6,6 @@ benchmark folders in `MAPF_PZ_BENCHMARK`.
 
 from __future__ import annotations
 
-import csv
 import math
 import time
 from collections import defaultdict
@@ -20,6 +19,7 @@ import tyro
 
 from mapf_pz.config import ActionModel, EnvConfig
 from mapf_pz.evaluation.parallel import run_jobs
+from mapf_pz.evaluation.tracker import known_cost
 from mapf_pz.instance import Instance, Scenario
 from mapf_pz.instances import FixedMap, InstanceList, load_instance, load_map
 from mapf_pz.instances.library import benchmark_file
@@ -51,16 +51,16 @@ def tracker(
         time_limits: time limits in seconds of CPU time; 0: the first solution.
         jobs: number of processes.
     """
-    known = _known(map)
     tasks = [(n, k) for n in num_agents for k in scenarios]
     found: dict[int, list[dict[float, tuple[int, float]]]] = defaultdict(list)
     ratios: dict[int, list[list[float]]] = defaultdict(list)
     for n, k, costs in run_jobs(partial(_solve, map, time_limits), tasks, jobs):
         found[n].append(costs)
-        lower, best = known.get((k, n), (0.0, math.nan))
+        lower, best_known = known_cost(f"{map}-random-{k}", n)
         below = [cost for cost, _ in costs.values() if cost < lower]
         if below:
             raise AssertionError(f"scenario {k}, {n} agents: {below} is below the published bound {lower}")
+        best = best_known or math.nan
         ratios[n].append([costs[limit][0] / best if limit in costs else math.nan for limit in time_limits])
     for n in num_agents:
         rows = [
@@ -74,19 +74,6 @@ def tracker(
             for at, limit in enumerate(time_limits)
         ]
         print_table([f"{map}, {n} agents", "solved", "SoC / best known", "SoC", "time"], rows)
-
-
-def _known(map: str) -> dict[tuple[int, int], tuple[float, float]]:
-    """Return the lower bound and best known cost of `random` scenarios, by scenario and number of agents."""
-    with benchmark_file(f"costs/tracker-bounds-{map}.csv").open(newline="", encoding="utf-8-sig") as file:
-        return {
-            (int(row["type_id"]), int(row["agents"])): (
-                float(row["lower_cost"] or 0),
-                float(row["solution_cost"] or math.nan),
-            )
-            for row in csv.DictReader(file)
-            if row["scen_type"] == "random"
-        }
 
 
 def _solve(

@@ -136,10 +136,7 @@ def load_results(suite: str) -> Results:
 
 def _run(policy: str, task: EvaluationTask, number: int) -> Episode:
     """Run one episode of a task."""
-    instance = task.instance(number)
-    instances = None if instance is None else (instance,)
-    single = task.with_(seed=task.seed + number, episodes=1, instances=instances, instance_names=())
-    return evaluate([policy], [single])[0]
+    return evaluate([policy], [task.only(number)])[0]
 
 
 def _source(table: ResultTable, folder: Path) -> dict[str, Any]:

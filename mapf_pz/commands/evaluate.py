@@ -29,6 +29,7 @@ from mapf_pz.evaluation import (
 from mapf_pz.evaluation.episodes import Policy, PolicyFactory
 from mapf_pz.evaluation.policies import is_trained
 from mapf_pz.evaluation.report import exhausted
+from mapf_pz.evaluation.tracker import known_cost
 from mapf_pz.instance import Scenario
 from mapf_pz.instances import load_instances
 from mapf_pz.instances.configured import goals_per_agent
@@ -131,9 +132,12 @@ class EvaluateOptions:
         tasks: list[EvaluationTask] = []
         for count in self.agent_counts or (None,):
             instances = tuple(load_instances(files, env.map, count, goals_per_agent(env)))
-            names = tuple(Path(file).name for file in files) if len(files) == len(instances) else ()
-            count = instances[0].num_agents
-            tasks.append(EvaluationTask(name, count, DEFAULTS, instances=instances, instance_names=names))
+            task = EvaluationTask(name, instances[0].num_agents, DEFAULTS, instances=instances)
+            if len(files) == len(instances):  # scenarios of the benchmark, not files of several instances
+                names = tuple(Path(file).stem for file in files)
+                best = tuple(known_cost(file, task.num_agents).best for file in names)
+                task = task.with_(instance_names=names, best_costs=best)
+            tasks.append(task)
         return tasks
 
 

@@ -64,7 +64,7 @@ def schedule(options: ScheduleOptions) -> None:
         raise RuntimeError(f"{options.planner} returned an illegal plan: {violation}")
     if options.output is not None:
         options.output.parent.mkdir(parents=True, exist_ok=True)
-        metadata = PlanMetadata(problem.name, options.planner, seconds, run.schedule)
+        metadata = PlanMetadata(problem.name, options.planner, seconds, schedule=run.schedule)
         write_plan(run.plan, options.output, run.instance, metadata)
     print(
         f"{problem.name}: {problem.team_size} agents finished {run.num_finished} tasks in {options.num_steps} steps, "

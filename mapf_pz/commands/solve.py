@@ -11,9 +11,10 @@ from tyro.conf import Positional
 
 from mapf_pz.commands.env_flags import EnvKeywords
 from mapf_pz.config import EnvConfig
+from mapf_pz.evaluation.tracker import known_cost
 from mapf_pz.instance import Instance, Scenario
 from mapf_pz.instances.configured import sample_instance
-from mapf_pz.planners import planner_of, validate
+from mapf_pz.planners import planner_of, validate, write_trace
 from mapf_pz.planners.base import simulator_of
 from mapf_pz.plans.files import PlanMetadata, check_format, write_plan
 
@@ -45,6 +46,9 @@ class SolveOptions:
     """Time limit in seconds."""
     seed: int = 0
     """Random seed."""
+    trace: Path | None = None
+    """Output file, `.csv`: the sum of costs of each better solution that an anytime planner (`lacam`, `prioritized`)
+    found, and the seconds until then. None: not written."""
 
 
 def solve(options: SolveOptions) -> None:
@@ -64,13 +68,20 @@ def solve(options: SolveOptions) -> None:
     if violation is not None:
         raise RuntimeError(f"{options.planner} returned an illegal plan: {violation}")
     options.output.parent.mkdir(parents=True, exist_ok=True)
-    write_plan(plan, options.output, instance, PlanMetadata(_scenario_name(env), options.planner, seconds))
-    bound = lower_bound(instance, env.distance_bytes)
+    if options.trace is not None:
+        options.trace.parent.mkdir(parents=True, exist_ok=True)
+        write_trace(planner.trace, options.trace)
+    bound, scenario = lower_bound(instance, env.distance_bytes), _scenario_name(env)
+    write_plan(plan, options.output, instance, PlanMetadata(scenario, options.planner, seconds, bound))
     ratio = plan.sum_of_costs / bound if bound else 1.0
     print(
         f"{options.output}: {plan.num_agents} agents, sum of costs {plan.sum_of_costs}, makespan {plan.makespan}, "
         f"{ratio:.3f} times the lower bound {bound}, {seconds:.3g} seconds"
     )
+    known = known_cost(scenario, plan.num_agents)
+    if env.action_model == "cardinal" and known.best:
+        ratio = plan.sum_of_costs / known.best
+        print(f"MAPF tracker: {ratio:.3f} times the best known cost {known.best}, lower bound {known.lower}")
 
 
 def _scenario_name(env: EnvConfig) -> str:

@@ -81,7 +81,8 @@ class EpisodeBatch:
             self._step(list(running))
             over = self._simulator.over
             for b in [b for b in running if over[b]]:
-                metrics[running[b]] = self._measures[b].added_to(self._simulator.metrics(b), self._task.best)
+                best = self._task.best_result(running[b], self._simulator.config)
+                metrics[running[b]] = self._measures[b].added_to(self._simulator.metrics(b), best)
                 if waiting:
                     running[b] = waiting.popleft()
                     self._start({b: running[b]})

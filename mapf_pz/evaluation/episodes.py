@@ -131,7 +131,7 @@ def run_episodes(factory: PolicyFactory, task: EvaluationTask, episodes: Iterabl
     In addition to those of `mapf_pz.metrics`, they are: `runtime`, the runtime of the policy in an episode in seconds;
     `step_ms` and `agent_us`, this runtime per step in milliseconds and per agent step in microseconds; `collisions`,
     the fraction of agent steps with a move that an obstacle or another agent blocked; `best_ratio`, the throughput
-    divided by the best known throughput.
+    divided by the best known throughput, or the sum of costs of a solved episode divided by the best known one.
 
     A policy with `in_batch` acts in several episodes at the same time, and its runtime in a step is divided equally
     among them. The other metrics do not depend on which episodes these are.
@@ -182,4 +182,4 @@ def _metrics(env: AnyEnv, policy: Policy, task: EvaluationTask, episode: int) ->
 
     result = rollout(env, policy, task.seed + episode, task.instance(episode), measure)
     measures.runtime = result.runtime
-    return measures.added_to(result.metrics, task.best)
+    return measures.added_to(result.metrics, task.best_result(episode, simulator_of(env).config))

@@ -27,10 +27,17 @@ class Measures:
         self.blocked += blocked
 
     def added_to(self, metrics: Metrics, best: float | None) -> Metrics:
-        """Return the metrics of the episode, and those of `run_episodes`; `best` is the best known throughput."""
+        """Return the metrics of the episode, and those of `run_episodes`.
+
+        Args:
+            metrics: the metrics of the episode.
+            best: the best known throughput, or the best known sum of costs; None: not known.
+        """
         agent_steps = max(self.agent_steps, 1)
         added = {"runtime": self.runtime, "collisions": self.blocked / agent_steps}
         added |= {"step_ms": 1e3 * self.runtime / max(self.num_steps, 1), "agent_us": 1e6 * self.runtime / agent_steps}
-        if best is not None and "avg_throughput" in metrics:
+        if best and "avg_throughput" in metrics:
             added["best_ratio"] = metrics["avg_throughput"] / best
+        elif best and metrics["CSR"] == 1:
+            added["best_ratio"] = metrics["SoC"] / best
         return metrics | added

@@ -15,6 +15,7 @@ from typing import Any, cast
 from mapf_pz.config import EnvConfig
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.task import EvaluationTask
+from mapf_pz.evaluation.tracker import known_cost
 from mapf_pz.guidance.library import is_guidance_file
 from mapf_pz.instance import Instance
 from mapf_pz.instances import RandomObstacles, load_map, load_problem, load_scenario
@@ -196,6 +197,7 @@ def _of_map(entry: TaskEntry, num_agents: int, folder: Path) -> EvaluationTask:
         return _task(entry, grid.name, num_agents, keywords)
     instances: list[Instance] = []
     names: list[str] = []
+    best_costs: list[int | None] = []
     for name in entry.scenarios:
         source = _find(name, "scenarios", folder) if name.endswith(".scen") else f"{grid.name}-{name}"
         scenario = load_scenario(source, grid)
@@ -203,7 +205,8 @@ def _of_map(entry: TaskEntry, num_agents: int, folder: Path) -> EvaluationTask:
             raise ValueError(f"scenario {name!r}: expected {num_agents} agents, got {len(scenario)}")
         instances.append(Instance(grid, scenario.first(num_agents)))
         names.append(Path(source).stem)
-    return _task(entry, grid.name, num_agents, {}, instances, names)
+        best_costs.append(known_cost(Path(source).stem, num_agents).best)
+    return _task(entry, grid.name, num_agents, {}, instances, names).with_(best_costs=tuple(best_costs))
 
 
 def _of_random(entry: TaskEntry, num_agents: int, _: Path) -> EvaluationTask:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from mapf_pz.config import EnvConfig
 from mapf_pz.instance import Instance, InstanceSource
 from mapf_pz.instances import InstanceList
 
@@ -35,6 +36,9 @@ class EvaluationTask:
     """Names of the instances in the results, such as those of their files. Default: the names of their maps."""
     best: float | None = None
     """Best known throughput in goals per step, for the metric `best_ratio`. None: no `best_ratio`."""
+    best_costs: tuple[int | None, ...] = ()
+    """Best known sum of costs of each of `instances` for cardinal agents that stay at their goals, for the metric
+    `best_ratio`; None: not known. Empty: none is known."""
 
     def __post_init__(self) -> None:
         """Check that all parts agree on the number of agents, and resolve the number of episodes."""
@@ -71,6 +75,14 @@ class EvaluationTask:
         names = self.instance_names or [instance.grid.name for instance in self.instances]
         return names[episode % len(names)] if names else ""
 
+    def best_result(self, episode: int, config: EnvConfig) -> float | None:
+        """Return the best known throughput or sum of costs of an episode in an environment; None: not known."""
+        if config.on_target == "restart":
+            return self.best
+        if config.on_target != "nothing" or config.action_model != "cardinal" or not self.best_costs:
+            return None
+        return self.best_costs[episode % len(self.best_costs)]
+
     def env_keywords(self, episode: int) -> dict[str, Any]:
         """Return the keyword arguments of `parallel_env` for an episode."""
         instance = self.instance(episode)
@@ -80,3 +92,13 @@ class EvaluationTask:
     def with_(self, **changes: Any) -> EvaluationTask:
         """Return a copy of the task with changed fields; fields that are `None` are not changed."""
         return replace(self, **{name: value for name, value in changes.items() if value is not None})
+
+    def only(self, episode: int) -> EvaluationTask:
+        """Return the task that consists of one episode."""
+        seed = self.seed + episode
+        if not self.instances:
+            return replace(self, episodes=1, seed=seed)
+        first = episode % len(self.instances)
+        at = slice(first, first + 1)
+        parts = {name: getattr(self, name)[at] for name in ("instances", "instance_names", "best_costs")}
+        return replace(self, episodes=1, seed=seed, **parts)

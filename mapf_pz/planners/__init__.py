@@ -7,6 +7,7 @@ from mapf_pz.planners.named import PLANNERS, planner_of
 from mapf_pz.planners.pibt.planner import PIBT
 from mapf_pz.planners.pibt.shield import BatchShield, Shield
 from mapf_pz.planners.sipp.prioritized import PrioritizedSIPP
+from mapf_pz.planners.trace import Solution, Trace, write_trace
 from mapf_pz.planners.windowed.planner import WindowedLNS
 from mapf_pz.plans.plan import Plan, Violation, validate, violations
 from mapf_pz.plans.record import record_plan
@@ -21,10 +22,13 @@ __all__ = [
     "Planner",
     "PrioritizedSIPP",
     "Shield",
+    "Solution",
+    "Trace",
     "Violation",
     "WindowedLNS",
     "planner_of",
     "record_plan",
     "validate",
     "violations",
+    "write_trace",
 ]

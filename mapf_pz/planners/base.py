@@ -19,6 +19,7 @@ from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances.sources import InstanceList
 from mapf_pz.planners.deadline import Clock, Deadline
 from mapf_pz.planners.problem import Path, Problem, problem_of
+from mapf_pz.planners.trace import Trace
 from mapf_pz.plans.plan import Plan
 from mapf_pz.simulator import Simulator
 
@@ -44,6 +45,8 @@ class Planner(ABC):
         self._seed = seed
         self.clock: Clock = time.perf_counter
         """The clock of time limits; `time.thread_time` excludes the time of other processes and threads."""
+        self.trace = Trace()
+        """The solutions of the latest call of `solve`, or of the latest plan of whole paths in an episode."""
         self._compiled: set[ActionModel] = set()
         self.reset_states()
 
@@ -103,7 +106,11 @@ class Planner(ABC):
         self.compile(action_model_of(instance))
         deadline = Deadline(time_limit, self.clock)
         self.reset_states()
-        return self._solve(simulator_of(instance, max_steps, edge_weights, self._seed, distance_bytes), deadline)
+        self.trace = Trace(self.clock)
+        plan = self._solve(simulator_of(instance, max_steps, edge_weights, self._seed, distance_bytes), deadline)
+        if plan is not None:
+            self.trace.add(plan.sum_of_costs)
+        return plan
 
     @abstractmethod
     def _solve(self, simulator: Simulator, deadline: Deadline) -> Plan | None:
@@ -169,6 +176,7 @@ class PlanFollower(Planner):
         """Make a new plan from the current state."""
         agents = simulator.agents[b]
         active = agents["active"]
+        self.trace = Trace(self.clock)
         path = self.plan(problem_of(simulator, b), self._time_limit)
         self._step, self._goals = 0, agents["goal"].copy()
         steps = 0 if path is None else len(path.cells) - 1

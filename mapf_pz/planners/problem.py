@@ -36,6 +36,13 @@ class Path(NamedTuple):
     cells: Ints  # (T + 1, N) int32
     headings: Ints | None  # (T + 1, N) int8; None: cardinal agents
 
+    @property
+    def sum_of_costs(self) -> int:
+        """Sum over the agents of the step after which each stays on its last cell."""
+        away = self.cells != self.cells[-1]
+        steps = np.arange(1, len(self.cells) + 1)[:, None]
+        return int(np.where(away, steps, 0).max(axis=0).sum())
+
     def actions(self, leads_to: Ints) -> Ints:
         """Return the actions (T, N) int64 that follow these paths, on the map of `leads_to` (4, C + 1)."""
         here, there = self.cells[:-1], self.cells[1:]

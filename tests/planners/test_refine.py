@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from mapf_pz.instance import Instance, Scenario
 from mapf_pz.instances import RandomObstacles, read_map, read_scenario
-from mapf_pz.planners import LaCAM, Plan, validate
+from mapf_pz.planners import LaCAM, Plan, Trace, validate
 from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.problem import Path
 from mapf_pz.planners.sipp.prioritized import PrioritizedSIPP
@@ -28,9 +28,11 @@ def slow_path():
 def test_a_bad_solution_becomes_the_best():
     instance, path = slow_path()
     assert plan_of(instance, path).sum_of_costs == 11
+    trace = Trace()
     better = refine(
-        NeighborhoodSearch(problem(instance), np.random.default_rng(0)), path, NEVER
+        NeighborhoodSearch(problem(instance), np.random.default_rng(0)), path, NEVER, trace
     )  # ends because no path can be shorter
+    assert trace.solutions[-1].sum_of_costs == 6
     assert plan_of(instance, better).sum_of_costs == 6
     assert validate(instance, plan_of(instance, better)) is None
 
@@ -56,13 +58,13 @@ def test_delayed_agents_become_early(rows):
 def test_a_deadline_in_the_past_changes_nothing():
     instance, path = slow_path()
     search = NeighborhoodSearch(problem(instance), np.random.default_rng(0))
-    assert refine(search, path, Deadline(-1)) is path
+    assert refine(search, path, Deadline(-1), Trace()) is path
 
 
 def test_an_optimal_solution_does_not_change():
     instance = drawn("a..A b..B")
     path = Path(np.array([[0, 4], [1, 5], [2, 6], [3, 7]], np.int32), None)
-    assert refine(NeighborhoodSearch(problem(instance), np.random.default_rng(0)), path, NEVER) is path
+    assert refine(NeighborhoodSearch(problem(instance), np.random.default_rng(0)), path, NEVER, Trace()) is path
 
 
 def test_no_agents_to_plan_for():
@@ -103,6 +105,6 @@ def test_a_benchmark_instance(benchmark):
     plan = LaCAM(anytime=False).solve(instance, time_limit=60)
     assert plan is not None
     path = Path((plan.positions @ np.array([grid.shape[1], 1])).astype(np.int32), None)
-    better = refine(NeighborhoodSearch(problem(instance), np.random.default_rng(0)), path, Deadline(1))
+    better = refine(NeighborhoodSearch(problem(instance), np.random.default_rng(0)), path, Deadline(1), Trace())
     assert validate(instance, plan_of(instance, better)) is None
     assert 2253 <= plan_of(instance, better).sum_of_costs <= plan.sum_of_costs  # the best known lower bound

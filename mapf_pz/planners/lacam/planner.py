@@ -62,7 +62,10 @@ class LaCAM(PlanFollower):
         path = _to_path(problem, cells)
         if refinement is None:
             return path
-        return refine(refinement, self._shorten(path, problem, refinement, deadline), deadline)
+        self.trace.add(path.sum_of_costs)
+        path = self._shorten(path, problem, refinement, deadline)
+        self.trace.add(path.sum_of_costs)
+        return refine(refinement, path, deadline, self.trace)
 
     def _shorten(self, path: Path, problem: Problem, search: NeighborhoodSearch, deadline: Deadline) -> Path:
         """Return the solution `path`, or a shorter one that starts with a walk: see `mapf_pz.planners.windowed.walk`.
@@ -81,6 +84,7 @@ class LaCAM(PlanFollower):
             search.set_paths(completed)
             if search.sum_of_costs < cost:
                 path, cost = completed, search.sum_of_costs
+                self.trace.add(cost)
         search.set_arriving_paths(walked)
         search.plan_missing(deadline.earlier(REPAIR * (seconds - deadline.seconds_left)))
         return path if search.missing or search.sum_of_costs >= cost else search.path()

@@ -39,6 +39,8 @@ class PrioritizedSIPP(PlanFollower):
             order = self._rng.permutation(len(order))
         if search.missing:
             return None
+        self.trace.add(search.sum_of_costs)
         while self._anytime and not search.is_shortest and not deadline.has_passed:
             search.improve()
+            self.trace.add(search.sum_of_costs)
         return search.path()

@@ -13,6 +13,7 @@ from mapf_pz.planners.sipp.improve import allocate_lns, plan_and_improve
 from mapf_pz.planners.sipp.neighborhood import allocate_neighborhood, sum_of_shortest
 from mapf_pz.planners.sipp.reservations import NONE, allocate_reservations, discard, read_path, withdraw, write_path
 from mapf_pz.planners.sipp.search import SippProblem, allocate_scratch
+from mapf_pz.planners.trace import Trace
 
 WORK = 20_000
 """Number of states to expand between two checks of the clock: a few milliseconds."""
@@ -21,7 +22,7 @@ BATCH_SIZE = 16
 NO_AGENTS = np.zeros(0, np.int64)
 
 
-def refine(search: NeighborhoodSearch, path: Path, deadline: Deadline) -> Path:
+def refine(search: NeighborhoodSearch, path: Path, deadline: Deadline, trace: Trace) -> Path:
     """Return the solution with the lowest sum of costs found in time, or `path` itself if none is better.
 
     It uses large neighborhood search: see `mapf_pz.planners.sipp.improve`.
@@ -30,6 +31,7 @@ def refine(search: NeighborhoodSearch, path: Path, deadline: Deadline) -> Path:
         search: a search for the problem that `path` solves.
         path: a valid solution, which ends with all agents at their goals.
         deadline: when to stop, which is checked every few milliseconds.
+        trace: the solutions so far, to which better ones are added.
     """
     if deadline.has_passed:
         return path
@@ -37,6 +39,7 @@ def refine(search: NeighborhoodSearch, path: Path, deadline: Deadline) -> Path:
     before = search.sum_of_costs
     while not search.is_shortest and not deadline.has_passed:
         search.improve()
+        trace.add(search.sum_of_costs)
     return search.path() if search.sum_of_costs < before else path
 
 

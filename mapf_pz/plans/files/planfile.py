@@ -128,6 +128,8 @@ class PlanMetadata:
     """Name of the solver."""
     seconds: float = 0.0
     """Runtime of the solver in seconds."""
+    lower_bound: int | None = None
+    """A lower bound on the sum of costs."""
     schedule: Schedule | None = None
     """The tasks that were assigned to each agent during a lifelong episode."""
 

@@ -79,7 +79,8 @@ def format_tracker(plan: Plan, instance: Instance, metadata: PlanMetadata) -> st
     kind, number = (named[2], named[3]) if named else ("", "")
     waits = re.compile("w+$")
     letters = "\n".join(waits.sub("", word) for word in format_steps(plan, STEPS))
-    row = (instance.grid.name, kind, number, plan.num_agents, "", plan.sum_of_costs, f'"{letters}"')
+    lower = "" if metadata.lower_bound is None else metadata.lower_bound
+    row = (instance.grid.name, kind, number, plan.num_agents, lower, plan.sum_of_costs, f'"{letters}"')
     return f"{','.join(COLUMNS)}\n{','.join(map(str, row))}\n"
 
 
