@@ -1,4 +1,4 @@
-"""Extend the site: links out of docs/, the command-line reference, made from `--help`, and the plan viewer."""
+"""Extend the site: links out of docs/, the command-line reference, the plan viewer, and recordings."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ import re
 from collections.abc import Iterator
 from contextlib import redirect_stdout
 from importlib.util import find_spec
+from pathlib import Path
 from posixpath import dirname, join, normpath
+from tempfile import TemporaryDirectory
 from unittest.mock import patch
 
 from mkdocs.config.defaults import MkDocsConfig
@@ -28,10 +30,49 @@ SAME_OPTIONS = {
 """Presets of `mapf-pz train` with the same options as `quickstart`, which are not listed again."""
 
 
+RECORDINGS_LIST = "<!-- recordings -->"
+RECORDINGS = {
+    "warehouse-oneshot": (
+        "`oneshot+pibt:patience=8`, 100 agents that turn, warehouse-10-20-10-2-1",
+        "--policy oneshot+pibt:patience=8 --map warehouse-10-20-10-2-1 --num-agents 100 --max-steps 512",
+    ),
+    "warehouse-pibt": (
+        "`pibt`, the same episode",
+        "--policy pibt --map warehouse-10-20-10-2-1 --num-agents 100 --max-steps 512",
+    ),
+    "random-mappo": (
+        "`mappo`, 12 agents that turn, random-16-16-20",
+        "--policy mappo --map random-16-16-20 --num-agents 12 --max-steps 128",
+    ),
+    "lifelong": (
+        "`lifelong-cardinal+pibt:temperature=0`, 48 agents with new goals, random-24-24-20",
+        "--policy lifelong-cardinal+pibt:temperature=0 --map random-24-24-20 --num-agents 48 --on-target restart "
+        "--action-model cardinal --max-steps 256",
+    ),
+}
+"""Recordings by file name: a description, and the options of `mapf-pz render`."""
+
+
 def on_files(files: Files, *, config: MkDocsConfig) -> Files:
-    """Add the plan viewer."""
+    """Add the plan viewer and, where policies can be loaded, recordings."""
     files.append(File.generated(config, "viewer.html", content=viewer_page()))
+    for name, content in recordings():
+        files.append(File.generated(config, f"recordings/{name}.html", content=content))
     return files
+
+
+def recordings() -> Iterator[tuple[str, str]]:
+    """Yield the name and the page of each recording; none without the extra `train`."""
+    if find_spec("torchrl") is None:
+        return
+    with TemporaryDirectory() as folder:
+        for name, (_, options) in RECORDINGS.items():
+            file = Path(folder) / f"{name}.html"
+            with redirect_stdout(io.StringIO()):
+                status = main(["render", str(file), *options.split()])
+            if status:
+                raise PluginError(f"mapf-pz render {options} failed")
+            yield name, file.read_text("utf-8")
 
 
 def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:
@@ -50,6 +91,9 @@ def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: 
 
     if COMMAND_REFERENCE in markdown:
         markdown = markdown.replace(COMMAND_REFERENCE, "\n".join(command_reference()))
+    if RECORDINGS_LIST in markdown and find_spec("torchrl") is not None:
+        links = (f"- [{title}](recordings/{name}.html)" for name, (title, _) in RECORDINGS.items())
+        markdown = markdown.replace(RECORDINGS_LIST, "\n".join(links))
     return LINK.sub(replace, markdown)
 
 

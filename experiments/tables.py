@@ -78,6 +78,31 @@ def by_agents(results: Results, metrics: Sequence[str]) -> list[list[str]]:
     return [["", *map(str, counts)], *body]
 
 
+def leaderboard(results: Results, metrics: Sequence[str]) -> list[list[str]]:
+    """Return a table of all policies and published methods in the order of the first metric's mean, best first.
+
+    It has a column for each task or, if the suite has one task, for each number of agents, and one for the mean over
+    them. Policies without results in some of them have no mean and come last; more is better.
+    """
+    metric = metrics[0]
+    tasks = list(dict.fromkeys(row["task"] for row in results["rows"]))
+    keys = list(dict.fromkeys((row["task"], row["num_agents"]) for row in results["rows"]))
+    keys.sort(key=lambda key: (tasks.index(key[0]), key[1]))
+    found: dict[tuple[str, str], dict[tuple[str, int], float]] = {}
+    for source, rows in (("mapf_pz", results["rows"]), ("published", results["published"])):
+        for row in rows:
+            if metric in row["metrics"]:
+                values = found.setdefault((row["policy"], source), {})
+                values[row.get("task", tasks[0]), row["num_agents"]] = row["metrics"][metric]["mean"]
+    means = {name: sum(values[key] for key in keys) / len(keys) for name, values in found.items() if {*keys} <= {*values}}
+    body = [
+        [f"`{name[0]}`", name[1], *(_value(found[name].get(key)) for key in keys), _value(means.get(name))]
+        for name in sorted(found, key=lambda name: (-means.get(name, float("-inf")), name))
+    ]
+    names = [str(count) if len(tasks) == 1 else f"{task}, {count} agents" for task, count in keys]
+    return [["method", "source", *names, "mean"], *body]
+
+
 def by_task(results: Results, metrics: Sequence[str]) -> list[list[str]]:
     """Return a table with a row for each task and a column for each policy."""
     policies = list(dict.fromkeys(row["policy"] for row in results["rows"]))
@@ -107,6 +132,7 @@ LAYOUTS: dict[str, Callable[[Results, Sequence[str]], list[list[str]]]] = {
     "agents": by_agents,
     "tasks": by_task,
     "policies": by_policy,
+    "leaderboard": leaderboard,
 }
 
 
@@ -120,6 +146,10 @@ def markdown(layout: str, results: Results, metrics: Sequence[str]) -> str:
 
 def _cell(row: Mapping[str, Any], metrics: Sequence[str]) -> str:
     return ", ".join(_number(row["metrics"][name]["mean"]) for name in metrics if name in row["metrics"])
+
+
+def _value(value: float | None) -> str:
+    return "" if value is None else _number(value)
 
 
 def _number(value: float) -> str:
