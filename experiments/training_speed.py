@@ -6,10 +6,18 @@ import time
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import tyro
 
-from mapf_pz.rl.config import DeviceName, ModelConfig, PrecisionName, TrainConfig
+from mapf_pz.rl.config import (
+    CollectorName,
+    DeviceName,
+    ModelConfig,
+    ObservationPrecision,
+    PrecisionName,
+    TrainConfig,
+)
 from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.training import train
 
@@ -43,8 +51,15 @@ def measure(
     num_learners: tuple[int, ...] = (1,),
     updates: int = 5,
     runs: tuple[str, ...] = (),
+    observation_precision: ObservationPrecision = "float32",
+    compile: bool = False,
+    collector: CollectorName = "single",
+    num_workers: int = 1,
+    overlap: bool = False,
 ) -> None:
     """Train each run for a few updates, and print the rate from the second update on.
+
+    The first update includes compilation.
 
     Args:
         device: device of the networks.
@@ -52,11 +67,24 @@ def measure(
         num_learners: numbers of processes to train in, in sequence.
         updates: number of updates, at least 3.
         runs: names of the runs. Default: all.
+        observation_precision: precision in which observations are stored and sent to the device.
+        compile: whether the loss is compiled.
+        collector: where environments are stepped.
+        num_workers: number of workers of the collectors `processes` and `ray`.
+        overlap: whether the workers collect the next batch during an update.
     """
+    options: dict[str, Any] = {
+        "device": device,
+        "observation_precision": observation_precision,
+        "compile": compile,
+        "collector": collector,
+        "num_workers": num_workers,
+        "overlap": overlap,
+    }
     for name, config in configs().items():
         for number in num_learners if not runs or name in runs else ():
             length = updates * config.steps_per_update
-            config = replace(config, device=device, agent_steps=length, num_learners=number)
+            config = replace(config, **options, agent_steps=length, num_learners=number)
             print(f"{name}, {number} learners: {_speed(replace(config, precision=precision or config.precision))}")
 
 

@@ -51,7 +51,7 @@ class EnvConfig:
 
     map: str | Path | Bools | Grid | None = None
     """A map's name, the path of a `.map` file or of a `.json` map of GGO, a map drawn as text, or a bool array (True =
-    free). Default: `empty-8-8`."""
+    free). Default: the map that the scenario's file names, otherwise `empty-8-8`."""
     scenario: str | Path | Scenario | tuple[str | Path, ...] | None = None
     """Starts and goals: a `.scen` file, a `Scenario`, or a problem file that names its own map, `.json` (League of
     Robot Runners) or `.mapf.json` and `.lmapf.json` (POGEMA). With several files, each episode samples one of them.

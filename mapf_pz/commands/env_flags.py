@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from tyro.conf import Suppress
+from tyro.conf import Suppress, UseAppendAction
 from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
 
 from mapf_pz.config import EnvConfig, HeadingName
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 _TYPED: dict[str, Any] = {
     "map": str | None,
-    "scenario": str | tuple[str, ...] | None,
+    "scenario": Annotated[tuple[tuple[str, ...], ...], UseAppendAction],  # `--scenario a b --scenario c`
     "edge_weights": str,
     "initial_heading": HeadingName,
     "reward": RewardConfig,
@@ -85,7 +85,7 @@ def _env_flags(info: StructTypeInfo) -> StructConstructorSpec | None:
     """Return the flags of an `EnvConfig`."""
     if info.type is not EnvConfig:
         return None
-    return StructConstructorSpec(EnvConfig, _flags(info))
+    return StructConstructorSpec(lambda **given: EnvConfig(**_joined(given)), _flags(info))
 
 
 @ENV_FLAGS.struct_rule
@@ -95,15 +95,17 @@ def _keyword_flags(info: StructTypeInfo) -> StructConstructorSpec | None:
     if not (isinstance(kind, type) and issubclass(kind, EnvKeywords)):
         return None
     defaults = info.default.keywords if isinstance(info.default, EnvKeywords) else {}
-    flags = [flag for flag in _flags(replace(info, default=EnvConfig())) if flag.name in kind.FIELDS]
-    optional = tuple(replace(flag, type=_optional(flag.type), default=defaults.get(flag.name)) for flag in flags)
+    flags = [flag for flag in _flags(replace(info, default=EnvConfig(**defaults))) if flag.name in kind.FIELDS]
+    optional = tuple(flag if flag.name == "scenario" else _optional(flag, defaults) for flag in flags)
     return StructConstructorSpec(
-        lambda **given: kind({name: value for name, value in given.items() if value is not None}), optional
+        lambda **given: kind({name: value for name, value in _joined(given).items() if value is not None}), optional
     )
 
 
-def _optional(kind: Any) -> Any:
-    return kind | None
+def _optional(flag: StructFieldSpec, defaults: dict[str, Any]) -> StructFieldSpec:
+    """Return the flag of a field that may be None."""
+    kind: Any = flag.type
+    return replace(flag, type=kind | None, default=defaults.get(flag.name))
 
 
 def _flags(info: StructTypeInfo) -> tuple[StructFieldSpec, ...]:
@@ -115,5 +117,17 @@ def _flags(info: StructTypeInfo) -> tuple[StructFieldSpec, ...]:
 
 
 def _flag(field: StructFieldSpec) -> StructFieldSpec:
-    default = REWARDS.get(field.default, field.default) if field.name == "reward" else field.default
+    default = field.default
+    if field.name == "reward":
+        default = REWARDS.get(default, default)
+    elif field.name == "scenario":
+        default = () if default is None else ((default,) if isinstance(default, str) else default,)
     return replace(field, type=_TYPED.get(field.name, field.type), default=default)
+
+
+def _joined(given: dict[str, Any]) -> dict[str, Any]:
+    """Return the values with the scenarios of all `--scenario` together: None, a name, or several names."""
+    if "scenario" not in given:
+        return given
+    names = tuple(name for names in given["scenario"] for name in names)
+    return given | {"scenario": None if not given["scenario"] else names[0] if len(names) == 1 else names}

@@ -71,8 +71,9 @@ class EvaluateOptions:
     """Number of agents on the map, or several numbers to evaluate. Default: all agents of the scenarios, or 10 without
     scenarios."""
     episodes: int | None = None
-    """Number of episodes of each task, at most one for each scenario or instance. None: the suite's number, one for
-    each scenario, or 64 if starts and goals are random."""
+    """Number of episodes of each task, at most one for each scenario or instance: a policy has the same random seed in
+    each, so that it would repeat the same episode (see `--policy-seed`). None: the suite's number, one for each
+    scenario, or 64 if starts and goals are random."""
     seed: int | None = None
     """Random seed of the first episode, which increases by one per episode. None: the suite's seed."""
     policy_seed: int = 0

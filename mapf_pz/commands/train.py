@@ -22,7 +22,7 @@ from mapf_pz.evaluation import EvaluationTask, load_suite
 from mapf_pz.evaluation.policies import SHIELD_SUFFIX, policy_factory
 from mapf_pz.evaluation.results import EPISODES_FILE, discard
 from mapf_pz.interrupts import interruptible
-from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.config import DeviceName, TrainConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
 from mapf_pz.rl.presets import PRESETS, SUMMARIES
 
@@ -63,6 +63,8 @@ class ResumeOptions:
     """Minimum length of the whole run, in steps of all agents together; None: as the run was configured."""
     num_learners: int | Literal["auto"] | None = None
     """Number of processes that train together, or `auto`; None: as the run was configured."""
+    device: DeviceName | None = None
+    """Device of the networks; None: as the run was configured."""
     evaluate: str = "quickstart"
     """The suite to evaluate on afterwards, a name or a file; `none`: no evaluation and no episode."""
 
@@ -196,7 +198,7 @@ def _train_policy(run: Run, show: Callable[[dict[str, float]], None]) -> None:
     if isinstance(run, TrainOptions):
         train(run.config, run.output, show, overwrite=run.overwrite)
     else:
-        resume(run.output, run.agent_steps, show, num_learners=run.num_learners)
+        resume(run.output, run.agent_steps, show, num_learners=run.num_learners, device=run.device)
 
 
 @contextmanager

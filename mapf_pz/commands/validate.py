@@ -10,7 +10,7 @@ from tyro.conf import Positional
 
 from mapf_pz.commands.planfile import load_plan
 from mapf_pz.instance import Instance
-from mapf_pz.plans.plan import Plan, validate
+from mapf_pz.plans.plan import Plan, validate, violations
 
 
 @dataclass(frozen=True)
@@ -27,10 +27,14 @@ class ValidateOptions:
     """Number of agents, the first ones of the scenario. None: that of the plan."""
     problem: Path | None = None
     """JSON file of a League of Robot Runners problem, instead of a map."""
+    all: bool = False
+    """Print all violations, not only the first one."""
 
 
 def validate_plan(options: ValidateOptions) -> None:
     """Validate a plan, and print its costs. If it is illegal, print the first violation, with exit status 1.
+
+    With `--all`, print a line for each violation, then their number.
 
     Costs and finished tasks are counted in a replay of the plan, and compared with the values in the file. In lifelong
     plans, every step of every agent counts as cost, as in the League of Robot Runners.
@@ -38,6 +42,9 @@ def validate_plan(options: ValidateOptions) -> None:
     file, instance, finished, _ = load_plan(
         options.plan, options.map, options.scenario, options.num_agents, options.problem
     )
+    if options.all and (found := violations(instance, file.plan)):
+        print("\n".join(map(str, found)))
+        raise ValueError(f"{options.plan}: not legal: {len(found)} violations")
     violation = validate(instance, file.plan)
     if violation is not None:
         raise ValueError(f"{options.plan}: not legal: {violation}")

@@ -14,7 +14,7 @@ from mapf_pz.arrays import Bools
 from mapf_pz.errors import FormatError
 from mapf_pz.instance import Grid, Scenario
 from mapf_pz.instances.download import cache_folder
-from mapf_pz.instances.movingai import parse_cells, read_map, read_scenario
+from mapf_pz.instances.movingai import parse_cells, parse_map_name, read_map, read_scenario
 from mapf_pz.io.json import parse_object
 from mapf_pz.io.layout import PASSABLE, cells_of, layout_rows
 from mapf_pz.io.text import read_text
@@ -86,7 +86,24 @@ def load_scenario(scenario: str | Path | Scenario, grid: Grid | None = None) -> 
     if str(scenario).endswith(".json"):
         advice = "problem files are evaluated as 'lorr' or 'pogema' of a suite"
         raise ValueError(f"scenario={str(scenario)!r}: expected a .scen file of the map; {advice}")
-    return read_scenario(_resolve(scenario, ".scen", _benchmark("scens")), grid)
+    return read_scenario(_scenario_file(scenario), grid)
+
+
+def scenario_map(scenario: str | Path) -> str:
+    """Return the name of the map that the file of a scenario names, which `load_map` may know; empty if it has none.
+
+    Args:
+        scenario: the path or the name of a scenario, as in `load_scenario`.
+
+    Raises:
+        FileNotFoundError: The file does not exist.
+        ValueError: The name is unknown.
+    """
+    return parse_map_name(read_text(_scenario_file(scenario)))
+
+
+def _scenario_file(scenario: str | Path) -> Path:
+    return _resolve(scenario, ".scen", _benchmark("scens"))
 
 
 def map_names() -> list[str]:

@@ -14,7 +14,7 @@ from mapf_pz.config import DEFAULT_MAP, ActionModel, HeadingName
 from mapf_pz.errors import FormatError
 from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances.generate import on_canvas
-from mapf_pz.instances.library import load_map, load_scenario
+from mapf_pz.instances.library import load_map, load_scenario, scenario_map
 from mapf_pz.instances.lorr import load_problem
 from mapf_pz.instances.place import check_reachable, place
 from mapf_pz.instances.pogema import load_pogema
@@ -78,7 +78,8 @@ def load_instances(
         scenarios: Scenarios of one map, as in `load_scenario`; or paths of problem files, which name their own
             maps: `.mapf.json` and `.lmapf.json` of POGEMA's benchmark, each with several instances, and `.json` of the
             League of Robot Runners.
-        map: The map of the scenarios, as in `load_map`; None: `empty-8-8`. Not allowed with problem files.
+        map: The map of the scenarios, as in `load_map`. None: the one whose name is in the scenarios' files, or
+            `empty-8-8` if all are `Scenario`s. Not allowed with problem files.
         num_agents: Number of agents, the first of each instance; None: as many as the smallest instance has.
         goals_per_agent: Number of goals of each robot of a League of Robot Runners problem.
 
@@ -89,7 +90,7 @@ def load_instances(
     """
     problems = [str(item) for item in scenarios if not isinstance(item, Scenario) and _is_problem(item)]
     if not problems:
-        grid = load_map(DEFAULT_MAP if map is None else map)
+        grid = load_map(_named_map(scenarios) if map is None else map)
         instances = [_of_scenario(item, grid, num_agents) for item in scenarios]
     elif map is not None:
         raise ValueError(f"map: not allowed with the scenario {problems[0]!r}, which names its own map")
@@ -105,6 +106,16 @@ def load_instances(
 
 def _is_problem(path: str | Path) -> bool:
     return str(path).endswith(PROBLEM_ENDING)
+
+
+def _named_map(scenarios: Sequence[str | Path | Scenario]) -> str:
+    """Return the name of the map that scenarios name, or of the default map if none of them is a file."""
+    names = {scenario_map(scenario): scenario for scenario in scenarios if not isinstance(scenario, Scenario)}
+    if len(names) > 1:
+        first, second = list(names.items())[:2]
+        got = f"{first[0]!r} ({first[1]}) and {second[0]!r} ({second[1]})"
+        raise ValueError(f"scenario: expected scenarios of one map, got those of {got}")
+    return next(iter(names), None) or DEFAULT_MAP
 
 
 def _of_scenario(scenario: str | Path | Scenario, grid: Grid, num_agents: int | None) -> Instance:

@@ -11,7 +11,7 @@ import re
 from array import array
 from collections.abc import Iterable, Iterator
 from itertools import islice
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from reprlib import repr as shortened
 
 import numpy as np
@@ -160,6 +160,15 @@ def parse_scenario(text: str, origin: str | Path, grid: Grid | None = None) -> S
         line = next(islice(_lines(text), first - 1 + agent, None))
         raise FormatError(origin, message, first + agent, _column_start(line, list(_COLUMNS).index(column)))
     return scenario
+
+
+def parse_map_name(text: str) -> str:
+    """Return the name of the map in the text of a `.scen` file, without folders and extension; empty if there is none.
+
+    It is that of the first agent.
+    """
+    agents = (line.split("\t") for line in islice(_lines(text), 2) if _AGENT.fullmatch(line))
+    return next((PurePosixPath(columns[1]).stem for columns in agents), "")
 
 
 def format_scenario(scenario: Scenario, grid: Grid) -> str:

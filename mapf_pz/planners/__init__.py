@@ -8,7 +8,7 @@ from mapf_pz.planners.pibt.planner import PIBT
 from mapf_pz.planners.pibt.shield import BatchShield, Shield
 from mapf_pz.planners.sipp.prioritized import PrioritizedSIPP
 from mapf_pz.planners.windowed.planner import WindowedLNS
-from mapf_pz.plans.plan import Plan, Violation, validate
+from mapf_pz.plans.plan import Plan, Violation, validate, violations
 from mapf_pz.plans.record import record_plan
 
 __all__ = [
@@ -26,4 +26,5 @@ __all__ = [
     "planner_of",
     "record_plan",
     "validate",
+    "violations",
 ]

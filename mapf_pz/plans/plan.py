@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -66,7 +67,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Violation:
-    """The first violation of the rules in a plan."""
+    """A violation of the rules in a plan."""
 
     kind: Kind
     """The violated rule."""
@@ -103,10 +104,21 @@ def validate(instance: Instance, plan: Plan) -> Violation | None:
 
     Raises `ValueError` if the plan and the instance differ in their numbers of agents.
     """
-    if plan.num_agents != instance.num_agents:
-        raise ValueError(f"plan: {plan.num_agents} agents, but the instance has {instance.num_agents}")
-    found = [violation for check in _CHECKS if (violation := check(instance, plan)) is not None]
+    _check_agents(instance, plan)
+    found = [violation for check in _CHECKS if (violation := next(check(instance, plan), None)) is not None]
     return min(found, key=lambda violation: violation.step, default=None)
+
+
+def violations(instance: Instance, plan: Plan) -> list[Violation]:
+    """Return all violations of the rules in a plan in the order of their steps, the first of which is `validate`'s.
+
+    If M > 2 agents share a cell, they are M - 1 violations: of the first agent with each of the others.
+
+    Raises `ValueError` if the plan and the instance differ in their numbers of agents.
+    """
+    _check_agents(instance, plan)
+    found = [violation for check in _CHECKS for violation in check(instance, plan)]
+    return sorted(found, key=lambda violation: violation.step)
 
 
 def reached(path: Ints, goals: Iterable[Ints]) -> list[int]:
@@ -130,65 +142,71 @@ def reached(path: Ints, goals: Iterable[Ints]) -> list[int]:
     return steps
 
 
-def _starts(instance: Instance, plan: Plan) -> Violation | None:
+def _check_agents(instance: Instance, plan: Plan) -> None:
+    if plan.num_agents != instance.num_agents:
+        raise ValueError(f"plan: {plan.num_agents} agents, but the instance has {instance.num_agents}")
+
+
+def _starts(instance: Instance, plan: Plan) -> Iterator[Violation]:
     wrong = (plan.positions[0] != instance.scenario.starts).any(axis=1)
     if plan.headings is not None and instance.headings is not None:
         wrong |= plan.headings[0] != instance.headings
-    return _first("start", plan, wrong[None])
+    return _marked("start", plan, wrong[None])
 
 
-def _obstacles(instance: Instance, plan: Plan) -> Violation | None:
-    return _first("map", plan, ~_free(instance.grid, plan.positions))
+def _obstacles(instance: Instance, plan: Plan) -> Iterator[Violation]:
+    return _marked("map", plan, ~_free(instance.grid, plan.positions))
 
 
-def _moves(_: Instance, plan: Plan) -> Violation | None:
+def _moves(_: Instance, plan: Plan) -> Iterator[Violation]:
     steps = np.diff(plan.positions, axis=0)
     wrong = np.abs(steps).sum(axis=2) > 1
     if plan.headings is not None:
         ahead = HEADING_STEPS[plan.headings[:-1]]
         wrong |= (steps != ahead).any(axis=2) & (steps != 0).any(axis=2)
-    return _first("move", plan, wrong, first_step=1)
+    return _marked("move", plan, wrong, first_step=1)
 
 
-def _turns(_: Instance, plan: Plan) -> Violation | None:
+def _turns(_: Instance, plan: Plan) -> Iterator[Violation]:
     if plan.headings is None:
-        return None
+        return iter(())
     turns = np.diff(plan.headings, axis=0) % 4
     moved = (np.diff(plan.positions, axis=0) != 0).any(axis=2)
-    return _first("turn", plan, (turns == 2) | ((turns != 0) & moved), first_step=1)
+    return _marked("turn", plan, (turns == 2) | ((turns != 0) & moved), first_step=1)
 
 
-def _vertices(instance: Instance, plan: Plan) -> Violation | None:
+def _vertices(instance: Instance, plan: Plan) -> Iterator[Violation]:
     for step, cells in enumerate(_cell_numbers(instance.grid, plan)):
         seen: dict[int, int] = {}
         for agent, cell in enumerate(cells.tolist()):
-            if cell in seen:
-                return Violation("vertex", step, (seen[cell], agent), (_cell(plan.positions[step, agent]),))
-            seen[cell] = agent
-    return None
+            first = seen.setdefault(cell, agent)
+            if first != agent:
+                yield Violation("vertex", step, (first, agent), (_cell(plan.positions[step, agent]),))
 
 
-def _edges(instance: Instance, plan: Plan) -> Violation | None:
+def _edges(instance: Instance, plan: Plan) -> Iterator[Violation]:
     numbers = _cell_numbers(instance.grid, plan)
     for step in range(1, len(numbers)):
-        before, after = numbers[step - 1], numbers[step]
-        at = {int(cell): agent for agent, cell in enumerate(before)}
-        for agent in np.flatnonzero(before != after).tolist():
-            other = at.get(int(after[agent]))
-            if other is not None and after[other] == before[agent]:
-                cells = (_cell(plan.positions[step, agent]), _cell(plan.positions[step, other]))
-                return Violation("edge", step, (agent, other), cells)
-    return None
+        before, after = numbers[step - 1].tolist(), numbers[step].tolist()
+        movers = np.flatnonzero(numbers[step - 1] != numbers[step]).tolist()
+        by_move: defaultdict[tuple[int, int], list[int]] = defaultdict(list)
+        for agent in movers:
+            by_move[before[agent], after[agent]].append(agent)
+        for agent in movers:
+            for other in by_move.get((after[agent], before[agent]), ()):
+                if agent < other:
+                    cells = (_cell(plan.positions[step, agent]), _cell(plan.positions[step, other]))
+                    yield Violation("edge", step, (agent, other), cells)
 
 
-def _goals(instance: Instance, plan: Plan) -> Violation | None:
+def _goals(instance: Instance, plan: Plan) -> Iterator[Violation]:
     goals = instance.scenario.goals
     if goals.ndim == 3:
-        return None
-    return _first("goal", plan, (plan.positions[-1] != goals).any(axis=1)[None], first_step=plan.num_steps)
+        return iter(())
+    return _marked("goal", plan, (plan.positions[-1] != goals).any(axis=1)[None], first_step=plan.num_steps)
 
 
-_CHECKS: tuple[Callable[[Instance, Plan], Violation | None], ...] = (
+_CHECKS: tuple[Callable[[Instance, Plan], Iterator[Violation]], ...] = (
     _starts,
     _obstacles,
     _moves,
@@ -197,17 +215,14 @@ _CHECKS: tuple[Callable[[Instance, Plan], Violation | None], ...] = (
     _edges,
     _goals,
 )
-"""The checks, in the order in which violations of the same step are reported."""
+"""The checks, in the order in which violations of the same step are reported. Each yields its violations by step."""
 
 
-def _first(kind: Kind, plan: Plan, wrong: Bools, first_step: int = 0) -> Violation | None:
-    """Return the first violation marked in `wrong` (steps, N), the first row of which is step `first_step`."""
-    marked: list[list[int]] = np.argwhere(wrong).tolist()
-    if not marked:
-        return None
-    row, agent = marked[0]
-    step = first_step + row
-    return Violation(kind, step, (agent,), (_cell(plan.positions[step, agent]),))
+def _marked(kind: Kind, plan: Plan, wrong: Bools, first_step: int = 0) -> Iterator[Violation]:
+    """Yield the violations marked in `wrong` (steps, N), the first row of which is step `first_step`."""
+    for row, agent in np.argwhere(wrong).tolist():
+        step = first_step + row
+        yield Violation(kind, step, (agent,), (_cell(plan.positions[step, agent]),))
 
 
 def _free(grid: Grid, cells: Ints) -> Bools:

@@ -5,9 +5,11 @@ The training loop is in `mapf_pz.rl.updates`, and is the same for all algorithms
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Iterator
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, contextmanager
 from typing import ClassVar
 
 import torch
@@ -18,7 +20,7 @@ from torchrl.collectors import BaseCollector
 from torchrl.data import Unbounded
 from torchrl.envs import InitTracker, TensorDictPrimer, Transform
 
-from mapf_pz.rl.collect import collecting
+from mapf_pz.rl.collect import collecting, send_weights
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.networks import Actor, add_recurrence
@@ -105,8 +107,16 @@ class Algorithm(ABC):
 
         By default they are those of `collecting`. Statistics of episodes are not reported for batches without `next`.
         """
-        with collecting(self, self.config, seed, updates) as collector:
-            yield _latest(collector)
+        if not self.config.overlap:
+            with collecting(self, self.config, seed, updates) as collector:
+                yield _latest(collector)
+            return
+        acting = copy.deepcopy(self)  # the workers share the memory of its actor's weights
+        with (
+            collecting(acting, self.config, seed, updates) as collector,
+            closing(_ahead(collector, acting.actor, self.actor)) as batches,
+        ):
+            yield batches
 
     def network_module(self) -> TensorDictModule:
         """Return the network with its input and output keys; a hidden state is carried from step to step."""
@@ -120,4 +130,23 @@ def _latest(collector: BaseCollector) -> Iterator[TensorDictBase]:
     """Yield the batches of a collector, which is given the current weights after each of them."""
     for batch in collector:
         yield batch
-        collector.update_policy_weights_()  # pyright: ignore[reportCallIssue] (annotated without the usual call)
+        send_weights(collector)
+
+
+def _ahead(collector: BaseCollector, actor: nn.Module, learned: nn.Module) -> Generator[TensorDictBase]:
+    """Yield the batches of a collector, of which the workers collect the next one while the caller uses this one.
+
+    Args:
+        collector: the collector.
+        actor: the policy of its workers. When the next batch is started, it is given the weights of `learned`: those
+            from before the update with this batch.
+        learned: the policy that learns.
+    """
+    batches = iter(collector)
+    with ThreadPoolExecutor(1) as thread:  # it only waits for the workers
+        coming = thread.submit(next, batches, None)
+        while (batch := coming.result()) is not None:
+            actor.load_state_dict(learned.state_dict())
+            send_weights(collector)
+            coming = thread.submit(next, batches, None)
+            yield batch

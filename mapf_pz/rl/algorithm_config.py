@@ -12,6 +12,7 @@ from mapf_pz.rl.checks import check_counts, check_from_zero, check_names, check_
 
 Credit = Literal["team", "agent"]
 CuriosityName = Literal["none", "rnd", "random-features", "inverse-dynamics"]
+ObservationPrecision = Literal["float32", "float16"]
 
 
 @dataclass(frozen=True)

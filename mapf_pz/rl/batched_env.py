@@ -17,18 +17,22 @@ from torchrl.envs import EnvBase
 from mapf_pz.arrays import Ints
 from mapf_pz.batch import BatchConfig
 from mapf_pz.config import EnvConfig
+from mapf_pz.rl.algorithm_config import ObservationPrecision
+from mapf_pz.rl.transfer import to_device
 from mapf_pz.signatures import init_with_fields_of
 from mapf_pz.simulator import Simulator
 
 
 @dataclass(frozen=True)
 class BatchedMapfConfig(BatchConfig):
-    """All keywords of `BatchedMapfEnv`; the first three may be given by position."""
+    """All keywords of `BatchedMapfEnv`; the first four may be given by position."""
 
     num_envs: int = 64
     """Number of environments B."""
     device: str | torch.device = "cpu"
     """Device of all tensors that the environment returns; it is always stepped on the CPU."""
+    observation_precision: ObservationPrecision = "float32"
+    """Data type of the observations; `float16` rounds them to 11 significant bits."""
 
 
 class BatchedMapfEnv(EnvBase):
@@ -48,7 +52,8 @@ class BatchedMapfEnv(EnvBase):
 
     An environment that is done keeps its true final observation until it is reset. With `on_target="finish"`, agents
     that have disappeared observe zeros, receive no reward, and may only wait. `step` raises `ValueError` for actions of
-    another dtype, shape or range.
+    another dtype, shape or range. With `observation_precision="float16"`, observations have this data type; they are
+    rounded before they are copied to the device.
     """
 
     # The metaclass has a method `__call__`, which would hide the signature of `__init__`.
@@ -56,12 +61,13 @@ class BatchedMapfEnv(EnvBase):
 
     @init_with_fields_of(BatchedMapfConfig)
     def __init__(self, *arguments: Any, **keywords: Any) -> None:
-        """Create the environment; raises as `parallel_env`."""
+        """Create the environment; raises as `parallel_env`, and `ValueError` for bounds that float16 cannot hold."""
         config = BatchedMapfConfig.from_keywords(*arguments, **keywords)
         self.config = EnvConfig(**config.keywords())
         num_envs = config.num_envs
         self.simulator = Simulator(self.config, num_envs, config.num_threads)
         super().__init__(device=torch.device(config.device), batch_size=torch.Size([num_envs]))
+        self._dtype = OBSERVATION_DTYPES[config.observation_precision]
         num_agents = self.simulator.num_agents
         self.group_map = {"agents": [f"agent_{i}" for i in range(num_agents)]}
         self._seed_next: int | None = None
@@ -71,7 +77,7 @@ class BatchedMapfEnv(EnvBase):
         batch = self.batch_size
         one, num_actions = torch.Size([*each, 1]), self.simulator.num_actions
         observed = Composite(
-            observation=_observation_spec(self.simulator.layout.space(), each),
+            observation=_observation_spec(self.simulator.layout.space(), each, self._dtype),
             action_mask=Binary(num_actions, shape=torch.Size([*each, num_actions]), dtype=torch.bool),
             at_goal=Binary(1, shape=one, dtype=torch.bool),
             arrivals=UnboundedDiscrete(shape=one, dtype=torch.int64),
@@ -128,11 +134,11 @@ class BatchedMapfEnv(EnvBase):
         position = self.simulator.coordinates(agents["cell"])
         if self.config.on_target == "finish":
             position[~agents["active"]] = -1
-        image = torch.from_numpy(observation.image)
+        image = torch.from_numpy(observation.image).to(self._dtype)
         entry: Tensor | TensorDict = image
         if self.simulator.layout.num_features:
-            parts = {"image": image, "features": torch.from_numpy(observation.features)}
-            entry = TensorDict(parts, batch_size=image.shape[:2], device=self.device)
+            parts = {"image": image, "features": torch.from_numpy(observation.features).to(self._dtype)}
+            entry = TensorDict(parts, batch_size=image.shape[:2], device=image.device)
         return {
             "observation": entry,
             "action_mask": torch.from_numpy(observation.action_mask.view(np.bool_)),
@@ -146,11 +152,12 @@ class BatchedMapfEnv(EnvBase):
         self, agents: dict[str, Tensor | TensorDict], terminated: Tensor, truncated: Tensor
     ) -> TensorDictBase:
         # The explicit device saves TensorDict a search through its entries.
-        batch, device = self.batch_size, self.device
+        batch, cpu = self.batch_size, torch.device("cpu")
         each = (*batch, self.simulator.num_agents)
-        group = TensorDict(agents, batch_size=each, device=device)
+        group = TensorDict(agents, batch_size=each, device=cpu)
         flags = {"done": terminated | truncated, "terminated": terminated, "truncated": truncated}
-        return TensorDict({"agents": group, **flags}, batch_size=batch, device=device)
+        step = TensorDict({"agents": group, **flags}, batch_size=batch, device=cpu)
+        return to_device(step, self.device)
 
     def _set_seed(self, seed: int | None) -> None:
         """Seed the next reset: environment `b` with `seed + b`."""
@@ -158,13 +165,18 @@ class BatchedMapfEnv(EnvBase):
 
 
 _DONE = ("done", "terminated", "truncated")
+OBSERVATION_DTYPES: dict[ObservationPrecision, torch.dtype] = {"float32": torch.float32, "float16": torch.float16}
+"""Data types of observations."""
 
 
-def _observation_spec(space: spaces.Space[Any], each: torch.Size) -> Bounded | Composite:
+def _observation_spec(space: spaces.Space[Any], each: torch.Size, dtype: torch.dtype) -> Bounded | Composite:
     """Return the spec of a Gymnasium space with the leading dimensions `each`, B x N."""
     if isinstance(space, spaces.Dict):
-        return Composite({name: _observation_spec(part, each) for name, part in space.items()}, shape=each)
+        return Composite({name: _observation_spec(part, each, dtype) for name, part in space.items()}, shape=each)
     if not isinstance(space, spaces.Box):
         raise TypeError(f"observation space {space}: expected a Box, or a Dict of Boxes")
-    low, high = (torch.from_numpy(bound).expand(*each, *bound.shape).clone() for bound in (space.low, space.high))
-    return Bounded(low, high, shape=low.shape, dtype=torch.float32)
+    largest, most = max(np.abs(space.low).max(), np.abs(space.high).max()), torch.finfo(torch.float16).max
+    if dtype == torch.float16 and largest > most:
+        raise ValueError(f"observation_precision='float16': expected channels of at most {most:.0f}, got {largest}")
+    low, high = (torch.from_numpy(bound).expand(*each, *bound.shape).to(dtype) for bound in (space.low, space.high))
+    return Bounded(low, high, shape=low.shape, dtype=dtype)

@@ -12,8 +12,10 @@ from tensordict import TensorDict, TensorDictBase, cat
 from torch import Tensor
 
 from mapf_pz.demonstrations import Batch, load_dataset
+from mapf_pz.rl.batched_env import OBSERVATION_DTYPES
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.imitation import Imitation
+from mapf_pz.rl.transfer import to_device
 
 
 class BehaviorCloning(Imitation):
@@ -50,7 +52,8 @@ class BehaviorCloning(Imitation):
 
     def _agent_steps(self, step: Batch) -> TensorDictBase:
         """Return a step of several demonstrations as separate agent steps, with the entries that the learner needs."""
-        image, features = _of_each_agent(step.image), _of_each_agent(step.features)
+        dtype = OBSERVATION_DTYPES[self.config.observation_precision]
+        image, features = _of_each_agent(step.image).to(dtype), _of_each_agent(step.features).to(dtype)
         size = torch.Size([len(image)])
         agents = {
             "expert_action": _of_each_agent(step.actions),
@@ -60,11 +63,11 @@ class BehaviorCloning(Imitation):
         }
         if self.observation_shape.features:
             agents["observation"] = TensorDict({"image": image, "features": features}, batch_size=size)
-        steps = TensorDict({"agents": TensorDict(agents, batch_size=size)}, batch_size=size)
-        device = next(self.network.parameters()).device
+        steps = TensorDict({"agents": TensorDict(agents, batch_size=size)}, batch_size=size, device="cpu")
+        steps = to_device(steps, next(self.network.parameters()).device)
         with torch.no_grad():
-            (logits,) = self.network(*(steps.get(key).to(device) for key in self.observation_keys()))
-        return steps.set(("agents", "logits"), logits.cpu())
+            (logits,) = self.network(*(steps.get(key) for key in self.observation_keys()))
+        return steps.set(("agents", "logits"), logits)
 
 
 def of_size(size: int, parts: Iterable[TensorDictBase]) -> Iterator[TensorDictBase]:

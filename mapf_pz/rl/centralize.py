@@ -71,8 +71,8 @@ class Centralize(Transform):
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
         values = tensordict.get(("team", "action"), None)
         if values is not None:
-            rows = values.detach().clamp(-1, 1).reshape(-1, self._num_actions).numpy().astype(np.float64)
-            actions = torch.from_numpy(self._decode(rows, self._rng))
+            rows = values.detach().clamp(-1, 1).reshape(-1, self._num_actions).cpu().numpy().astype(np.float64)
+            actions = torch.from_numpy(self._decode(rows, self._rng)).to(values.device)
             tensordict.set(("agents", "action"), actions.view(values.shape[:-1]))
         return tensordict
 

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from mapf_pz.rl.algorithm import Algorithm
 
 
+CPU = torch.device("cpu")
+
+
 @dataclass(frozen=True)
 class MakeEnv:
     """Creates batched environments with an algorithm's transforms."""
@@ -38,10 +41,18 @@ class MakeEnv:
     """Number of environments."""
     training: bool = True
     """Whether training data is collected in them."""
+    device: torch.device = CPU
+    """Device of all tensors that they return."""
 
     def __call__(self) -> TransformedEnv:
         """Return the environments as one batch."""
-        env = BatchedMapfEnv(self.number, self.config.num_threads, **self.config.task.env_keywords())
+        env = BatchedMapfEnv(
+            self.number,
+            self.config.num_threads,
+            self.device,
+            observation_precision=self.config.observation_precision,
+            **self.config.task.env_keywords(),
+        )
         env.set_seed(self.seed)
         reward_sum = RewardSum(
             in_keys=[("agents", "reward")], out_keys=[("agents", "episode_reward")], reset_keys=["_reset"]
@@ -80,8 +91,10 @@ def collecting(algorithm: Algorithm, config: TrainConfig, seed: int, updates: in
 
 
 def _in_this_process(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int, _: ExitStack) -> BaseCollector:
-    env = MakeEnv(algorithm, config, seed, config.optimization.num_envs)()
-    return Collector(env, algorithm.actor, **_keywords(algorithm, config, updates), **_OPTIONS)
+    # On a GPU, observations are copied there once, both for acting and for learning.
+    device = _policy_device(algorithm)
+    env = MakeEnv(algorithm, config, seed, config.optimization.num_envs, device=device)()
+    return Collector(env, algorithm.actor, **_frames(config, updates), device=device, **_OPTIONS)
 
 
 def _in_processes(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int, _: ExitStack) -> BaseCollector:
@@ -116,7 +129,7 @@ def _on_ray(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int, 
         remote_configs={"num_cpus": 1, "num_gpus": 0},
         sync=True,
     )
-    collector.update_policy_weights_()  # pyright: ignore[reportCallIssue] (annotated without the usual call)
+    send_weights(collector)
     return collector
 
 
@@ -134,16 +147,26 @@ def _shares(algorithm: Algorithm, config: TrainConfig, seed: int) -> list[MakeWo
     return [MakeWorkerEnv(algorithm, config, seed + w * number, number) for w in range(config.num_workers)]
 
 
-def _keywords(algorithm: Algorithm, config: TrainConfig, updates: int) -> dict[str, Any]:
+def send_weights(collector: BaseCollector) -> None:
+    """Give the current weights of the policy to a collector."""
+    collector.update_policy_weights_()  # pyright: ignore[reportCallIssue] (annotated without the usual call)
+
+
+def _policy_device(algorithm: Algorithm) -> torch.device:
+    """Return the device of the networks."""
+    return next(algorithm.actor.parameters()).device
+
+
+def _frames(config: TrainConfig, updates: int) -> dict[str, int]:
+    """Return the numbers of steps of all environments in a batch and in all batches, a collector's keywords."""
     frames = config.optimization.num_envs * config.optimization.steps_per_batch
-    policy_device = next(algorithm.actor.parameters()).device
-    return {
-        "frames_per_batch": frames,
-        "total_frames": frames * updates,
-        "policy_device": policy_device,
-        "env_device": "cpu",
-        "storing_device": "cpu",
-    }
+    return {"frames_per_batch": frames, "total_frames": frames * updates}
+
+
+def _keywords(algorithm: Algorithm, config: TrainConfig, updates: int) -> dict[str, Any]:
+    """Return the keywords of the collectors with workers, whose batches are in the CPU's memory."""
+    devices = {"policy_device": _policy_device(algorithm), "env_device": CPU, "storing_device": CPU}
+    return {**_frames(config, updates), **devices}
 
 
 def _shallow_copy(batch: TensorDictBase) -> TensorDictBase:
@@ -155,6 +178,8 @@ _OPTIONS: dict[str, Any] = {
     # The tensors of a batch are overwritten by the next batch, instead of being copied.
     "return_same_td": True,
     "postproc": _shallow_copy,
+    # A GPU does all work in order, and copies to the CPU wait for it.
+    "no_cuda_sync": True,
     "track_traj_ids": False,
     "auto_register_policy_transforms": False,
 }

@@ -19,7 +19,7 @@ from torch.nn.functional import scaled_dot_product_attention
 from mapf_pz.actions import HEADING_STEPS
 from mapf_pz.core.observation.features import POSE_UNIT
 from mapf_pz.rl.config import ModelConfig
-from mapf_pz.rl.encoders import make_encoder, scaled
+from mapf_pz.rl.encoders import make_encoder, scaled, widened
 from mapf_pz.rl.observation_shape import ObservationShape
 
 HEADS = 4
@@ -137,7 +137,7 @@ class CommunicatingEncoder(nn.Module):
         """Return the embeddings `(..., N, hidden)` of observations `(..., N, K, h, w)` and `(..., N, F)`."""
         embedding = self.encoder(image, features)
         lead = embedding.shape[:-2]
-        pose = features[..., self._pose]
+        pose = widened(features[..., self._pose])
         pose = pose.reshape(-1, *pose.shape[-2:])
         team = Team.of_poses(pose, self._radius, embedding.shape[-1] // (HEADS * _WAVE_SIZE))
         embedding = embedding.reshape(-1, *embedding.shape[-2:])

@@ -15,7 +15,13 @@ from mapf_pz.config import DEFAULT_NUM_AGENTS, REWARDS, EnvConfig
 from mapf_pz.instance import InstanceSource
 from mapf_pz.instances.configured import goals_per_agent, make_source
 from mapf_pz.instances.mixture import MapMixture
-from mapf_pz.rl.algorithm_config import CuriosityConfig, ImitationConfig, OptimizationConfig, PPOConfig
+from mapf_pz.rl.algorithm_config import (
+    CuriosityConfig,
+    ImitationConfig,
+    ObservationPrecision,
+    OptimizationConfig,
+    PPOConfig,
+)
 from mapf_pz.rl.checks import check_counts, check_names, check_part, check_positive
 from mapf_pz.rl.saved_env import dump_env, load_env
 
@@ -29,6 +35,7 @@ __all__ = [
     "EncoderName",
     "ImitationConfig",
     "ModelConfig",
+    "ObservationPrecision",
     "OptimizationConfig",
     "PPOConfig",
     "PrecisionName",
@@ -203,6 +210,14 @@ class TrainConfig:
     """Number of processes that train together: they divide the environments and each minibatch among themselves, and
     average their gradients, so that an update uses the same number of samples. `auto`: as many as there are GPUs or
     cores, if the batch can be divided among them. Under `torchrun`, the number of its processes is used instead."""
+    observation_precision: ObservationPrecision = "float32"
+    """Precision in which observations are stored and sent to the networks' device, where they are converted to float32.
+    `float16` rounds them to 11 significant bits, and halves the memory of batches and of the replay buffer."""
+    compile: bool = False
+    """Whether learning compiles the loss, or for imitation the network, with `torch.compile`; needs a C++ compiler."""
+    overlap: bool = False
+    """Whether the workers collect the next batch during an update, with the policy from before that update; requires
+    the collector `processes` or `ray`."""
 
     def __post_init__(self) -> None:
         """Check names and numbers, and that the environments divide evenly among the workers."""
@@ -215,6 +230,8 @@ class TrainConfig:
         ):
             expected = "0 without an initial_policy, with recurrent networks and with central-ppo"
             raise ValueError(f"kl_coeff={self.ppo.kl_coeff}: expected {expected}")
+        if self.overlap and self.collector == "single":
+            raise ValueError("overlap=True: expected the collector 'processes' or 'ray'")
         check_positive(self, math.inf, "initial_temperature")
         if self.num_learners != "auto":
             check_counts(self, 1, "num_learners")

@@ -99,10 +99,24 @@ IMAGE_LAYERS: dict[EncoderName, Callable[[tuple[int, int, int], ModelConfig], li
 
 
 def make_encoder(shape: ObservationShape, config: ModelConfig) -> nn.Module:
-    """Return the encoder that `config` names; raises `ValueError` if `package.module:Class` is not an `nn.Module`."""
-    if ":" not in config.encoder:
-        return Encoder(shape, config)
-    return import_subclass("encoder", config.encoder, nn.Module)(shape, config)
+    """Return the encoder that `config` names; raises `ValueError` if `package.module:Class` is not an `nn.Module`.
+
+    Observations that are stored in float16 are converted to float32 before the encoder reads them.
+    """
+    make = import_subclass("encoder", config.encoder, nn.Module) if ":" in config.encoder else Encoder
+    encoder = make(shape, config)
+    encoder.register_forward_pre_hook(_widen_inputs)
+    return encoder
+
+
+def _widen_inputs(_: nn.Module, inputs: tuple[Tensor | None, ...]) -> tuple[Tensor | None, ...]:
+    """Return an encoder's inputs, the image and the features, as `widened`."""
+    return tuple(None if part is None else widened(part) for part in inputs)
+
+
+def widened(observations: Tensor) -> Tensor:
+    """Return observations that are stored in float16 in float32, and others as they are."""
+    return observations.float() if observations.dtype == torch.float16 else observations
 
 
 def scaled(layer: nn.Linear | nn.Conv2d, scale: float = math.sqrt(2)) -> nn.Module:

@@ -42,7 +42,7 @@ class ExecutePreferences(Transform):
             if self._shield is None:
                 actions = preferences.argmax(-1)
             else:
-                actions = torch.from_numpy(self._shield.actions(preferences.detach().numpy()))
+                actions = torch.from_numpy(self._shield.actions(preferences.detach().cpu().numpy()))
             tensordict.set(("agents", "action"), actions)
         return tensordict
 

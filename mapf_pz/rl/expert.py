@@ -87,8 +87,8 @@ class ExpertActions(Transform):
         """Replace the policy's actions by the expert's in the environments that the expert controls."""
         actions = tensordict.get(("agents", "action"), None)
         if actions is not None and self._acts.any():
-            acts = torch.from_numpy(self._acts)
-            tensordict.set(("agents", "action"), torch.where(acts[:, None], torch.from_numpy(self._labels), actions))
+            acts, labels = (torch.from_numpy(part).to(actions.device) for part in (self._acts, self._labels))
+            tensordict.set(("agents", "action"), torch.where(acts[:, None], labels, actions))
         return tensordict
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:

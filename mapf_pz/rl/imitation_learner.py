@@ -12,6 +12,7 @@ from mapf_pz.actions import Action, CardinalAction
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.expert import NO_LABEL
 from mapf_pz.rl.learner import Learner
+from mapf_pz.rl.transfer import to_device
 
 
 class ImitationLearner(Learner):
@@ -27,16 +28,16 @@ class ImitationLearner(Learner):
         """
         self.config = config
         self.modules = {"policy": network}
-        self._network, self._keys = network, keys
         parameters = list(network.parameters())
         self.device = parameters[0].device
+        self._network, self._keys = self.compiled(network), keys
         rate = config.optimization.learning_rate
         self.optimizer = torch.optim.Adam([{"params": parameters, "initial_lr": rate}], lr=rate)
         self._wait = int(CardinalAction.WAIT if config.task.env.action_model == "cardinal" else Action.WAIT)
         self._minibatch_size = config.optimization.minibatch_size * config.task.num_agents
         self._sample_size = config.task.num_agents if config.model.communication else 1  # in agent steps
         self._buffer = TensorDictReplayBuffer(
-            storage=LazyTensorStorage(config.imitation.buffer_size // self._sample_size),
+            storage=LazyTensorStorage(config.imitation.buffer_size // self._sample_size, device=self.device),
             batch_size=self._minibatch_size // self._sample_size,
         )
 
@@ -47,11 +48,11 @@ class ImitationLearner(Learner):
         """
         self.anneal(done)
         agent_steps = batch.get(("agents", "expert_action")).numel()
-        samples = self._samples(batch)
+        samples = self._samples(to_device(batch, self.device))
         agreement = self._agreement(samples)
         self._buffer.extend(samples.exclude("logits"))  # those of the policy as it was
         steps = max(1, self.config.optimization.num_epochs * agent_steps // self._minibatch_size)
-        losses = torch.stack([self._improve(self._buffer.sample().to(self.device)) for _ in range(steps)])
+        losses = torch.stack([self._improve(self._buffer.sample()) for _ in range(steps)])
         return {
             "loss": float(losses.mean()),
             "agreement": agreement,
@@ -67,7 +68,7 @@ class ImitationLearner(Learner):
         label = agents.get("expert_action")
         rests = (label == self._wait) & agents.get("at_goal").squeeze(-1)
         learned = (label != NO_LABEL) & agents.get("active").squeeze(-1)
-        learned &= ~rests | (torch.rand(label.shape) < self.config.imitation.wait_share)
+        learned &= ~rests | (torch.rand(label.shape).to(self.device) < self.config.imitation.wait_share)
         kept = learned.any(-1) if self.config.model.communication else learned
         entries = {str(number): batch.get(key)[kept] for number, key in enumerate(self._keys)}
         label = label.masked_fill(~learned, NO_LABEL)[kept]

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
@@ -65,6 +68,25 @@ class Learner(ABC):
         groups = self.optimizer.state_dict()["param_groups"]
         self.optimizer.load_state_dict({"state": optimizer, "param_groups": groups})
         torch.set_rng_state(tensors["random"].clone())
+
+    def compiled(self, module: nn.Module) -> Callable[..., Any]:
+        """Return the module, compiled if the configuration has `compile`, with the same parameters.
+
+        Raises `ValueError` if there is no compiler.
+        """
+        if not self.config.compile:
+            return module
+        # torch's compilers generate C++ for CPUs, and Triton, which needs a C compiler, for GPUs.
+        name, default = ("CXX", "g++") if self.device.type == "cpu" else ("CC", "gcc")
+        if shutil.which(os.environ.get(name, default)) is None:
+            raise ValueError(f"compile=True: found no compiler; expected {default}, or the path of one in {name}")
+        compiled = torch.compile(module)
+
+        def call(*inputs: Tensor | TensorDictBase) -> Any:
+            with torch.random.fork_rng([]):  # compilation draws random numbers
+                return compiled(*inputs)
+
+        return call
 
     def anneal(self, done: float) -> float:
         """Decay the learning rates linearly to a tenth, and return the factor for the completed fraction `done`."""

@@ -15,6 +15,7 @@ from torchrl.objectives.value import GAE
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.curiosity import make_curiosity
 from mapf_pz.rl.learner import Learner
+from mapf_pz.rl.transfer import to_device
 
 LOSS_MASK = "shifted_valid"
 """TorchRL's key of a mask: entries that are False are excluded from losses and from advantage normalization."""
@@ -56,6 +57,7 @@ class PPOLearner(Learner):
         self._agents_end = agents_end
         self.device = next(self.loss.parameters()).device
         self.modules = {"loss": self.loss}
+        self._terms = self.compiled(self.loss)
         groups = [{"params": list(self.loss.parameters()), "initial_lr": config.optimization.learning_rate}]
         if self.curiosity is not None:
             self.modules["curiosity"] = self.curiosity.to(self.device)
@@ -68,7 +70,7 @@ class PPOLearner(Learner):
     def learn(self, batch: TensorDictBase, done: float) -> dict[str, float]:
         """Update the networks with a batch, as in `Learner`."""
         self.anneal(done)
-        batch = batch.to(self.device)
+        batch = to_device(batch, self.device)
         if self._agents_end:
             _set_agent_ends(batch)
         means: dict[str, Tensor] = {}
@@ -135,7 +137,7 @@ class PPOLearner(Learner):
     def _improve(self, part: TensorDictBase, warmup: bool) -> dict[str, Tensor]:
         """Take one gradient step on a minibatch, in which only the critic learns if `warmup`; return the loss terms."""
         with self.autocast():
-            terms = self.loss(part)
+            terms = self._terms(part)
         total: Tensor = terms["loss_critic"]
         if not warmup:
             total = total + terms["loss_objective"] + terms["loss_entropy"]

@@ -21,7 +21,7 @@ from mapf_pz.machine import usable_cores
 from mapf_pz.rl.algorithm import Algorithm
 from mapf_pz.rl.algorithms import algorithm_of
 from mapf_pz.rl.checkpoint import read_position
-from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.config import DeviceName, TrainConfig
 from mapf_pz.rl.config_file import CONFIG, config_files, load_config
 from mapf_pz.rl.launch import connecting, is_first, launched_size, local_rank
 from mapf_pz.rl.learner import Learner
@@ -87,6 +87,7 @@ def resume(
     on_progress: Progress | None = None,
     make_algorithm: MakeAlgorithm = _named_algorithm,
     num_learners: int | Literal["auto"] | None = None,
+    device: DeviceName | None = None,
 ) -> Path:
     """Continue a run that was interrupted or killed from its latest checkpoint, and return its folder.
 
@@ -96,6 +97,7 @@ def resume(
         on_progress: as in `train`.
         make_algorithm: as in `train`.
         num_learners: number of processes that train together, as in `TrainConfig`; None keeps the run's own value.
+        device: device of the networks, as in `TrainConfig`; None keeps the run's own value.
 
     Under `torchrun`, all machines must see the folder.
 
@@ -120,6 +122,8 @@ def resume(
         config = replace(config, agent_steps=agent_steps)
     if num_learners is not None:
         config = replace(config, num_learners=num_learners)
+    if device is not None:
+        config = replace(config, device=device)
     return _run(config, run, checkpoint, on_progress, make_algorithm)
 
 

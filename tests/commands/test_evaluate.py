@@ -134,9 +134,23 @@ def test_a_scenario_is_one_episode(capsys, tmp_path):
     assert (status, err) == (1, [f"mapf-pz evaluate: {message}"])
 
 
+def test_a_scenario_names_its_map(capsys, tmp_path):
+    grid = load_map("random-16-16-20")
+    for number in range(2):
+        write_scenario(place(grid, 4, np.random.default_rng(number)), grid, tmp_path / f"{number}.scen")
+    (tmp_path / "other").mkdir()
+    list(written_scenarios(tmp_path / "other", 4))
+    words = ["--policy", "pibt", "--max-steps", 40, "--scenario"]
+    assert run(capsys, *words, tmp_path / "0.scen", tmp_path / "1.scen")[0] == 0
+    status, _, err = run(capsys, *words, tmp_path / "0.scen", tmp_path / "other" / "0.scen")
+    assert (status, len(err)) == (1, 1)
+    assert "scenario: expected scenarios of one map, got those of 'random-16-16-20' (" in err[0]
+    assert run(capsys, *words, tmp_path / "0.scen", "--map", "empty-8-8")[0] == 1  # --map takes precedence
+
+
 def test_several_scenarios_and_numbers_of_agents(capsys, tmp_path):
     costs = list(written_scenarios(tmp_path, 5, 6, 7))
-    scenarios = ["--scenario", tmp_path / "2.scen", tmp_path / "[01].scen", tmp_path / "0.scen"]
+    scenarios = ["--scenario", tmp_path / "2.scen", tmp_path / "[01].scen", "--scenario", tmp_path / "0.scen"]
     assert run(capsys, *ON_SCENARIOS, *scenarios, "--num-agents", 4, 2, "--output", tmp_path / "out")[0] == 0
     assert [row["num_agents"] for row in rows(tmp_path / "out")] == ["4"] * 3 + ["2"] * 3
     assert {row["task"] for row in rows(tmp_path / "out")} == {"empty-8-8, 3 scenarios"}

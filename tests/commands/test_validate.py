@@ -143,3 +143,21 @@ def test_a_published_plan_on_a_warehouse_map(capsys, benchmark):
     folder = benchmark / "lorr" / "planviz"
     status, out, err = run(capsys, folder / "warehouse_small_2024.json", "--map", folder / "warehouse_small.map")
     assert (status, out[3], err) == (0, "tasks finished: 33, as the file says", [])
+
+
+def test_all_violations(capsys, files):
+    """Each takes a line, which is followed by their number."""
+    plan = files / "plan.json"
+    waits = Plan(np.repeat(CELLS[:1], 3, axis=0))
+    write_plan(waits, plan, Instance(GRID, SCENARIO))
+    options = [plan, "--map", files / "small.map", "--scenario", files / "small.scen"]
+    lines = [
+        f"step 2: agent {agent} at [row {row}, col {col}]: not the agent's goal"
+        for agent, (row, col) in enumerate(CELLS[0].tolist())
+    ]
+    assert run(capsys, *options, "--all") == (1, lines, [f"mapf-pz validate: {plan}: not legal: 2 violations"])
+    status, out, err = run(capsys, *options)
+    assert (status, out) == (1, [])
+    assert err == [f"mapf-pz validate: {plan}: not legal: {lines[0]}"]
+    write_plan(Plan(CELLS), plan, Instance(GRID, SCENARIO))
+    assert run(capsys, *options, "--all")[0] == 0

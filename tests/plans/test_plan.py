@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 import mapf_pz
 from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances import RandomObstacles
-from mapf_pz.planners import Plan, validate
+from mapf_pz.planners import Plan, validate, violations
 
 EAST, SOUTH, WEST, NORTH = range(4)
 
@@ -116,3 +116,51 @@ def test_any_episode_is_legal_except_for_the_goals(seed, action_model):
     plan = Plan(np.array(cells), np.array(headings) if action_model == "rotate" else None)
     violation = validate(instance, plan)
     assert violation is None or violation.kind == "goal"
+
+
+def all_violations(instance, plan):
+    """Return all violations (step, kind, agents) by comparing all pairs of agents, in any order."""
+    found = []
+    cells = [[tuple(cell) for cell in step] for step in plan.positions.tolist()]
+    free = {tuple(cell) for cell in np.argwhere(instance.grid.free).tolist()}
+    agents = range(plan.num_agents)
+    for step, now in enumerate(cells):
+        before = cells[step - 1]
+        for i in agents:
+            if step == 0 and now[i] != tuple(instance.scenario.starts[i]):
+                found.append((0, "start", (i,)))
+            if step == plan.num_steps and now[i] != tuple(instance.scenario.goals[i]):
+                found.append((step, "goal", (i,)))
+            if now[i] not in free:
+                found.append((step, "map", (i,)))
+            if step and abs(now[i][0] - before[i][0]) + abs(now[i][1] - before[i][1]) > 1:
+                found.append((step, "move", (i,)))
+            first = now.index(now[i])
+            if first < i:
+                found.append((step, "vertex", (first, i)))
+            found += [
+                (step, "edge", (i, j))
+                for j in agents
+                if step and i < j and now[i] == before[j] and now[j] == before[i] and now[i] != before[i]
+            ]
+    return found
+
+
+@given(st.integers(0, 2**31))
+def test_all_violations_are_those_of_all_pairs_of_agents(seed):
+    rng = np.random.default_rng(seed)
+    plan = Plan(rng.integers(-1, 3, size=(5, 4, 2)))
+    problem = instance([(0, 0), (0, 1), (0, 2), (1, 0)], [(0, 2), (1, 2), (0, 0), (1, 0)])
+    found = violations(problem, plan)
+    assert sorted((item.step, item.kind, item.agents) for item in found) == sorted(all_violations(problem, plan))
+    assert [item.step for item in found] == sorted(item.step for item in found)
+    assert found[0] == validate(problem, plan)
+
+
+def test_all_violations_of_turns():
+    headings = np.array([[EAST], [WEST], [EAST], [EAST]])
+    problem = instance([(0, 0)], [(0, 1)], headings=[EAST])
+    plan = Plan(np.array([[(0, 0)], [(0, 0)], [(0, 0)], [(0, 1)]]), headings)
+    assert [(item.step, item.kind) for item in violations(problem, plan)] == [(1, "turn"), (2, "turn")]
+    legal = Plan(np.array([[(0, 0)], [(0, 1)]]), np.array([[EAST], [EAST]]))
+    assert violations(problem, legal) == []
