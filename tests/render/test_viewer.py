@@ -7,10 +7,9 @@ import pytest
 
 from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances import write_map, write_scenario
-from mapf_pz.planners import Plan
+from mapf_pz.planners import Plan, violations
 from mapf_pz.plans.files import read_plan, write_plan
 from mapf_pz.render import save_viewer
-from mapf_pz.render.violations import find_violations
 
 FREE = np.array([[1, 1, 1, 1], [1, 0, 1, 1], [1, 1, 1, 1]], bool)
 GRID = Grid(FREE, "small")
@@ -91,7 +90,7 @@ def test_violations_are_those_of_the_validator(viewer, tmp_path):
     )
     header = "goals=" + "".join(f"({col},{row})," for row, col in goals.tolist())
     page = viewer("small.map", bad__txt=f"{header}\nsolution=\n{lines}\n")
-    expected = [violation.text for violation in find_violations(instance, cells, None)]
+    expected = [str(violation) for violation in violations(instance, Plan(cells))]
     assert len(expected) > 20
     assert sorted(page.locator("#violations a").all_inner_texts()) == sorted(expected)
     np.testing.assert_array_equal(read_plan(tmp_path / "bad.txt").plan.positions, cells)
@@ -99,7 +98,7 @@ def test_violations_are_those_of_the_validator(viewer, tmp_path):
     page = viewer("small.map", turned__txt=turned)
     plan = read_plan(tmp_path / "turned.txt").plan
     instance = Instance(grid, Scenario(plan.positions[0], plan.positions[:1].swapaxes(0, 1).repeat(2, axis=1)))
-    expected = [violation.text for violation in find_violations(instance, plan.positions, plan.headings)]
+    expected = [str(violation) for violation in violations(instance, plan)]
     assert len(expected) >= 2
     assert sorted(page.locator("#violations a").all_inner_texts()) == sorted(expected)
 
