@@ -154,6 +154,39 @@ def test_messages_for_bad_files(viewer, tmp_path, names, files, message):
     assert page.locator("#play").is_visible()
 
 
+def test_corrupted_files_never_fail_without_a_message(viewer, tmp_path):
+    texts = []
+    for extension, plan in (("json", ROTATING), ("csv", CARDINAL), ("txt", ROTATING), ("txt", CARDINAL)):
+        headings = None if plan.headings is None else plan.headings[0]
+        write_plan(plan, tmp_path / f"a.{extension}", Instance(GRID, INSTANCE.scenario, headings))
+        texts.append((tmp_path / f"a.{extension}").read_text())
+    page = viewer("small.map", "small.scen")
+    texts += [(tmp_path / name).read_text() for name in ("small.map", "small.scen")]
+    rng = np.random.default_rng(0)
+    corrupted = []
+    for text in texts:
+        for _ in range(150):
+            start, length = int(rng.integers(len(text))), int(rng.integers(0, 6))
+            other = str(rng.choice(["", "null", "-1", "[]", "{}", '"', ",", "(", "\n", "x", "999999999", "\t", "é"]))
+            corrupted.append(text[:start] + other + text[start + length :])
+    outcomes = page.evaluate(
+        """(texts) => texts.map((text) => {
+            const map = parseMap(viewer.texts.map.text, "small.map"), file = { name: "a", text };
+            const scenario = parseScenario(viewer.texts.scenario.text, "small.scen", map);
+            try {
+                if (text.startsWith("type")) parseMap(text, "a");
+                else if (text.startsWith("version")) parseScenario(text, "a", map);
+                else planEpisode(map, scenario, parsePlan(text, "a", scenario), { plan: file, map: file }, ["#000000"]);
+                return "read";
+            } catch (error) {
+                return error instanceof FileError ? "message" : `${error} in ${text}`;
+            }
+        })""",
+        corrupted,
+    )
+    assert {"read", "message"} == set(outcomes)
+
+
 def test_files_are_dropped(viewer, tmp_path):
     page = viewer("small.map")
     page.evaluate(
