@@ -14,11 +14,10 @@ from mapf_pz.commands.planfile import LoadedPlan, load_plan
 from mapf_pz.config import EnvConfig
 from mapf_pz.evaluation.episodes import AnyEnv, Policy, changed_keywords, rollout
 from mapf_pz.evaluation.policies import policy_factory
-from mapf_pz.planners import record_plan
+from mapf_pz.planners import record_plan, violations
 from mapf_pz.render import Recording, save_html, save_recording, save_viewer
 from mapf_pz.render.recording import RecordedViolation
 from mapf_pz.render.save import check_output
-from mapf_pz.render.violations import find_violations
 from mapf_pz.wrappers import RecordEpisode
 
 
@@ -96,7 +95,10 @@ def _plan_recording(episode: EpisodeOptions, path: Path) -> Recording:
         name=path.name,
         facts={"plan": path.name},
         metrics=_plan_metrics(loaded),
-        violations=find_violations(loaded.instance, loaded.file.plan.positions, loaded.file.plan.headings),
+        violations=tuple(
+            RecordedViolation(violation.step, violation.agents, str(violation))
+            for violation in violations(loaded.instance, loaded.file.plan)
+        ),
     )
 
 
@@ -134,8 +136,8 @@ def _summary(recording: Recording, with_name: bool) -> str:
     return (f"{recording.name}: " if with_name else "") + ", ".join(parts)
 
 
-def _verdict(violations: tuple[RecordedViolation, ...]) -> str:
-    count = len(violations)
+def _verdict(found: tuple[RecordedViolation, ...]) -> str:
+    count = len(found)
     if not count:
         return "legal"
-    return f"{count} violation{'s' if count > 1 else ''}, the first in {violations[0].text}"
+    return f"{count} violation{'s' if count > 1 else ''}, the first in {found[0].text}"

@@ -7,10 +7,9 @@ import pytest
 
 from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances import write_map, write_scenario
-from mapf_pz.planners import Plan
+from mapf_pz.planners import Plan, violations
 from mapf_pz.plans.files import read_plan, write_plan
 from mapf_pz.render import save_viewer
-from mapf_pz.render.violations import find_violations
 
 FREE = np.array([[1, 1, 1, 1], [1, 0, 1, 1], [1, 1, 1, 1]], bool)
 GRID = Grid(FREE, "small")
@@ -91,7 +90,7 @@ def test_violations_are_those_of_the_validator(viewer, tmp_path):
     )
     header = "goals=" + "".join(f"({col},{row})," for row, col in goals.tolist())
     page = viewer("small.map", bad__txt=f"{header}\nsolution=\n{lines}\n")
-    expected = [violation.text for violation in find_violations(instance, cells, None)]
+    expected = [str(violation) for violation in violations(instance, Plan(cells))]
     assert len(expected) > 20
     assert sorted(page.locator("#violations a").all_inner_texts()) == sorted(expected)
     np.testing.assert_array_equal(read_plan(tmp_path / "bad.txt").plan.positions, cells)
@@ -99,7 +98,7 @@ def test_violations_are_those_of_the_validator(viewer, tmp_path):
     page = viewer("small.map", turned__txt=turned)
     plan = read_plan(tmp_path / "turned.txt").plan
     instance = Instance(grid, Scenario(plan.positions[0], plan.positions[:1].swapaxes(0, 1).repeat(2, axis=1)))
-    expected = [violation.text for violation in find_violations(instance, plan.positions, plan.headings)]
+    expected = [str(violation) for violation in violations(instance, plan)]
     assert len(expected) >= 2
     assert sorted(page.locator("#violations a").all_inner_texts()) == sorted(expected)
 
@@ -153,6 +152,39 @@ def test_messages_for_bad_files(viewer, tmp_path, names, files, message):
     page.wait_for_selector("body[data-ready]")
     assert page.locator("#complaint").inner_text() == ""
     assert page.locator("#play").is_visible()
+
+
+def test_corrupted_files_never_fail_without_a_message(viewer, tmp_path):
+    texts = []
+    for extension, plan in (("json", ROTATING), ("csv", CARDINAL), ("txt", ROTATING), ("txt", CARDINAL)):
+        headings = None if plan.headings is None else plan.headings[0]
+        write_plan(plan, tmp_path / f"a.{extension}", Instance(GRID, INSTANCE.scenario, headings))
+        texts.append((tmp_path / f"a.{extension}").read_text())
+    page = viewer("small.map", "small.scen")
+    texts += [(tmp_path / name).read_text() for name in ("small.map", "small.scen")]
+    rng = np.random.default_rng(0)
+    corrupted = []
+    for text in texts:
+        for _ in range(150):
+            start, length = int(rng.integers(len(text))), int(rng.integers(0, 6))
+            other = str(rng.choice(["", "null", "-1", "[]", "{}", '"', ",", "(", "\n", "x", "999999999", "\t", "é"]))
+            corrupted.append(text[:start] + other + text[start + length :])
+    outcomes = page.evaluate(
+        """(texts) => texts.map((text) => {
+            const map = parseMap(viewer.texts.map.text, "small.map"), file = { name: "a", text };
+            const scenario = parseScenario(viewer.texts.scenario.text, "small.scen", map);
+            try {
+                if (text.startsWith("type")) parseMap(text, "a");
+                else if (text.startsWith("version")) parseScenario(text, "a", map);
+                else planEpisode(map, scenario, parsePlan(text, "a", scenario), { plan: file, map: file }, ["#000000"]);
+                return "read";
+            } catch (error) {
+                return error instanceof FileError ? "message" : `${error} in ${text}`;
+            }
+        })""",
+        corrupted,
+    )
+    assert {"read", "message"} == set(outcomes)
 
 
 def test_files_are_dropped(viewer, tmp_path):

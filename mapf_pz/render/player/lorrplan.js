@@ -27,7 +27,7 @@ function parseLorrPlan(text, name) {
     require(isStart, name, `${start}, got ${shortened(data.start[agent])}`);
     followLetters(table, agent, [row, col, facing], letters, model.moves, model.turns);
   });
-  table.goals = lorrGoals(data, agents);
+  table.goals = lorrGoals(data, agents, name);
   return table;
 }
 
@@ -42,21 +42,37 @@ function lorrLetters(path, agent, model, name) {
 }
 
 // The goals if each agent has one task with one errand, and all are finished; else null.
-function lorrGoals(data, agents) {
-  const schedule = data.events ?? data.actualSchedule;
-  if (data.numTaskFinished !== agents || !Array.isArray(data.tasks) || !Array.isArray(schedule)) return null;
-  const tasks = data.tasks.filter(Array.isArray);
-  const errands = new Map(tasks.map((task) => [task[0], Array.isArray(task[2]) ? task[2] : task.slice(1)]));
-  const goals = schedule.slice(0, agents).map((entry) => {
-    const assigned = assignedTasks(entry);
-    return assigned.length === 1 ? errands.get(assigned[0]) : undefined;
-  });
-  return goals.length === agents && goals.every((goal) => goal?.length === 2) ? goals : null;
+function lorrGoals(data, agents, name) {
+  const key = data.version === undefined || data.version === null ? "events" : "actualSchedule";
+  if (!("tasks" in data) || !(key in data)) return null;
+  for (const [each, least] of [["tasks", 0], [key, agents]]) {
+    const isList = Array.isArray(data[each]) && data[each].length >= least;
+    require(isList, name, `expected '${each}' to be a list of at least ${least}`);
+  }
+  const errands = new Map(data.tasks.map((task) => lorrTask(task, name)));
+  const assigned = data[key].slice(0, agents).map((entry, agent) => assignedTasks(entry, agent, key, name));
+  const goals = assigned.map((tasks) => (tasks.length === 1 ? errands.get(tasks[0]) : undefined));
+  return data.numTaskFinished === agents && goals.every((goal) => goal?.length === 2) ? goals : null;
 }
 
-// The tasks of an agent: `step:task,...` (2024) or a list of [task, step, "assigned" or "finished"] (2023).
-function assignedTasks(entry) {
-  if (typeof entry === "string") return entry.split(",").map((item) => Number(item.split(":")[1]));
-  const events = Array.isArray(entry) ? entry.filter(Array.isArray) : [];
-  return events.filter(([, , event]) => event === "assigned").map(([task]) => task);
+// The number and the errands [row, column, row, ...] of a task.
+function lorrTask(task, name) {
+  const [number, ...rest] = Array.isArray(task) ? task : [], cells = Array.isArray(rest[1]) ? rest[1] : rest;
+  const isTask = [number, rest[0], ...cells].every(Number.isInteger) && rest.length === 2 && cells.length % 2 === 0;
+  require(isTask, name, `expected a task [task, row, col] or [task, step, [row, col, ...]], got ${shortened(task)}`);
+  return [number, cells];
+}
+
+// The tasks of an agent: [task, step, "assigned" or "finished"] (2023) or "step:task,..." (2024).
+function assignedTasks(entry, agent, key, name) {
+  if (key === "actualSchedule") {
+    const isSchedule = typeof entry === "string" && /^(\d{1,9}:-?\d{1,9}(,|$))*$/.test(entry);
+    require(isSchedule, name, `expected the schedule of agent ${agent} to be 'step:task,...', got ${shortened(entry)}`);
+    return entry.split(",").filter(Boolean).map((item) => Number(item.split(":")[1]));
+  }
+  const isEvent = (event) => Array.isArray(event) && event.length === 3 && [event[0], event[1]].every(Number.isInteger)
+    && ["assigned", "finished"].includes(event[2]);
+  const expected = `expected events of agent ${agent} to be [task, step, assigned or finished]`;
+  require(Array.isArray(entry) && entry.every(isEvent), name, `${expected}, got ${shortened(entry)}`);
+  return entry.filter(([, , event]) => event === "assigned").map(([task]) => task);
 }

@@ -17,12 +17,20 @@ function parseTextPlan(text, name) {
     require(isComplete, name, `expected ${agents} cells in step ${step}, with headings for all cells or for none`);
     cells.forEach(([x, y, heading], agent) => table.set(agent, step, y, x, heading));
   });
-  if (header.get("goals")?.[0]) {
-    const [value, line] = header.get("goals"), goals = textCells(`0:${value}`, 0, name, line);
-    require(goals.length === agents, name, `expected ${agents} goals, got ${goals.length}`, line);
-    table.goals = goals.map(([x, y]) => [y, x]);
-  }
+  const starts = headerCells(header, "starts", agents, name);
+  const isStart = starts === null || steps[0].every(([x, y], agent) => sameCell(starts[agent], [y, x]));
+  require(isStart, name, "expected the solution to start at the starts", header.get("starts")?.[1]);
+  table.goals = headerCells(header, "goals", agents, name);
   return table;
+}
+
+// The cells [row, column] in an entry of the header; null if there is none.
+function headerCells(header, key, agents, name) {
+  const [value, line] = header.get(key) ?? ["", 0];
+  if (!value) return null;
+  const cells = textCells(`0:${value}`, 0, name, line);
+  require(cells.length === agents, name, `expected ${agents} ${key}, got ${cells.length}`, line);
+  return cells.map(([x, y]) => [y, x]);
 }
 
 // The cells [x, y, heading or -1] of a line `STEP:(x,y),(x,y,HEADING),...`.
