@@ -94,7 +94,9 @@ def leaderboard(results: Results, metrics: Sequence[str]) -> list[list[str]]:
             if metric in row["metrics"]:
                 values = found.setdefault((row["policy"], source), {})
                 values[row.get("task", tasks[0]), row["num_agents"]] = row["metrics"][metric]["mean"]
-    means = {name: sum(values[key] for key in keys) / len(keys) for name, values in found.items() if {*keys} <= {*values}}
+    means = {
+        name: sum(values[key] for key in keys) / len(keys) for name, values in found.items() if {*keys} <= {*values}
+    }
     body = [
         [f"`{name[0]}`", name[1], *(_value(found[name].get(key)) for key in keys), _value(means.get(name))]
         for name in sorted(found, key=lambda name: (-means.get(name, float("-inf")), name))

@@ -52,12 +52,22 @@ mapf-pz evaluate --suite s  # commit 0123456, code abc
 """
 
 
+LEADERBOARD = """
+| method | source | 8 | 16 | mean |
+| --- | --- | --- | --- | --- |
+| `pibt` | mapf_pz | 0.988 | 1 | 0.994 |
+| `LaCAM` | published |  | 0.25 |  |
+| `mappo` | mapf_pz |  | 0.5 |  |
+"""
+
+
 @pytest.mark.parametrize(
     ("layout", "metrics", "expected"),
     [
         ("agents", ["CSR"], AGENTS),
         ("tasks", ["CSR", "SoC"], TRIALS),
         ("policies", ["CSR"], POLICIES),
+        ("leaderboard", ["CSR"], LEADERBOARD),
         ("source", [], SOURCE),
     ],
 )
@@ -84,6 +94,11 @@ def test_results_files_are_json():
 )
 def test_which_policies_depend_on_the_machine(policy, expected):
     assert is_reproducible(policy) == expected
+
+
+def test_every_suite_is_on_the_leaderboard():
+    text = (results.ROOT / "docs" / "leaderboard.md").read_text("utf-8")
+    assert not [table.suite for table in TABLES if f"<!-- table: leaderboard {table.suite} " not in text]
 
 
 def test_pages_have_the_tables_of_the_results():
