@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 import mapf_pz
+from mapf_pz.cli import main
 from mapf_pz.environment import MapfEnv
 from mapf_pz.instances.sources import RandomObstacles
 from mapf_pz.render.gif import save_png
@@ -30,6 +31,13 @@ PLANES = (
     "weight left",
     "cost_to_go",
 )
+
+
+def animate_episode() -> None:
+    """Save an episode of a trained policy as an animation."""
+    options = "--policy mappo --map random-24-24-20 --num-agents 40 --max-steps 160"
+    if main(["render", str(IMAGES / "episode.svg"), *options.split()]):
+        raise SystemExit(1)
 
 
 def draw_episode_starts() -> None:
@@ -94,5 +102,6 @@ def _draw_map(axis: Axes, env: MapfEnv, agent: int) -> None:
 
 if __name__ == "__main__":
     IMAGES.mkdir(exist_ok=True)
+    animate_episode()
     draw_episode_starts()
     draw_observation()

@@ -8,12 +8,14 @@ import warnings
 from collections.abc import Callable, Sequence
 from functools import partial
 from importlib import import_module
+from inspect import signature
 from pathlib import Path
 from typing import NamedTuple
 
 import tyro
 
 from mapf_pz.interrupts import interrupts_deferred
+from mapf_pz.suggest import expected_names
 
 USAGE_ERROR, INTERRUPTED, BROKEN_PIPE = 2, 130, 141
 USER_ERRORS = (ValueError, TypeError, OSError, RuntimeError, MemoryError, ImportError)
@@ -85,7 +87,7 @@ def _main(words: list[str]) -> int:
         return 0
     name = words[0]
     if name not in COMMANDS:
-        return _print_error("mapf-pz", f"no command {name!r}, expected one of {', '.join(COMMANDS)}", USAGE_ERROR)
+        return _print_error("mapf-pz", f"no command {name!r}, {expected_names(name, COMMANDS)}", USAGE_ERROR)
     try:
         with warnings.catch_warnings():
             warnings.showwarning = partial(_show_warning, f"mapf-pz {name}")
@@ -110,7 +112,12 @@ def _run(name: str, words: list[str]) -> None:
 
             if interrupted():
                 raise KeyboardInterrupt
-        tyro.cli(command, prog=f"mapf-pz {name}", args=options, config=config, registry=ENV_FLAGS)
+        parse = partial(tyro.cli, prog=f"mapf-pz {name}", args=options, config=config, registry=ENV_FLAGS)
+        parameters = signature(command, eval_str=True).parameters
+        if list(parameters) == ["options"]:  # one dataclass, whose name is not to be in the help text
+            command(parse(parameters["options"].annotation, description=command.__doc__))
+        else:
+            parse(command)
     except ModuleNotFoundError as error:
         raise ImportError(f"{error}: pip install 'mapf-pz[train,render]'") from error
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,6 +20,7 @@ from mapf_pz.core.reward import REWARDS, RewardConfig
 from mapf_pz.guidance.library import EdgeWeights, check_edge_weights
 from mapf_pz.instance import Grid, InstanceSource, Scenario
 from mapf_pz.plugins import import_object
+from mapf_pz.suggest import expected_names
 from mapf_pz.transition import Transition
 
 if TYPE_CHECKING:
@@ -183,9 +183,7 @@ class EnvConfig:
         known = [field.name for field in dataclasses.fields(cls)]
         for name in keywords:
             if name not in known:
-                near = difflib.get_close_matches(name, known, n=1)
-                hint = f"did you mean {near[0]!r}?" if near else f"allowed are {', '.join(known)}"
-                raise TypeError(f"unknown keyword {name!r}: {hint}")
+                raise TypeError(f"unknown keyword {name!r}: {expected_names(name, known)}")
         return cls(*arguments, **keywords)
 
     def keywords(self) -> dict[str, Any]:

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from importlib import import_module
 from typing import Any, TypeVar
 
+from mapf_pz.suggest import closest
+
 Part = TypeVar("Part")
 
 
@@ -27,8 +29,8 @@ def resolve(field: str, given: object, known: Mapping[str, Part], kind: type[Par
         raise ValueError(f"{field}: expected names or {kind.__name__} objects, got {given!r}")
     if ":" not in given:
         if given not in known:
-            names = ", ".join(known)
-            raise ValueError(f"{field}: unknown {given!r}, expected names out of {names}, or package.module:name")
+            names = f"expected one of {', '.join(known)}, or package.module:name"
+            raise ValueError(f"{field}: unknown {given!r}, {closest(given, known).rstrip() or names}")
         return known[given]
     part = import_object(field, given)
     if not isinstance(part, kind):

@@ -34,7 +34,7 @@ def refuses(error, message, make):
     [
         ({"num_agent": 3}, TypeError, "unknown keyword 'num_agent': did you mean 'num_agents'\\?"),
         ({"view_sise": (3, 3)}, TypeError, "unknown keyword 'view_sise': did you mean 'view_size'\\?"),
-        ({"zzz": 1}, TypeError, "unknown keyword 'zzz': allowed are map, scenario, .*render_mode"),
+        ({"zzz": 1}, TypeError, "unknown keyword 'zzz': expected one of map, scenario, .*render_mode"),
         ({"num_agents": 0}, ValueError, "num_agents=0: expected a whole number, 1 or more"),
         ({"distance_bytes": 0}, ValueError, "distance_bytes=0: expected a whole number, 1 or more"),
         ({"num_agents": 2.5}, ValueError, "num_agents=2.5: expected a whole number, 1 or more"),
@@ -64,7 +64,7 @@ def refuses(error, message, make):
         ({"view_size": (0, 2)}, ValueError, "view_size=0: expected a whole number, 1 or more"),
         ({"view_size": (4, 2)}, ValueError, "view_size=\\(4, 2\\): expected at most the map's size, \\(3, 4\\)"),
         ({"view_size": (3, 5)}, ValueError, "view_size=\\(3, 5\\): expected at most the map's size, \\(3, 4\\)"),
-        ({"channels": ("views",)}, ValueError, "channels: unknown 'views', expected names out of view, goal, .*"),
+        ({"channels": ("views",)}, ValueError, "channels: unknown 'views', did you mean 'view'\\?"),
         ({"channels": "view"}, ValueError, "channels='view': expected a tuple or list of names, such as \\('view',\\)"),
         ({"channels": 5}, ValueError, "channels=5: expected a tuple or list of names"),
         ({"channels": ()}, ValueError, "channels: expected at least one of view, goal, .*"),
@@ -74,7 +74,7 @@ def refuses(error, message, make):
             ValueError,
             "edge_weights=array.{,30}: expected a name, the path of a file, or a GuidanceGraph",
         ),
-        ({"features": ("speed",)}, ValueError, "features: unknown 'speed', expected names out of goal_vector, .*"),
+        ({"features": ("speed",)}, ValueError, "features: unknown 'speed', expected one of goal_vector, .*"),
         (
             {"initial_heading": "up"},
             ValueError,

@@ -55,9 +55,16 @@ def test_help_of_a_command(capsys, words):
 
 
 def test_unknown_command(capsys):
-    status, out, err = run(capsys, "map")
+    status, out, err = run(capsys, "xyz")
     assert (status, out) == (2, [])
-    assert err == [f"mapf-pz: no command 'map', expected one of {', '.join(COMMANDS)}"]
+    assert err == [f"mapf-pz: no command 'xyz', expected one of {', '.join(COMMANDS)}"]
+    assert run(capsys, "trian") == (2, [], ["mapf-pz: no command 'trian', did you mean 'train'?"])
+
+
+def test_options_have_one_heading(capsys):
+    status, out, _ = run(capsys, "solve", "--help")
+    headings = [line.strip("╭─╮ ") for line in out if line.startswith("╭")]
+    assert (status, headings[:2]) == (0, ["positional arguments", "options"])
 
 
 @pytest.mark.parametrize(

@@ -30,8 +30,11 @@ def test_defaults_follow_the_action_model_of_a_changed_copy():
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"channels": ("nonsense",)}, "channels: unknown 'nonsense', expected names out of view, "),
-        ({"features": ("last_action",)}, "features: unknown 'last_action', expected names out of goal_vector, "),
+        ({"channels": ("nonsense",)}, "channels: unknown 'nonsense', expected one of view, "),
+        (
+            {"features": ("last_action",)},
+            "features: unknown 'last_action', did you mean 'last_actions'?",
+        ),
         ({"channels": ()}, "channels: expected at least one of view, "),
         ({"initial_heading": [0, 9]}, r"initial_heading=\[0, 9\]: expected 'random', 'east', or N numbers 0 to 3"),
     ],

@@ -18,6 +18,7 @@ TOP_FOLDERS = {"mapf_pz": ROOT / "mapf_pz", "mapf_pz.wrappers": ROOT / "wrappers
 # A part imports only itself and those before it.
 ORDER = [
     "lazy",
+    "suggest",
     "version",
     "actions",
     "arrays",

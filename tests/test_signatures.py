@@ -29,7 +29,7 @@ def callables():
     pytest.importorskip("torchrl")
     from mapf_pz.rl import BatchedMapfEnv
 
-    return FIRST | {BatchedMapfEnv: ["num_envs", "num_threads", "device", "observation_precision"]}
+    return FIRST | {BatchedMapfEnv: ["num_envs", "num_threads", "device", "observation_precision", "state", "metrics"]}
 
 
 def test_signatures_have_types_and_defaults():

@@ -15,6 +15,7 @@ from mapf_pz.evaluation.random_policy import RandomPolicy
 from mapf_pz.planners import PLANNERS, Planner, Shield, planner_of
 from mapf_pz.planners.named import parse_options
 from mapf_pz.planners.pibt.shield import DEPTH, PATIENCE
+from mapf_pz.suggest import closest
 
 SHIELD_SUFFIX = "+pibt"
 """Suffix of a trained policy's name: PIBT executes its preferences without collisions."""
@@ -49,9 +50,13 @@ def _factory_of_trained(name: str, seed: int, deterministic: bool) -> PolicyFact
         shielded, _, options = name.rpartition(":")
     trained = shielded.removesuffix(SHIELD_SUFFIX)
     if not _is_known(trained):
+        planners, trained_names = ", ".join(PLANNERS), ", ".join(_bundled_names())
+        base = name.partition(":")[0].removesuffix(SHIELD_SUFFIX)
+        names = ["random", *PLANNERS, *_bundled_names()]
+        near = "" if base in names else closest(base, names)
         raise ValueError(
-            f"policy {name!r}: expected random, a planner ({', '.join(PLANNERS)}), a trained policy "
-            f"({', '.join(_bundled_names())}), or the folder of a training run"
+            f"policy {name!r}: {near}expected random, a planner ({planners}), a trained policy ({trained_names}), or "
+            "the folder of a training run"
         )
     allowed = _TRAINED_OPTIONS | (_SHIELD_OPTIONS if shielded != trained else {})
     chosen = allowed | parse_options(shielded, allowed, options)

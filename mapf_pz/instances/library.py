@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 import textwrap
 from collections.abc import Iterable, Iterator
@@ -18,6 +17,7 @@ from mapf_pz.instances.movingai import parse_cells, parse_map_name, read_map, re
 from mapf_pz.io.json import parse_object
 from mapf_pz.io.layout import PASSABLE, cells_of, layout_rows
 from mapf_pz.io.text import read_text
+from mapf_pz.suggest import closest
 
 LAYOUT_ENDING = ".json"
 """Extension of maps of guidance graph optimization (GGO)."""
@@ -145,9 +145,7 @@ def _resolve(source: object, ending: str, folders: Iterable[Path]) -> Path:
             if file.stem == source:
                 return file
             names.append(file.stem)
-    near = difflib.get_close_matches(source, dict.fromkeys(names))
-    hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
-    raise ValueError(f"no {ending} file is named {source!r}: {hint}A path ends in {ending}; {ADVICE}")
+    raise ValueError(f"no {ending} file is named {source!r}: {closest(source, names)}A path ends in {ending}; {ADVICE}")
 
 
 def _read_layout(path: Path) -> Grid:

@@ -83,6 +83,12 @@ class BatchedMapfEnv(EnvBase):
         self._has_state, self._has_metrics = config.state, config.metrics
         self._make_specs(torch.Size([num_envs, num_agents]))
 
+    def __repr__(self) -> str:
+        """Return the numbers of environments and agents, and the size of the maps."""
+        height, width = self.simulator.shape
+        numbers = f"num_envs={self.simulator.num_envs}, num_agents={self.simulator.num_agents}"
+        return f"{type(self).__name__}({numbers}, maps of {height} x {width}, device={self.device})"
+
     def _make_specs(self, each: torch.Size) -> None:
         batch = self.batch_size
         one, num_actions = torch.Size([*each, 1]), self.simulator.num_actions

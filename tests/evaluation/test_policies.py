@@ -95,11 +95,18 @@ def test_wrong_options(name, message):
         policy_factory(name)
 
 
-@pytest.mark.parametrize("name", ["pibbt", "mapo", "no/such/run", "random:seed=1", "pibt+pibt", "mapo+pibt", "+pibt"])
-def test_unknown_names(name, tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("name", "near"),
+    [
+        *(("pibbt", "pibt"), ("mapo", "mappo"), ("mapo+pibt", "mappo"), ("mapo:temperature=0", "mappo")),
+        *((name, None) for name in ("no/such/run", "random:seed=1", "pibt+pibt", "+pibt")),
+    ],
+)
+def test_unknown_names(name, near, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    hint = f"did you mean {near!r}? " if near else ""
     expected = (
-        f"policy {name!r}: expected random, a planner ({', '.join(PLANNERS)}), "
+        f"policy {name!r}: {hint}expected random, a planner ({', '.join(PLANNERS)}), "
         f"a trained policy ({', '.join(TRAINED)}), or the folder of a training run"
     )
     with pytest.raises(ValueError, match=f"^{re.escape(expected)}$"):

@@ -199,3 +199,8 @@ def test_actions_of_another_kind_are_refused(actions):
     with pytest.raises(ValueError, match=r"expected int64 of shape \(3, 2\), got ") as caught:
         env.step(env.reset().set(("agents", "action"), actions))
     assert "\n" not in str(caught.value)
+
+
+def test_the_representation_has_the_sizes():
+    env = BatchedMapfEnv(3, num_agents=5, map="empty-8-8")
+    assert repr(env) == "BatchedMapfEnv(num_envs=3, num_agents=5, maps of 8 x 8, device=cpu)"

@@ -1,0 +1,18 @@
+"""Suggestions for misspelled names in error messages."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+def expected_names(name: str, known: Iterable[str]) -> str:
+    """Return what to expect instead of `name`: the closest of the known names if one is similar, otherwise all."""
+    names = list(dict.fromkeys(known))
+    return closest(name, names).rstrip() or f"expected one of {', '.join(names)}"
+
+
+def closest(name: str, known: Iterable[str]) -> str:
+    """Return a question for the known name that is most similar to `name`, followed by a space; empty if none is."""
+    near = difflib.get_close_matches(name, dict.fromkeys(known), n=1)
+    return f"did you mean {near[0]!r}? " if near else ""
