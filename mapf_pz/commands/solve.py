@@ -71,7 +71,8 @@ def solve(options: SolveOptions) -> None:
     if options.trace is not None:
         options.trace.parent.mkdir(parents=True, exist_ok=True)
         write_trace(planner.trace, options.trace)
-    bound, scenario = lower_bound(instance, env.distance_bytes), _scenario_name(env)
+    bound = plan.sum_of_costs if planner.optimal else lower_bound(instance, env.distance_bytes)
+    scenario = _scenario_name(env)
     write_plan(plan, options.output, instance, PlanMetadata(scenario, options.planner, seconds, bound))
     ratio = plan.sum_of_costs / bound if bound else 1.0
     print(

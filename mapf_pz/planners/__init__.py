@@ -1,6 +1,7 @@
 """Planners, plans, and the validation of plans."""
 
 from mapf_pz.planners.base import Planner
+from mapf_pz.planners.cbs.planner import CBS
 from mapf_pz.planners.epibt.planner import EPIBT
 from mapf_pz.planners.lacam.planner import LaCAM
 from mapf_pz.planners.named import PLANNERS, planner_of
@@ -13,6 +14,7 @@ from mapf_pz.plans.plan import Plan, Violation, validate, violations
 from mapf_pz.plans.record import record_plan
 
 __all__ = [
+    "CBS",
     "EPIBT",
     "PIBT",
     "PLANNERS",

@@ -33,6 +33,8 @@ class Planner(ABC):
 
     env_kwargs: ClassVar[dict[str, Any]] = {"view_size": (1, 1), "channels": ("view",)}
     """Keyword arguments of an environment with the cheapest observations, as planners ignore them."""
+    optimal: ClassVar[bool] = False
+    """Whether plans have the lowest possible sum of costs."""
 
     def __init__(self, env: MapfEnv | None = None, seed: int = 0) -> None:
         """Create the planner.

@@ -9,6 +9,7 @@ from typing import Any
 
 from mapf_pz.environment import MapfEnv
 from mapf_pz.planners.base import Planner
+from mapf_pz.planners.cbs.planner import CBS
 from mapf_pz.planners.epibt.planner import EPIBT
 from mapf_pz.planners.lacam.planner import LaCAM
 from mapf_pz.planners.pibt.planner import PIBT
@@ -21,6 +22,7 @@ PLANNERS: dict[str, type[Planner]] = {
     "windowed": WindowedLNS,
     "prioritized": PrioritizedSIPP,
     "lacam": LaCAM,
+    "cbs": CBS,
 }
 """The planners by name."""
 

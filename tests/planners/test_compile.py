@@ -47,7 +47,7 @@ lacam.allocate_nodes = lambda capacity, num_agents: allocate(min(capacity, 4), n
 rng = np.random.default_rng(0)
 PLANNERS[name](**options).compile(model)
 compiled = signatures()
-assert any(name.startswith(("plan", "start", "continue_paths")) for name, _ in compiled)
+assert any(name.startswith(("plan", "start", "continue_paths", "search")) for name, _ in compiled)
 for weights in ("uniform", "random"):
     drawn = RandomObstacles(6, 6, 0.2, 8).sample(rng)
     headings = None if model == "cardinal" else rng.integers(4, size=8)
