@@ -1,3 +1,4 @@
+import itertools
 import json
 import os
 import re
@@ -63,7 +64,7 @@ def test_unknown_command(capsys):
 
 def test_options_have_one_heading(capsys):
     status, out, _ = run(capsys, "solve", "--help")
-    headings = [line.strip("╭─╮ ") for line in out if line.startswith("╭")]
+    headings = [before.strip() for before, line in itertools.pairwise(out) if set(line.strip()) == {"-"}]
     assert (status, headings[:2]) == (0, ["positional arguments", "options"])
 
 
