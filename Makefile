@@ -1,6 +1,7 @@
 # make train   sets everything up, trains a policy, evaluates it and shows it: see runs/quickstart
 # make test    sets everything up and runs the tests
 # make bench-peers   measures the speed beside POGEMA's, which it installs in .venv-peers
+# make examples   runs the examples that need separate virtual environments, which it creates
 # make lint    checks style, types and words
 # make docs    builds the documentation: site/index.html
 # make wheel   builds the source archive and the wheel, and tries them outside of this tree
@@ -14,7 +15,7 @@ PLAIN_TESTS := tests/core $(addprefix tests/planners/test_, pibt.py epibt.py shi
 OUTSIDE_TESTS := tests/test_env.py tests/wrappers tests/instances/test_library.py tests/render
 KERNEL_TESTS := $(addprefix tests/core/test_, properties.py symmetry.py collision_table.py cost_to_go.py)
 
-.PHONY: train test lint format docs figures reproduction report bench-peers soak faults coverage mutation mutation-sample record-pogema wheel clean results
+.PHONY: train test examples lint format docs figures reproduction report bench-peers soak faults coverage mutation mutation-sample record-pogema wheel clean results
 
 train: .venv/installed
 	$(BIN)/mapf-pz train quickstart --num-learners auto --output runs/quickstart --overwrite
@@ -97,8 +98,19 @@ bench-peers: .venv/installed .venv-peers/installed
 	.venv-peers/bin/pip install --quiet --disable-pip-version-check 'pogema==1.4.0' 'pydantic<2'
 	touch $@
 
+# With small budgets: these show that the examples run, not what they learn.
+examples: .venv/installed .venv-rllib/installed .venv-benchmarl/installed .venv-peers/installed
+	.venv-rllib/bin/python examples/rllib_ppo.py --iterations 1 --episodes 2
+	.venv-benchmarl/bin/python examples/benchmarl_task.py --iterations 1 --output runs/example-benchmarl
+	.venv-peers/bin/python examples/in_pogema.py $(BIN)/mapf-pz mappo-cardinal
+
+.venv-rllib/installed .venv-benchmarl/installed: .venv-%/installed: examples/%-requirements.txt
+	$(PYTHON) -m venv .venv-$*
+	.venv-$*/bin/pip install --quiet --disable-pip-version-check --requirement $< --editable .
+	touch $@
+
 wheel: .venv/installed
 	tests/wheel.sh $(OUTSIDE_TESTS)
 
 clean:
-	rm -rf .venv .venv-peers .venv-mutation runs site dist
+	rm -rf .venv .venv-peers .venv-mutation .venv-rllib .venv-benchmarl runs site dist

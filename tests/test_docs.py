@@ -188,6 +188,14 @@ def test_the_site_loads_nothing_from_elsewhere(site):
             assert not is_elsewhere(address), f"{style.relative_to(site)} loads {address}"
 
 
+def test_search_works_in_pages_opened_as_files(site, new_page):
+    page = new_page((site / "reference" / "rules.html").as_uri())
+    page.fill("[data-md-component=search-query]", "vertex conflict")
+    page.locator(".md-search-result__link").first.wait_for()
+    links = page.locator(".md-search-result__link").evaluate_all("links => links.map((link) => link.href)")
+    assert any(link.startswith((site / "glossary.html").as_uri()) for link in links)
+
+
 PARTS = ("", "evaluation", "guidance", "instances", "planners", "render", "rl", "wrappers")
 
 
