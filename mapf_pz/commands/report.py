@@ -56,6 +56,5 @@ def report(options: ReportOptions) -> None:
     else:
         write_whole(options.output, text.encode())
     if options.figures is not None:
-        options.figures.mkdir(parents=True, exist_ok=True)
         for file in draw_figures(episodes, options.figures, options.figure_format, published):
             print(f"figure written to {file}", file=sys.stderr)

@@ -40,10 +40,11 @@ def draw_figures(
 
     Args:
         episodes: the episodes.
-        folder: the folder of the files, which are named by the tasks.
+        folder: the folder of the files, which are named by the tasks; it is created if it does not exist.
         format: the format of the files; `pdf` and `svg` are vector graphics.
         published: published results of the same instances, which are drawn as dashed lines.
     """
+    folder.mkdir(parents=True, exist_ok=True)
     by_task: dict[str, dict[str, dict[str, Points]]] = {}
     for (task_name, num_agents, policy), values in grouped(episodes).items():
         for metric in values:
