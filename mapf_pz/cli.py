@@ -38,7 +38,7 @@ COMMANDS: dict[str, Command] = {
         "mapf_pz.commands.evaluate:evaluate_policies", "compare policies and planners on the same instances"
     ),
     "guidance": Command("mapf_pz.commands.guidance:guidance", "draw, generate, evaluate and optimize guidance graphs"),
-    "maps": Command("mapf_pz.commands.maps:maps", "list the bundled maps, write them, or download the benchmark"),
+    "maps": Command("mapf_pz.commands.maps:maps", "list, write, generate or download maps"),
     "play": Command("mapf_pz.commands.play:play", "control an agent with the keyboard"),
     "plot": Command("mapf_pz.commands.plot:plot", "draw the learning curves of training runs"),
     "render": Command("mapf_pz.commands.render:render", "save an episode or a plan as a web page, video or image"),

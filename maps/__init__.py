@@ -1,1 +1,1 @@
-"""The bundled maps: data only, made by `mapf-pz maps generate`."""
+"""The bundled maps: data only, made by `mapf-pz maps write`."""

@@ -47,7 +47,8 @@ def test_overview(capsys, words):
 
 
 @pytest.mark.parametrize(
-    "words", [[name] for name in COMMANDS] + [["maps", "list"], ["maps", "generate"], ["maps", "download"]]
+    "words",
+    [[name] for name in COMMANDS] + [["maps", "list"], ["maps", "write"], ["maps", "generate"], ["maps", "download"]],
 )
 def test_help_of_a_command(capsys, words):
     status, out, _ = run(capsys, *words, "--help")
@@ -193,17 +194,49 @@ def test_maps_list(capsys):
     assert out[map_names().index("empty-8-8")].split()[1:] == ["8", "x", "8", "64", "free", "cells"]
 
 
-def test_maps_generate(capsys, tmp_path):
+def test_maps_write(capsys, tmp_path):
     folder = tmp_path / "new" / "maps"
-    assert run(capsys, "maps", "generate", folder) == (0, [f"{len(map_names())} maps written to {folder}"], [])
+    assert run(capsys, "maps", "write", folder) == (0, [f"{len(map_names())} maps written to {folder}"], [])
     assert sorted(file.stem for file in folder.iterdir()) == map_names()
     assert (load_map(folder / "maze-13-13-1.map").free == load_map("maze-13-13-1").free).all()
 
 
-def test_maps_generate_into_a_file(capsys, tmp_path):
+def test_maps_write_into_a_file(capsys, tmp_path):
     (tmp_path / "file").touch()
-    status, out, err = run(capsys, "maps", "generate", tmp_path / "file")
+    status, out, err = run(capsys, "maps", "write", tmp_path / "file")
     assert (status, out, len(err)) == (1, [], 1)
+
+
+def test_maps_generate(capsys, tmp_path):
+    words = ["--maps", "random", "maze", "--height", 9, "--width", 11, "--num-agents", 4, "--number", 3, "--seed", 5]
+    folders = [tmp_path / "first", tmp_path / "second"]
+    for folder in folders:
+        told = f"3 maps with scenarios written to {folder}"
+        assert run(capsys, "maps", "generate", folder, *words) == (0, [told], [])
+    first, second = ({file.name: file.read_bytes() for file in folder.iterdir()} for folder in folders)
+    assert first == second
+    files = sorted(folders[0].glob("*.map"))
+    assert [file.name.split("-")[0] for file in files] == ["1", "2", "3"]
+    for file in files:
+        env = mapf_pz.parallel_env(map=file, scenario=file.with_suffix(".scen"), action_model="cardinal")
+        assert (env.simulator.shape, len(env.possible_agents)) == ((9, 11), 4)
+
+
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        (["--number", 0], "number=0: expected 1 or more"),
+        (["--num-agents", 0], "num_agents=0: expected 1 or more"),
+        (["--seed", -1], "seed=-1: expected 0 or more"),
+        (["--height", 3, "--width", 3], "10 agents fit on none"),
+        (["--maps", "mase"], "maps"),
+    ],
+)
+def test_maps_that_cannot_be_generated(capsys, tmp_path, words, error):
+    status, out, err = run(capsys, "maps", "generate", tmp_path / "maps", *words)
+    assert (status, out, len(err)) == (1, [], 1)
+    assert error in err[0]
+    assert not (tmp_path / "maps").exists()
 
 
 # Render.

@@ -1,19 +1,20 @@
-"""The command `mapf-pz maps`: list the bundled maps, write their files, or download the benchmark."""
+"""The command `mapf-pz maps`: list or write the bundled maps, generate new ones, or download the benchmark."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Generator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TaskID, TextColumn, TransferSpeedColumn
 from tyro.conf import Positional, subcommand
 
-from mapf_pz.instances import generate_bundled, load_map, map_names
+from mapf_pz.instances import MapMixture, generate_bundled, load_map, map_names, write_map, write_scenario
 from mapf_pz.instances.archive import ARCHIVES
 from mapf_pz.instances.download import Show, cache_folder, download
 from mapf_pz.interrupts import interruptible
@@ -25,11 +26,27 @@ class ListMaps:
 
 
 @dataclass(frozen=True)
-class GenerateMaps:
+class WriteMaps:
     """Write the files of the bundled maps."""
 
     folder: Positional[Path]
     """Output folder, which is created if necessary."""
+
+
+@dataclass(frozen=True)
+class GenerateMaps:
+    """Generate maps with scenarios: files `NUMBER-NAME.map` and `NUMBER-NAME.scen`."""
+
+    folder: Positional[Path]
+    """Output folder, which is created if necessary."""
+    mixture: MapMixture = field(default_factory=MapMixture)
+    """The families of the maps; smaller maps are padded with obstacles to the size of the largest."""
+    num_agents: int = 10
+    """Number of agents of each scenario."""
+    number: int = 10
+    """Number of maps."""
+    seed: int = 0
+    """Random seed."""
 
 
 @dataclass(frozen=True)
@@ -44,15 +61,18 @@ class DownloadMaps:
 
 def maps(
     task: Annotated[ListMaps, subcommand("list")]
+    | Annotated[WriteMaps, subcommand("write")]
     | Annotated[GenerateMaps, subcommand("generate")]
     | Annotated[DownloadMaps, subcommand("download")],
 ) -> None:
-    """List the bundled maps, write their files, or download the benchmark."""
+    """List or write the bundled maps, generate new ones, or download the benchmark."""
     match task:
         case ListMaps():
             _list()
-        case GenerateMaps(folder):
+        case WriteMaps(folder):
             print(f"{len(generate_bundled(folder))} maps written to {folder}")
+        case GenerateMaps():
+            _generate(task)
         case DownloadMaps(scenarios, folder):
             _download(scenarios, folder or cache_folder())
 
@@ -62,6 +82,22 @@ def _list() -> None:
     for name in names:
         grid = load_map(name)
         print(f"{name:{max(map(len, names))}} {grid.shape[0]:4} x {grid.shape[1]:<4} {grid.free.sum():6} free cells")
+
+
+def _generate(options: GenerateMaps) -> None:
+    for name in ("num_agents", "number"):
+        if getattr(options, name) < 1:
+            raise ValueError(f"{name}={getattr(options, name)}: expected 1 or more")
+    if options.seed < 0:
+        raise ValueError(f"seed={options.seed}: expected 0 or more")
+    source, rng = options.mixture.source(options.num_agents), np.random.default_rng(options.seed)
+    options.folder.mkdir(parents=True, exist_ok=True)
+    for number in range(1, options.number + 1):
+        instance = source.sample(rng)
+        file = options.folder / f"{number}-{instance.grid.name}.map"
+        write_map(instance.grid, file)
+        write_scenario(instance.scenario, replace(instance.grid, name=file.stem), file.with_suffix(".scen"))
+    print(f"{options.number} maps with scenarios written to {options.folder}")
 
 
 def _download(scenarios: Literal["random", "even", "both"], folder: Path) -> None:
