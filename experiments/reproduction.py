@@ -217,7 +217,7 @@ def draw_curves(results: dict[str, list[Curve]]) -> None:
             panel.set(ylabel=label if column == 0 else None, ylim=(-0.02, 1.02))
         panels[0, column].set_title(title)
         panels[1, column].set_xlabel("thousand agent steps (4 to an environment step)")
-        panels[0, column].legend(fontsize=8)
+        panels[1, column].legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
     figure.savefig(DOCS / "images" / "reproduction.png", dpi=110)
 
 

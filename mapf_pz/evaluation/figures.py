@@ -26,6 +26,9 @@ LABELS = {
 }
 """The metrics to plot, if episodes have them."""
 
+MARKERS = "sv^D<>pPXhd*"
+"""Markers of published methods, which have shades of gray."""
+
 Points = dict[int, list[float]]
 """The values of a metric, by the number of agents."""
 
@@ -105,9 +108,9 @@ def _draw_panel(panel: Axes, metric: str, lines: dict[str, Points], published: d
         agents = sorted(points)
         means = [float(np.mean(points[count])) for count in agents]
         gray = str(0.15 + 0.6 * number / len(published))
-        panel.plot(
-            agents, means, "--", marker=number % 12, color=gray, linewidth=1, label=f"{_escaped(name)} (published)"
-        )
+        marker = MARKERS[number % len(MARKERS)]
+        label = f"{_escaped(name)} (published)"
+        panel.plot(agents, means, linestyle="--", linewidth=1, marker=marker, markersize=3, color=gray, label=label)
     panel.set(xlabel="agents", ylabel=LABELS[metric])
     if metric == "step_ms":
         panel.set_yscale("log")
