@@ -228,7 +228,7 @@ def test_maps_generate(capsys, tmp_path):
         (["--number", 0], "number=0: expected 1 or more"),
         (["--num-agents", 0], "num_agents=0: expected 1 or more"),
         (["--seed", -1], "seed=-1: expected 0 or more"),
-        (["--height", 3, "--width", 3], "10 agents fit on none"),
+        (["--height", 3, "--width", 3, "--num-agents", 10], "10 agents fit on none"),
         (["--maps", "mase"], "maps"),
     ],
 )

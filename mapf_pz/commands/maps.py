@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TaskID, TextColumn, TransferSpeedColumn
 from tyro.conf import Positional, subcommand
 
+from mapf_pz.config import DEFAULT_NUM_AGENTS
 from mapf_pz.instances import MapMixture, generate_bundled, load_map, map_names, write_map, write_scenario
 from mapf_pz.instances.archive import ARCHIVES
 from mapf_pz.instances.download import Show, cache_folder, download
@@ -41,8 +42,8 @@ class GenerateMaps:
     """Output folder, which is created if necessary."""
     mixture: MapMixture = field(default_factory=MapMixture)
     """The families of the maps; smaller maps are padded with obstacles to the size of the largest."""
-    num_agents: int = 10
-    """Number of agents of each scenario."""
+    num_agents: int | None = None
+    """Number of agents of each scenario. Default: 4."""
     number: int = 10
     """Number of maps."""
     seed: int = 0
@@ -85,12 +86,11 @@ def _list() -> None:
 
 
 def _generate(options: GenerateMaps) -> None:
-    for name in ("num_agents", "number"):
-        if getattr(options, name) < 1:
-            raise ValueError(f"{name}={getattr(options, name)}: expected 1 or more")
-    if options.seed < 0:
-        raise ValueError(f"seed={options.seed}: expected 0 or more")
-    source, rng = options.mixture.source(options.num_agents), np.random.default_rng(options.seed)
+    num_agents = DEFAULT_NUM_AGENTS if options.num_agents is None else options.num_agents
+    for name, value, least in (("num_agents", num_agents, 1), ("number", options.number, 1), ("seed", options.seed, 0)):
+        if value < least:
+            raise ValueError(f"{name}={value}: expected {least} or more")
+    source, rng = options.mixture.source(num_agents), np.random.default_rng(options.seed)
     options.folder.mkdir(parents=True, exist_ok=True)
     for number in range(1, options.number + 1):
         instance = source.sample(rng)
