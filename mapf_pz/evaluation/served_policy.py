@@ -50,7 +50,8 @@ class _Server:
 
 def _free(rows: Any) -> Bools:
     """Return the free cells of a map."""
-    if not isinstance(rows, list) or len({len(row) if isinstance(row, str) else -1 for row in rows} | {0, -1}) != 3:
+    lengths = {len(row) if isinstance(row, str) else 0 for row in rows} if isinstance(rows, list) else set[int]()
+    if len(lengths) != 1 or 0 in lengths:
         raise ValueError("map: expected a list of strings of the same length")
     return np.array([list(row) for row in rows]) == "."
 

@@ -10,6 +10,7 @@ import csv
 import io
 import math
 import re
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -59,19 +60,37 @@ def known_cost(scenario: str, num_agents: int) -> KnownCost:
     return KnownCost(lower, best)
 
 
-def _rows(file: Path, kind: str, number: int) -> list[tuple[int, int, int | None]]:
-    """Return the number of agents, the lower bound and the best known cost of each row of a scenario."""
+_Row = tuple[int, int, int | None]
+"""A number of agents, the lower bound, and the best known cost."""
+
+
+def _rows(file: Path, kind: str, number: int) -> list[_Row]:
+    """Return the rows of a scenario."""
+    table = _table(file, file.stat().st_mtime_ns)
+    found = (_row(row, number, file, line) for line, row in table if row["scen_type"] == kind)
+    return [row for row in found if row is not None]
+
+
+def _row(row: dict[str, str], number: int, file: Path, line: int) -> _Row | None:
+    """Return the numbers of a row, or None if it is of another scenario."""
+    try:
+        if int(row["type_id"]) != number:
+            return None
+        # Bounds can be fractions, and costs are whole numbers.
+        lower, best = math.ceil(float(row["lower_cost"] or 0)), row["solution_cost"]
+        return int(row["agents"]), lower, int(best) if best else None
+    except (ValueError, TypeError, OverflowError) as error:
+        raise FormatError(file, f"expected numbers of agents and costs: {error}", line) from None
+
+
+@lru_cache(maxsize=4)  # suites look up many scenarios of the same map
+def _table(file: Path, _modified: int) -> list[tuple[int, dict[str, str]]]:
+    """Return the line numbers and the values of all rows of a file that was modified at this time."""
     reader = csv.DictReader(io.StringIO(read_text(file).removeprefix("\ufeff"), newline=""))
     missing = [name for name in _COLUMNS if name not in (reader.fieldnames or ())]
     if missing:
         raise FormatError(file, f"expected the columns {', '.join(missing)}", 1)
-    rows: list[tuple[int, int, int | None]] = []
     try:
-        for row in reader:
-            if row["scen_type"] == kind and int(row["type_id"]) == number:
-                # Bounds can be fractions, and costs are whole numbers.
-                lower, best = math.ceil(float(row["lower_cost"] or 0)), row["solution_cost"]
-                rows.append((int(row["agents"]), lower, int(best) if best else None))
-    except (csv.Error, ValueError, TypeError, OverflowError) as error:
+        return [(reader.line_num, row) for row in reader]
+    except csv.Error as error:
         raise FormatError(file, f"expected numbers of agents and costs: {error}", reader.line_num) from None
-    return rows
