@@ -14,6 +14,7 @@ from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances import RandomObstacles, generate, load_map, load_scenario
 from mapf_pz.instances.place import largest_component, place
 from mapf_pz.planners import validate
+from mapf_pz.planners.hashing import refill_slots
 from mapf_pz.planners.lacam import planner as lacam
 from mapf_pz.planners.lacam import search as core
 from mapf_pz.planners.lacam.planner import LaCAM
@@ -80,11 +81,11 @@ def test_it_visits_all_configurations_with_minimal_capacity(text):
     while core.search(given, 10**5, nodes, constraints, scratch, counters) == core.FULL:
         if counters[core.NUM_NODES] == len(nodes.parent):
             nodes = nodes._make(np.concatenate([array, np.zeros_like(array)]) for array in nodes)
-            core.refill_slots(nodes, counters)
+            refill_slots(nodes, counters[core.NUM_NODES])
         else:
             constraints = constraints._make(np.append(array, np.int32(0)) for array in constraints)
     assert core.search(given, 1, nodes, constraints, scratch, counters) == core.EXHAUSTED
-    rows, cols = np.divmod(nodes.cells[: counters[core.NUM_NODES]], instance.grid.shape[1])
+    rows, cols = np.divmod(nodes.rows[: counters[core.NUM_NODES]], instance.grid.shape[1])
     seen = [tuple(zip(*cells, strict=True)) for cells in zip(rows.tolist(), cols.tolist(), strict=True)]
     assert sorted(seen) == sorted(reachable(instance))
 

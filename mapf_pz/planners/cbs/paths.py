@@ -53,7 +53,7 @@ def allocate_layers(rows: int, num_states: int) -> Layers:
 
 
 @inlined
-def _after(moves: Array, num_headings: int, state: int, action: int) -> int:
+def next_state(moves: Array, num_headings: int, state: int, action: int) -> int:
     """Return the state after an action: 0 waits; the others turn or move, and wait where that is not possible."""
     if action == 0:
         return state
@@ -66,7 +66,7 @@ def _after(moves: Array, num_headings: int, state: int, action: int) -> int:
 
 
 @inlined
-def _is_forbidden(constraints: Array, first: int, last: int, cell: int, next_cell: int) -> bool:
+def is_forbidden(constraints: Array, first: int, last: int, cell: int, next_cell: int) -> bool:
     """Return whether one of the constraints `first` to `last - 1` forbids a step."""
     for k in range(first, last):
         if constraints[k, 2] == next_cell and (constraints[k, 1] == ANY or constraints[k, 1] == cell):
@@ -127,14 +127,14 @@ def search(agent: Agent, constraints: Array, first_end: int, others: Others, lay
                 continue
             cell = state // num_headings
             for action in range(num_actions):
-                next_state = _after(moves, num_headings, state, action)
-                next_cell = next_state // num_headings
-                if _is_forbidden(constraints, first, last, cell, next_cell):
+                then = next_state(moves, num_headings, state, action)
+                next_cell = then // num_headings
+                if is_forbidden(constraints, first, last, cell, next_cell):
                     continue
                 found = now[state] + _num_conflicts(others, step + 1, cell, next_cell)
-                if found < after[next_state]:
-                    after[next_state] = found
-                    layers.before[step + 1, next_state] = state
+                if found < after[then]:
+                    after[then] = found
+                    layers.before[step + 1, then] = state
     return FULL
 
 
@@ -177,8 +177,8 @@ def read_path(agent: Agent, constraints: Array, layers: Layers, cells: Array, he
             if layers.conflicts[step - 1, before] == UNREACHED:
                 continue
             for action in range(num_actions):
-                after = _after(moves, num_headings, before, action)
-                if layers.useful[step, after] and not _is_forbidden(
+                after = next_state(moves, num_headings, before, action)
+                if layers.useful[step, after] and not is_forbidden(
                     constraints, first, last, before // num_headings, after // num_headings
                 ):
                     layers.useful[step - 1, before] = True

@@ -14,6 +14,7 @@ from mapf_pz.core.state import CostToGo
 from mapf_pz.core.world import allocate
 from mapf_pz.planners.base import PlanFollower
 from mapf_pz.planners.deadline import Deadline
+from mapf_pz.planners.hashing import refill_slots
 from mapf_pz.planners.lacam import schedule
 from mapf_pz.planners.lacam import search as lacam
 from mapf_pz.planners.lacam.step import allocate_scratch
@@ -158,7 +159,7 @@ class ConfigurationSearch:
         chain = [int(self._counters[lacam.SOLUTION])]
         while self._nodes.parent[chain[-1]] != lacam.NONE:
             chain.append(int(self._nodes.parent[chain[-1]]))
-        return self._nodes.cells[chain[::-1]]
+        return self._nodes.rows[chain[::-1]]
 
     def _grow(self) -> bool:
         """Double the capacity of what is full; return whether that is allowed."""
@@ -173,7 +174,7 @@ class ConfigurationSearch:
     def double_nodes(self) -> None:
         """Double the capacity for configurations."""
         self._nodes = _doubled(self._nodes)
-        lacam.refill_slots(self._nodes, self._counters)
+        refill_slots(self._nodes, self._counters[lacam.NUM_NODES])
 
 
 def _without_turns(problem: Problem) -> Problem:

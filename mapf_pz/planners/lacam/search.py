@@ -19,6 +19,7 @@ import numpy as np
 
 from mapf_pz.core.jit import jit
 from mapf_pz.core.state import Array
+from mapf_pz.planners.hashing import find_slot, hash_row
 from mapf_pz.planners.lacam.step import STAY, UNDECIDED, LacamScratch, draw, next_cells
 
 NONE = -1
@@ -39,7 +40,7 @@ IJCAI 2023).
 class Nodes(NamedTuple):
     """Up to K configurations of N agents. The open ones form a stack, as a doubly linked list."""
 
-    cells: Array  # (K, N) int32
+    rows: Array  # (K, N) int32: the cells
     order: Array  # (K, N) int32: the agents, the highest priority first
     parent: Array  # (K,) int32: the node before it; -1: none, it is the start
     key: Array  # (K,) uint64: the hash of the cells
@@ -62,7 +63,7 @@ class Constraints(NamedTuple):
 def allocate_nodes(capacity: int, num_agents: int) -> Nodes:
     """Allocate K configurations of N agents."""
     return Nodes(
-        cells=np.zeros((capacity, num_agents), np.int32),
+        rows=np.zeros((capacity, num_agents), np.int32),
         order=np.zeros((capacity, num_agents), np.int32),
         parent=np.zeros(capacity, np.int32),
         key=np.zeros(capacity, np.uint64),
@@ -97,8 +98,8 @@ def start(
     counters[TOP] = counters[SOLUTION] = NONE
     scratch.want[:] = problem.starts
     nodes.order[0] = order
-    key = _hash(scratch.want)
-    return _open(problem.goals, NONE, key, _find(nodes, scratch.want, key), nodes, constraints, scratch, counters)
+    key = hash_row(scratch.want)
+    return _open(problem.goals, NONE, key, find_slot(nodes, scratch.want, key), nodes, constraints, scratch, counters)
 
 
 @jit
@@ -123,10 +124,10 @@ def search(
             agent = nodes.order[node, constraints.depth[constraint] - 1]
             scratch.want[agent] = constraints.cell[constraint]
             constraint = constraints.origin[constraint]
-        if not next_cells(problem, nodes.cells[node], nodes.order[node], scratch):
+        if not next_cells(problem, nodes.rows[node], nodes.order[node], scratch):
             continue
-        key = _hash(scratch.want)
-        slot = _find(nodes, scratch.want, key)
+        key = hash_row(scratch.want)
+        slot = find_slot(nodes, scratch.want, key)
         known = nodes.slots[slot]
         if known == NONE:
             if _open(problem.goals, node, key, slot, nodes, constraints, scratch, counters) == SOLVED:
@@ -156,7 +157,7 @@ def _open(
     node, constraint = counters[NUM_NODES], counters[NUM_CONSTRAINTS]
     counters[NUM_NODES] += 1
     counters[NUM_CONSTRAINTS] += 1
-    nodes.cells[node] = scratch.want
+    nodes.rows[node] = scratch.want
     nodes.parent[node] = parent
     nodes.key[node] = key
     nodes.slots[slot] = node
@@ -177,7 +178,7 @@ def _inherit(goals: Array, node: int, nodes: Nodes) -> None:
 
     So an agent's priority grows with the time that it is away. The others keep the order of the first node.
     """
-    parent, cells, order = nodes.parent[node], nodes.cells[node], nodes.order[node]
+    parent, cells, order = nodes.parent[node], nodes.rows[node], nodes.order[node]
     position = 0
     for i in nodes.order[parent]:
         if _away(cells[i], goals[i]):
@@ -207,7 +208,7 @@ def _grow(
     """Append the constraints of one more agent to the node's queue, in random order."""
     depth = constraints.depth[origin] + 1
     agent = nodes.order[node, depth - 1]
-    cell, choices = nodes.cells[node, agent], scratch.choices[agent]
+    cell, choices = nodes.rows[node, agent], scratch.choices[agent]
     for k in range(5):
         other = int(draw(scratch.random) % np.uint64(k + 1))
         choices[k] = choices[other]
@@ -247,40 +248,3 @@ def _unlink(nodes: Nodes, counters: Array, node: int) -> None:
         nodes.below[above] = below
     if below != NONE:
         nodes.above[below] = above
-
-
-@jit
-def refill_slots(nodes: Nodes, counters: Array) -> None:
-    """Rebuild the hash table `nodes.slots` after its size has changed."""
-    nodes.slots[:] = NONE
-    for node in range(counters[NUM_NODES]):
-        nodes.slots[_find(nodes, nodes.cells[node], nodes.key[node])] = node
-
-
-@jit
-def _hash(cells: Array) -> int:
-    """Return an unsigned 64-bit hash of all cells (FNV-1a, one cell at a time)."""
-    key = np.uint64(14695981039346656037)
-    for cell in cells:
-        key = (key ^ np.uint64(cell)) * np.uint64(1099511628211)
-    return key ^ (key >> np.uint64(32))
-
-
-@jit
-def _find(nodes: Nodes, cells: Array, key: int) -> int:
-    """Return the slot of the node with these cells, or the empty slot for it."""
-    size = np.uint64(nodes.slots.size)
-    slot = key % size
-    while True:
-        node = nodes.slots[slot]
-        if node == NONE or (nodes.key[node] == key and _equal(nodes.cells[node], cells)):
-            return slot
-        slot = (slot + np.uint64(1)) % size
-
-
-@jit
-def _equal(one: Array, other: Array) -> bool:
-    i = 0  # np.array_equal takes long to compile
-    while i < one.size and one[i] == other[i]:
-        i += 1
-    return i == one.size
