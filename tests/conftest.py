@@ -7,9 +7,14 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from mapf_pz.optimization.search import Search
+from mapf_pz.planners import Planner
+from tests.helpers.hand_clock import HandClock
+
 # The first call of a kernel compiles it.
-settings.register_profile("mapf_pz", deadline=None)
-settings.register_profile("quick", deadline=None, max_examples=10)  # for kernels that are not compiled
+settings.register_profile("random", deadline=None)  # new examples in every run: `make soak`
+settings.register_profile("mapf_pz", deadline=None, derandomize=True)
+settings.register_profile("quick", deadline=None, derandomize=True, max_examples=10)  # for kernels not compiled
 settings.load_profile("mapf_pz")
 
 # What a shell starts in the background ignores Ctrl-C, and so would all that the tests start.
@@ -22,6 +27,15 @@ BROWSER_FLAGS = (
     *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
     *("--disable-background-networking", "--disable-component-update"),
 )
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _time_limits_count_work() -> Generator[None]:
+    """Let time limits count how often the time is looked at, whatever the load is."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Planner, "clock", HandClock(pace=0.001))
+        patch.setattr(Search, "clock", HandClock(pace=0.05))  # simulations of episodes
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)

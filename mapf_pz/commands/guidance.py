@@ -12,8 +12,10 @@ from tyro.conf import Positional, subcommand
 from mapf_pz.commands.guidance_search import (
     EvaluateGuidance,
     OptimizeGuidance,
+    ResumeGuidance,
     evaluate_guidance,
     optimize_guidance,
+    resume_guidance,
 )
 from mapf_pz.guidance import GuidanceGraph, load_guidance, load_moves, save_guidance
 from mapf_pz.guidance.files import check_guidance_file
@@ -131,7 +133,8 @@ def guidance(
     | Annotated[ConvertGuidance, subcommand("convert")]
     | Annotated[GenerateGuidance, subcommand("generate")]
     | Annotated[EvaluateGuidance, subcommand("evaluate")]
-    | Annotated[OptimizeGuidance, subcommand("optimize")],
+    | Annotated[OptimizeGuidance, subcommand("optimize")]
+    | Annotated[ResumeGuidance, subcommand("resume")],
 ) -> None:
     """Draw, convert, generate, evaluate or optimize guidance graphs."""
     match task:
@@ -145,6 +148,8 @@ def guidance(
             evaluate_guidance(task)
         case OptimizeGuidance():
             optimize_guidance(task)
+        case ResumeGuidance():
+            resume_guidance(task)
 
 
 def _show(task: ShowGuidance) -> None:

@@ -1,24 +1,26 @@
-"""The commands `mapf-pz guidance evaluate` and `mapf-pz guidance optimize`."""
+"""The commands `mapf-pz guidance evaluate`, `mapf-pz guidance optimize` and `mapf-pz guidance resume`."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
+from tyro.conf import Positional
 
 from mapf_pz.guidance.library import guidance_graph
 from mapf_pz.interrupts import interruptible
 from mapf_pz.optimization import search
 from mapf_pz.optimization.config import OptimizeConfig
 from mapf_pz.optimization.evaluate import Comparison, compare
-from mapf_pz.optimization.folder import GRAPH_FILE
-from mapf_pz.optimization.optimize import optimize
+from mapf_pz.optimization.folder import GRAPH_FILE, read_optimization
+from mapf_pz.optimization.optimize import Optimized, optimize, resume
 from mapf_pz.optimization.task import GuidanceTask
 
 
@@ -46,8 +48,18 @@ class OptimizeGuidance:
     """The optimization."""
     output: Path = Path("runs/guidance")
     """Folder for the graph (`guidance.json`), the history (CSV), the candidates and pictures."""
-    resume: bool = False
-    """Go on with the optimization in the folder, for another time budget."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResumeGuidance:
+    """Continue an optimization with its configuration and candidates, for another time budget."""
+
+    output: Positional[Path]
+    """The folder of the optimization."""
+    minutes: float | None = None
+    """Time budget in minutes, the final selection included. None: as configured."""
+    jobs: int | str | None = None
+    """Number of processes; `ray`: run on a Ray cluster. None: as configured."""
 
 
 def evaluate_guidance(options: EvaluateGuidance) -> None:
@@ -73,19 +85,29 @@ def _print_table(task: GuidanceTask, found: list[Comparison]) -> None:
 
 def optimize_guidance(options: OptimizeGuidance) -> None:
     """Optimize a guidance graph, and write it with its history."""
-    config = options.config
+    _show(options.config, options.output, partial(optimize, options.config, options.output))
+
+
+def resume_guidance(options: ResumeGuidance) -> None:
+    """Continue the optimization in a folder."""
+    config = read_optimization(options.output)
+    if options.minutes is not None:
+        config = replace(config, minutes=options.minutes)
+    _show(config, options.output, partial(resume, options.output, options.minutes, options.jobs))
+
+
+def _show(config: OptimizeConfig, output: Path, run: Callable[[Callable[[search.Progress], None]], Optimized]) -> None:
+    """Run an optimization with a progress bar, and print its result."""
     with interruptible() as check, _bar("optimizing", round(60 * config.minutes)) as advance:
 
         def on_progress(progress: search.Progress) -> None:
             check()
             advance(progress.seconds, f"best {progress.best:.3f} in {progress.simulations} simulations")
 
-        result = optimize(config, options.output, options.resume, on_progress)
+        result = run(on_progress)
     ending = "interrupted; the best graph so far" if result.interrupted else "the best graph"
     unit = "goals per step" if config.task.is_lifelong else "score"
-    print(
-        f"{ending}: {result.score:.3f} {unit} in {result.num_scores} episodes, written to {options.output / GRAPH_FILE}"
-    )
+    print(f"{ending}: {result.score:.3f} {unit} in {result.num_scores} episodes, written to {output / GRAPH_FILE}")
 
 
 @contextmanager

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, fields, replace
@@ -11,13 +10,13 @@ from pathlib import Path
 from typing import get_type_hints
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from mapf_pz.arrays import Floats
 from mapf_pz.errors import FormatError
-from mapf_pz.evaluation.episodes import changed_keywords
 from mapf_pz.guidance import GuidanceGraph, save_guidance
 from mapf_pz.instance import Grid
-from mapf_pz.io.atomic import replacing, write_whole
+from mapf_pz.io.atomic import replacing
 from mapf_pz.io.npz import read_npz, write_npz
 from mapf_pz.io.text import read_text
 from mapf_pz.optimization.candidate import Candidate, Origin
@@ -27,11 +26,14 @@ from mapf_pz.optimization.rule import FeedbackRule, Traffic
 from mapf_pz.optimization.search import Progress
 from mapf_pz.optimization.update_model import UpdateModel
 from mapf_pz.optimization.usage import Usage
+from mapf_pz.rl.config_file import CONFIG, read_config, write_config_files
+from mapf_pz.rl.saved_env import object_files
 
 GRAPH_FILE, HISTORY_FILE, CANDIDATES_FILE = "guidance.json", "history.csv", "candidates.npz"
-CONFIG_FILE, MODEL_FILE = "config.json", "model.npz"
+MODEL_FILE = "model.npz"
 SAVE_SECONDS = 20
 """Seconds between two saves of the candidates."""
+_ADAPTER = TypeAdapter(OptimizeConfig)
 _SCORES = "scores"
 _COLUMNS = ("move", "wait", "rule", "direction", "waiting", "flow", "moves", "waits")
 
@@ -39,22 +41,33 @@ _COLUMNS = ("move", "wait", "rule", "direction", "waiting", "flow", "moves", "wa
 class OptimizationFolder:
     """Writes the files of an optimization."""
 
-    def __init__(self, path: Path, config: OptimizeConfig, resume: bool) -> None:
-        """Create or open the folder; raises `FileExistsError` or `FileNotFoundError` unless `resume` fits."""
+    def __init__(self, path: Path, config: OptimizeConfig, rows: Sequence[Progress] = ()) -> None:
+        """Prepare the folder for an optimization, or to continue the one with this history."""
         self.path = path
         self._grid = config.task.grid
-        exists = (path / HISTORY_FILE).exists()
-        if exists and not resume:
-            raise FileExistsError(f"output {str(path)!r} holds an optimization: choose another output, or --resume")
-        if resume and not exists:
-            raise FileNotFoundError(f"output {str(path)!r} holds no optimization to resume")
+        files = object_files(config.task.env) | {CONFIG: _ADAPTER.dump_json(config, indent=2)}
         path.mkdir(parents=True, exist_ok=True)
-        self._rows = _read_history(path / HISTORY_FILE) if exists else []
+        self._rows = list(rows)
         self._seconds = self._rows[-1].seconds if self._rows else 0.0
         self._simulations = self._rows[-1].simulations if self._rows else 0
-        write_whole(path / CONFIG_FILE, _description(config).encode())
+        write_config_files(path, files)
         self._save_history()
         self._saved = time.monotonic()
+
+    @classmethod
+    def create(cls, path: Path, config: OptimizeConfig) -> OptimizationFolder:
+        """Create the folder of a new optimization; raises `FileExistsError` if it holds one already."""
+        if (path / HISTORY_FILE).exists():
+            raise FileExistsError(
+                f"output {str(path)!r} holds an optimization: choose another output, or continue it with "
+                f"`mapf-pz guidance resume {path}`"
+            )
+        return cls(path, config)
+
+    @classmethod
+    def open(cls, path: Path, config: OptimizeConfig) -> OptimizationFolder:
+        """Open the folder of an optimization to continue it; raises `FormatError` if its history is malformed."""
+        return cls(path, config, _read_history(path / HISTORY_FILE))
 
     @property
     def num_rows(self) -> int:
@@ -101,12 +114,16 @@ class OptimizationFolder:
         save_pictures(self.path, graph, self._grid, self._rows)
 
 
-def _description(config: OptimizeConfig) -> str:
-    """Return the configuration as JSON; objects that are not plain values by their type."""
-    task = config.task
-    values = {"map": task.grid.name, **changed_keywords(task.env), "planner": task.planner}
-    values |= {name: getattr(config, name) for name in ("method", "minutes", "seed", "jobs")}
-    return json.dumps(values, indent=2, default=lambda value: str(value) if isinstance(value, Path) else repr(value))
+def read_optimization(path: Path) -> OptimizeConfig:
+    """Return the configuration of the optimization in a folder.
+
+    Raises:
+        FileNotFoundError: The folder holds no optimization.
+        FormatError: The configuration is malformed.
+    """
+    if not (path / HISTORY_FILE).exists():
+        raise FileNotFoundError(f"{str(path)!r} holds no optimization to resume")
+    return read_config(_ADAPTER, path / CONFIG)
 
 
 def _read_history(file: Path) -> list[Progress]:

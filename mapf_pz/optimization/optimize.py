@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.guidance.library import guidance_graph
 from mapf_pz.optimization.candidate import Candidate
 from mapf_pz.optimization.config import OptimizeConfig
-from mapf_pz.optimization.folder import OptimizationFolder
+from mapf_pz.optimization.folder import OptimizationFolder, read_optimization
 from mapf_pz.optimization.methods import METHODS
 from mapf_pz.optimization.search import Progress, Search
 from mapf_pz.optimization.simulation import simulate
@@ -43,7 +43,6 @@ class Optimized:
 def optimize(
     config: OptimizeConfig,
     output: Path | None = None,
-    resume: bool = False,
     on_progress: Callable[[Progress], object] = lambda progress: None,
 ) -> Optimized:
     """Optimize a guidance graph.
@@ -52,18 +51,48 @@ def optimize(
 
     Args:
         config: The optimization.
-        output: Folder for the graph, the candidates and the history; it must be new unless `resume`. None: no files.
-        resume: Go on with the candidates in the folder, for another time budget.
+        output: Folder for the graph, the candidates and the history. None: no files.
         on_progress: Is called after each round of simulations.
 
     Returns:
         The best graph. Uniform and crisscross weights and those of the task compete, too.
 
     Raises:
-        FileExistsError: The folder holds an optimization, and `resume` is False.
-        FileNotFoundError: It holds none, and `resume` is True.
+        FileExistsError: The folder holds an optimization.
     """
-    folder = None if output is None else OptimizationFolder(output, config, resume)
+    return _optimize(config, None if output is None else OptimizationFolder.create(output, config), on_progress)
+
+
+def resume(
+    folder: Path,
+    minutes: float | None = None,
+    jobs: int | str | None = None,
+    on_progress: Callable[[Progress], object] = lambda progress: None,
+) -> Optimized:
+    """Continue the optimization in a folder with its configuration and candidates, for another time budget.
+
+    Args:
+        folder: The folder of the optimization.
+        minutes: Time budget in minutes. None: as configured.
+        jobs: Number of processes, or `ray`. None: as configured.
+        on_progress: Is called after each round of simulations.
+
+    Returns:
+        The best graph, as from `optimize`.
+
+    Raises:
+        FileNotFoundError: The folder holds no optimization.
+        FormatError: One of its files is malformed.
+    """
+    changes = {name: value for name, value in (("minutes", minutes), ("jobs", jobs)) if value is not None}
+    config = replace(read_optimization(folder), **changes)
+    return _optimize(config, OptimizationFolder.open(folder, config), on_progress)
+
+
+def _optimize(
+    config: OptimizeConfig, folder: OptimizationFolder | None, on_progress: Callable[[Progress], object]
+) -> Optimized:
+    """Optimize from the candidates in a folder, if there are any."""
     simulate(config.task, GuidanceGraph.crisscross(config.task.grid.free), seed=0, num_steps=1)  # compiles all kernels
     with job_runner(config.jobs) as run:
         search = Search(

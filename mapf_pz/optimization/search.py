@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.optimization.candidate import Candidate, ranked
 from mapf_pz.optimization.simulation import Simulation, simulate
 from mapf_pz.optimization.task import GuidanceTask
+from mapf_pz.planners.deadline import Clock
 
 ARCHIVE_SIZE = 24
 """Number of candidates that are kept."""
@@ -63,13 +65,18 @@ class Search:
     """Name of the method that runs."""
     simulations: int = 0
     """Number of simulations so far."""
-    started: float = field(default_factory=time.monotonic)
-    """When the search started."""
+
+    clock: ClassVar[Clock] = staticmethod(time.monotonic)
+    """The clock of the time budget."""
+
+    def __post_init__(self) -> None:
+        """Start the time."""
+        self._started = self.clock()
 
     @property
     def elapsed(self) -> float:
         """Seconds since the start."""
-        return time.monotonic() - self.started
+        return self.clock() - self._started
 
     def is_over(self, share: float = 1.0) -> bool:
         """Return whether this share of the time budget is spent."""

@@ -10,6 +10,7 @@ from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instance import Grid
 from mapf_pz.instances.configured import make_source
 from mapf_pz.planners import PLANNERS
+from mapf_pz.rl.saved_env import SavedEnv
 
 LIFELONG = EnvConfig(on_target="restart", max_steps=1000)
 """The protocol of Zhang et al., *Guidance Graph Optimization for Lifelong MAPF*, IJCAI 2024."""
@@ -26,7 +27,7 @@ class GuidanceTask:
     Raises `ValueError` if the episodes have different maps.
     """
 
-    env: EnvConfig = field(default_factory=lambda: LIFELONG)
+    env: SavedEnv = field(default_factory=lambda: LIFELONG)
     """The environment. Its `edge_weights` compete with the graphs that are found."""
     planner: str = "pibt"
     """A planner or policy by name, as in `mapf-pz evaluate`."""

@@ -35,6 +35,8 @@ class Planner(ABC):
     """Keyword arguments of an environment with the cheapest observations, as planners ignore them."""
     optimal: ClassVar[bool] = False
     """Whether plans have the lowest possible sum of costs."""
+    clock: Clock = staticmethod(time.perf_counter)
+    """The clock of time limits; `time.thread_time` excludes the time of other processes and threads."""
 
     def __init__(self, env: MapfEnv | None = None, seed: int = 0) -> None:
         """Create the planner.
@@ -45,9 +47,7 @@ class Planner(ABC):
         """
         self._env = None if env is None else cast("MapfEnv", env.unwrapped)
         self._seed = seed
-        self.clock: Clock = time.perf_counter
-        """The clock of time limits; `time.thread_time` excludes the time of other processes and threads."""
-        self.trace = Trace()
+        self.trace = Trace(self.clock)
         """The solutions of the latest call of `solve`, or of the latest plan of whole paths in an episode."""
         self._compiled: set[ActionModel] = set()
         self.reset_states()

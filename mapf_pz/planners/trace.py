@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import time
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,7 +23,7 @@ class Solution(NamedTuple):
 class Trace:
     """The solutions of one plan in the order in which they were found, each with a lower sum of costs than before."""
 
-    def __init__(self, clock: Clock = time.perf_counter) -> None:
+    def __init__(self, clock: Clock) -> None:
         """Start the time now."""
         self._clock = clock
         self._start = clock()

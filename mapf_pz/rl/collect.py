@@ -13,7 +13,7 @@ from pettingzoo import ParallelEnv
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torchrl.collectors import BaseCollector, Collector, MultiSyncCollector
-from torchrl.envs import Compose, EnvBase, PettingZooWrapper, RewardSum, TransformedEnv
+from torchrl.envs import Compose, EnvBase, PettingZooWrapper, RewardSum, StepCounter, TransformedEnv
 
 from mapf_pz.interrupts import unheard_by_children
 from mapf_pz.rl.batched_env import BatchedMapfEnv
@@ -58,7 +58,7 @@ class MakeEnv:
             in_keys=[("agents", "reward")], out_keys=[("agents", "episode_reward")], reset_keys=["_reset"]
         )
         make_transforms = self.algorithm.training_transforms if self.training else self.algorithm.transforms
-        transforms = [*make_transforms(self.seed), reward_sum]
+        transforms = [*make_transforms(self.seed), reward_sum, StepCounter()]
         return TransformedEnv(env, Compose(*transforms))  # pyright: ignore[reportArgumentType] (annotated as lists)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
-from pydantic import ConfigDict, PlainSerializer, PlainValidator
+from pydantic import ConfigDict
 from tyro.conf import arg
 
 from mapf_pz.action_modes import ActionMode
@@ -24,7 +24,7 @@ from mapf_pz.rl.algorithm_config import (
     PPOConfig,
 )
 from mapf_pz.rl.checks import check_counts, check_names, check_part, check_positive
-from mapf_pz.rl.saved_env import dump_env, load_env
+from mapf_pz.rl.saved_env import SavedEnv
 
 __all__ = [
     "OBSERVATION_FIELDS",
@@ -76,7 +76,7 @@ OBSERVATION_FIELDS = (
 class TaskConfig:
     """The training task: an environment, its maps, and how the policy observes and acts."""
 
-    env: Annotated[EnvConfig, PlainValidator(load_env), PlainSerializer(dump_env)] = TRAINING_ENV
+    env: SavedEnv = TRAINING_ENV
     """The training environment. If it has no map, scenario or source, its episodes use the maps of `mixture`."""
     mixture: MapMixture = field(default_factory=MapMixture)
     """The training maps, used if the environment has no map, scenario or source."""

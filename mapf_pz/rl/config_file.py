@@ -1,10 +1,10 @@
-"""A run's configuration on disk: `config.json`, and separate files for objects in the environment's fields."""
+"""A configuration on disk: `config.json`, and separate files for objects in the environment's fields."""
 
 from __future__ import annotations
 
 from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from pydantic import BeforeValidator, TypeAdapter, ValidationError
 
@@ -13,6 +13,8 @@ from mapf_pz.io.atomic import write_whole
 from mapf_pz.io.text import read_text
 from mapf_pz.rl.config import OptimizationConfig, TrainConfig
 from mapf_pz.rl.saved_env import OBJECT_FIELDS, complaint, object_file, object_files
+
+Config = TypeVar("Config")
 
 CONFIG = "config.json"
 CONFIG_FILES = (CONFIG, *map(object_file, OBJECT_FIELDS))
@@ -42,17 +44,26 @@ def config_values(config: TrainConfig) -> dict[str, Any]:
 
 def save_config(folder: Path, config: TrainConfig) -> None:
     """Write a configuration's files to `folder` and remove those of an earlier one; raises as `config_files`."""
-    files = config_files(config)
+    write_config_files(folder, config_files(config))
+
+
+def load_config(file: Path) -> TrainConfig:
+    """Read `config.json` and the files that it refers to; raises `FormatError` if one of them is malformed."""
+    return read_config(_ADAPTER, file)
+
+
+def write_config_files(folder: Path, files: dict[str, bytes]) -> None:
+    """Write a configuration's files, by name, to `folder`, and remove those of an earlier one."""
     for name, content in files.items():
         write_whole(folder / name, content)
     for name in set(CONFIG_FILES) - files.keys():
         (folder / name).unlink(missing_ok=True)
 
 
-def load_config(file: Path) -> TrainConfig:
-    """Read `config.json` and the files that it refers to; raises `FormatError` if one of them is malformed."""
+def read_config(adapter: TypeAdapter[Config], file: Path) -> Config:
+    """Read a configuration from its JSON file and the files that it refers to; raises as `load_config`."""
     try:
-        return _ADAPTER.validate_json(read_text(file), context=file.parent)
+        return adapter.validate_json(read_text(file), context=file.parent)
     except ValidationError as error:
         cause = error.errors()[0].get("ctx", {}).get("error")
         if isinstance(cause, FormatError):

@@ -59,18 +59,16 @@ class Run:
     def curve(self, column: str) -> Points:
         """Return the running mean of a column, weighted by episodes.
 
-        Each point is the mean over the latest `EPISODES` episodes or more, and over at least as many steps as an
-        episode can have: otherwise, the first points would only be of episodes that ended early.
+        Each point is the mean over the latest `EPISODES` episodes or more.
         """
-        least = math.ceil(self.config.task.env.max_steps / self.config.optimization.steps_per_batch)
         values = np.array([row[column] for row in self.rows])
         weights = np.array([row.get("episodes", 1.0) for row in self.rows])
         totals, counts = (
             np.concatenate([[0.0], np.cumsum(part)]) for part in (np.where(weights > 0, values * weights, 0.0), weights)
         )
-        ends = np.arange(least, len(self.rows) + 1)
+        ends = np.arange(1, len(self.rows) + 1)
         needed = EPISODES if "episodes" in self.rows[0] else 1
-        starts = np.minimum(np.searchsorted(counts, counts[ends] - needed, side="right") - 1, ends - least).clip(0)
+        starts = np.minimum(np.searchsorted(counts, counts[ends] - needed, side="right") - 1, ends - 1).clip(0)
         shown = counts[ends] > counts[starts]
         ends, starts = ends[shown], starts[shown]
         steps = np.array([self.rows[end - 1]["agent_steps"] for end in ends]) / 1e6

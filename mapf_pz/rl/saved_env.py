@@ -10,10 +10,18 @@ import dataclasses
 import json
 from functools import cache
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, create_model
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    PlainSerializer,
+    PlainValidator,
+    ValidationError,
+    ValidationInfo,
+    create_model,
+)
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
@@ -128,6 +136,10 @@ def _loaded(name: str, value: Any, folder: Path | None) -> Any:
     if isinstance(value, _StoredPath):
         return Path(value.path)
     return _read_object(folder / value) if value == object_file(name) and folder is not None else value
+
+
+SavedEnv = Annotated[EnvConfig, PlainValidator(load_env), PlainSerializer(dump_env)]
+"""An environment's configuration as a field of a configuration that is saved."""
 
 
 def object_files(config: EnvConfig) -> dict[str, bytes]:

@@ -9,9 +9,10 @@ from tensordict import TensorDictBase
 
 from mapf_pz.rl.algorithm import Algorithm
 from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.episodes import EpisodesByStart
 from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.stopwatch import Stopwatch
-from mapf_pz.rl.validation import Validation, episode_means
+from mapf_pz.rl.validation import Validation
 
 
 def updates(
@@ -24,7 +25,7 @@ def updates(
 ) -> Iterator[dict[str, float]]:
     """Run the training loop from update `done` on, and yield a row of progress of all ranks after each update."""
     ranks, watch = learner.ranks, Stopwatch()
-    validation = Validation(algorithm, config, ranks)
+    episodes, validation = EpisodesByStart(config), Validation(algorithm, config, ranks)
     began = time.perf_counter() - seconds_before
     for update in range(done, config.num_updates):
         with watch.time("collecting"), watch.calls(algorithm.actor, "acting"):
@@ -37,16 +38,10 @@ def updates(
             "seconds": seconds,
             "agent_steps_per_second": agent_steps / seconds,
             **ranks.mean(_shares(watch.lap())),
-            **ranks.mean(_episode_means(config, batch), weight="episodes"),
+            **ranks.mean(episodes.after(update, batch), weight="episodes"),
             **ranks.mean(losses),
             **validation.after(agent_steps, last=update + 1 == config.num_updates),
         }
-
-
-def _episode_means(config: TrainConfig, batch: TensorDictBase) -> dict[str, float]:
-    """Return the statistics of the episodes that end in a batch; nothing for data without episodes."""
-    after = batch.get("next", None)
-    return {} if after is None else episode_means(config.task, after, after.get("done"))
 
 
 def _shares(seconds: dict[str, float]) -> dict[str, float]:

@@ -1,24 +1,17 @@
-"""Statistics of training episodes, and validation on held-out instances."""
+"""Validation on held-out instances."""
 
 from __future__ import annotations
 
 import torch
-from tensordict import NestedKey, TensorDictBase, stack
-from torch import Tensor
+from tensordict import TensorDictBase
 from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
 
-from mapf_pz.config import OnTarget
 from mapf_pz.rl.algorithm import Algorithm
 from mapf_pz.rl.collect import MakeEnv
-from mapf_pz.rl.config import TaskConfig, TrainConfig
+from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.episodes import LAST_STEP, MEANS, episode_means
 from mapf_pz.rl.ranks import Ranks
 
-MEANS: dict[OnTarget, tuple[str, ...]] = {
-    "nothing": ("CSR", "ISR", "return"),
-    "finish": ("CSR", "ISR", "return"),
-    "restart": ("throughput", "return"),
-}
-"""The reported means of episodes. Lifelong episodes are never solved, so their throughput is reported instead."""
 FIRST_SEED = 2_000_000
 """First seed of the validation instances; training runs with much smaller seeds use other instances."""
 
@@ -64,35 +57,10 @@ class Validation:
         """Return the means over each environment's first episode; the actor is on `device`."""
         now = env.reset()
         over = torch.zeros(*env.batch_size, 1, dtype=torch.bool)
-        steps: list[TensorDictBase] = []
-        ended: list[Tensor] = []
+        last: list[TensorDictBase] = []
         for _ in range(self._config.task.env.max_steps):
             step, now = env.step_and_maybe_reset(self._algorithm.actor(now.to(device)).to(env.device))
-            steps.append(step["next"].select("done", "terminated", *_AGENTS))
-            ended.append(steps[-1]["done"] & ~over)
-            over = over | ended[-1]
-        return episode_means(self._config.task, stack(steps, 0), torch.stack(ended))
-
-
-_AGENTS: list[NestedKey] = [("agents", name) for name in ("at_goal", "arrivals", "episode_reward")]
-
-
-def episode_means(task: TaskConfig, after: TensorDictBase, ended: Tensor) -> dict[str, float]:
-    """Return the number of episodes that ended and the means in `MEANS`, which are NaN if no episode ended.
-
-    Throughput is the number of goals that all agents together reach per step.
-
-    Args:
-        task: the training task.
-        after: the `next` entries of steps, (..., 1).
-        ended: bool (..., 1), the steps that end the counted episodes.
-    """
-    chosen = ended.squeeze(-1)
-    at_goal, arrivals, rewards = (after.get(key)[chosen].float() for key in _AGENTS)
-    means = {
-        "CSR": after.get("terminated")[chosen].float().mean(),
-        "ISR": (arrivals > 0 if task.env.on_target == "finish" else at_goal).float().mean(),
-        "throughput": arrivals.sum(-2).mean() / task.env.max_steps,
-        "return": rewards.mean(),
-    }
-    return {"episodes": float(ended.sum())} | {name: float(means[name]) for name in MEANS[task.env.on_target]}
+            done = step["next", "done"]
+            last.append(step["next"].select(*LAST_STEP)[(done & ~over).squeeze(-1)])
+            over = over | done
+        return episode_means(self._config.task, torch.cat(last))

@@ -7,16 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mapf_pz.cli import main
 from mapf_pz.config import EnvConfig
 from mapf_pz.errors import FormatError
 from mapf_pz.guidance import GuidanceGraph, load_guidance
+from mapf_pz.instance import Grid
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.optimization.candidate import Candidate, ranked
 from mapf_pz.optimization.config import OptimizeConfig
 from mapf_pz.optimization.evaluate import compare
 from mapf_pz.optimization.feedback import iterate
+from mapf_pz.optimization.folder import read_optimization
 from mapf_pz.optimization.methods import METHODS
-from mapf_pz.optimization.optimize import baselines, optimize
+from mapf_pz.optimization.optimize import baselines, optimize, resume
 from mapf_pz.optimization.rule import FeedbackRule
 from mapf_pz.optimization.search import FIRST_SEED, Search
 from mapf_pz.optimization.simulation import Simulation, simulate
@@ -85,7 +88,7 @@ def test_the_rule_improves_on_uniform_weights():
     assert found.mean > uniform.mean + 3 * uniform.standard_error
 
 
-def test_files_and_going_on(tmp_path):
+def test_files_and_going_on(tmp_path, capsys):
     folder = tmp_path / "run"
     result = optimize(replace(SHORT, method="evolution+flips"), folder)
     assert result.graph == load_guidance(folder / "guidance.json", LIFELONG.grid)
@@ -95,23 +98,43 @@ def test_files_and_going_on(tmp_path):
     assert simulations == sorted(set(simulations))
     for name in ("guidance.png", "curve.png"):
         assert (folder / name).stat().st_size > 1000
-    assert json.loads((folder / "config.json").read_text())["map"] == "empty-8-8"
-    with pytest.raises(FileExistsError, match="choose another output, or --resume"):
+    assert json.loads((folder / "config.json").read_text())["task"]["env"]["map"] == "empty-8-8"
+    with pytest.raises(FileExistsError, match="choose another output, or continue it with `mapf-pz guidance resume"):
         optimize(SHORT, folder)
-    optimize(SHORT, folder, resume=True)
+    resume(folder, minutes=0.02)
     more = list(csv.DictReader((folder / "history.csv").read_text().splitlines()))
     assert more[: len(rows)] == rows
     assert int(more[-1]["simulations"]) > simulations[-1]
     assert float(more[len(rows)]["seconds"]) > float(rows[-1]["seconds"])
     with pytest.raises(FileNotFoundError, match="no optimization to resume"):
-        optimize(SHORT, tmp_path / "other", resume=True)
+        resume(tmp_path / "other")
+    main(["guidance", "resume", str(folder), "--minutes", "0.01", "--jobs", "1"])
+    assert "guidance.json" in capsys.readouterr().out
+
+
+def test_a_resumed_optimization_has_the_configuration_of_the_folder(tmp_path):
+    """Also the objects in it, here the map and the weights."""
+    grid = Grid(np.ones((4, 5), bool))
+    weights = GuidanceGraph.random(grid.free, np.random.default_rng(0))
+    env = replace(LIFELONG.env, map=grid, num_agents=3, edge_weights=weights)
+    config = replace(SHORT, task=GuidanceTask(env=env, planner="epibt:depth=2"), method="flips", seed=5)
+    optimize(config, tmp_path)
+    assert read_optimization(tmp_path) == config
+    before = {file.name: file.read_bytes() for file in tmp_path.glob("*.safetensors")}
+    resume(tmp_path, minutes=0.02)
+    assert read_optimization(tmp_path) == replace(config, minutes=0.02)
+    assert {file.name: file.read_bytes() for file in tmp_path.glob("*.safetensors")} == before
+    (tmp_path / "config.json").write_text('{"seed": -')
+    with pytest.raises(FormatError, match=r"config\.json"):
+        resume(tmp_path)
 
 
 def test_candidates_of_another_map_are_refused(tmp_path):
     optimize(SHORT, tmp_path)
-    other = replace(LIFELONG, env=replace(LIFELONG.env, map="empty-16-16"))
+    config = tmp_path / "config.json"
+    config.write_text(config.read_text().replace("empty-8-8", "empty-16-16"))
     with pytest.raises(ValueError, match=r"candidates\.npz: .*map"):
-        optimize(replace(SHORT, task=other), tmp_path, resume=True)
+        resume(tmp_path)
 
 
 @pytest.mark.parametrize("change", ["rules", "scores", "usage"])
@@ -128,7 +151,7 @@ def test_damaged_candidates_are_refused(change, tmp_path):
         arrays["moves"] = np.zeros(2, np.bool_)
     np.savez(file, **arrays)
     with pytest.raises(FormatError, match=r"candidates\.npz: expected candidates"):
-        optimize(SHORT, tmp_path, resume=True)
+        resume(tmp_path)
 
 
 def test_an_interrupt_keeps_the_best(tmp_path):

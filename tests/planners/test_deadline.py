@@ -3,19 +3,8 @@ import pytest
 
 from mapf_pz.planners import EPIBT, LaCAM, PrioritizedSIPP, WindowedLNS
 from mapf_pz.planners.deadline import Deadline
+from tests.helpers.hand_clock import HandClock
 from tests.helpers.text_instances import drawn
-
-
-class HandClock:
-    """A clock that is set by hand; `pace` is by how many seconds it advances when it is read."""
-
-    def __init__(self, pace=0.0):
-        self.now = 100.0
-        self.pace = pace
-
-    def __call__(self):
-        self.now += self.pace
-        return self.now
 
 
 def test_the_clock_decides():

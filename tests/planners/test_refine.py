@@ -10,6 +10,7 @@ from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.problem import Path
 from mapf_pz.planners.sipp.prioritized import PrioritizedSIPP
 from mapf_pz.planners.sipp.refine import NeighborhoodSearch, refine
+from tests.helpers.hand_clock import HandClock
 from tests.helpers.text_instances import drawn, problem
 
 NEVER = Deadline(np.inf)
@@ -28,7 +29,7 @@ def slow_path():
 def test_a_bad_solution_becomes_the_best():
     instance, path = slow_path()
     assert plan_of(instance, path).sum_of_costs == 11
-    trace = Trace()
+    trace = Trace(HandClock())
     better = refine(
         NeighborhoodSearch(problem(instance), np.random.default_rng(0)), path, NEVER, trace
     )  # ends because no path can be shorter
@@ -58,13 +59,15 @@ def test_delayed_agents_become_early(rows):
 def test_a_deadline_in_the_past_changes_nothing():
     instance, path = slow_path()
     search = NeighborhoodSearch(problem(instance), np.random.default_rng(0))
-    assert refine(search, path, Deadline(-1), Trace()) is path
+    assert refine(search, path, Deadline(-1), Trace(HandClock())) is path
 
 
 def test_an_optimal_solution_does_not_change():
     instance = drawn("a..A b..B")
     path = Path(np.array([[0, 4], [1, 5], [2, 6], [3, 7]], np.int32), None)
-    assert refine(NeighborhoodSearch(problem(instance), np.random.default_rng(0)), path, NEVER, Trace()) is path
+    assert (
+        refine(NeighborhoodSearch(problem(instance), np.random.default_rng(0)), path, NEVER, Trace(HandClock())) is path
+    )
 
 
 def test_no_agents_to_plan_for():
@@ -105,6 +108,8 @@ def test_a_benchmark_instance(benchmark):
     plan = LaCAM(anytime=False).solve(instance, time_limit=60)
     assert plan is not None
     path = Path((plan.positions @ np.array([grid.shape[1], 1])).astype(np.int32), None)
-    better = refine(NeighborhoodSearch(problem(instance), np.random.default_rng(0)), path, Deadline(1), Trace())
+    clock = HandClock(pace=0.001)
+    search = NeighborhoodSearch(problem(instance), np.random.default_rng(0))
+    better = refine(search, path, Deadline(1, clock), Trace(clock))
     assert validate(instance, plan_of(instance, better)) is None
     assert 2253 <= plan_of(instance, better).sum_of_costs <= plan.sum_of_costs  # the best known lower bound

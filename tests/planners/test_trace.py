@@ -1,7 +1,6 @@
 """The solutions that planners find over time."""
 
 import csv
-import time
 
 import pytest
 
@@ -17,15 +16,13 @@ def test_the_costs_decrease_to_that_of_the_plan(kind, action_model):
     instance = load_instance("random-16-16-20", None, 40, action_model, seed=1)
     planner = kind()
     planner.compile(action_model)
-    start = time.perf_counter()
     plan = planner.solve(instance, time_limit=1.0)
-    duration = time.perf_counter() - start
     seconds, costs = zip(*planner.trace.solutions, strict=True)
     assert len(costs) > 3
     assert list(costs) == sorted(set(costs), reverse=True)
     assert costs[-1] == plan.sum_of_costs
     assert list(seconds) == sorted(seconds)
-    assert 0 < seconds[0] < seconds[-1] <= duration
+    assert 0 < seconds[0] < seconds[-1] < 1.1
 
 
 @pytest.mark.parametrize("name", PLANNERS)

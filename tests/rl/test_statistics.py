@@ -5,12 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
+from tensordict import TensorDict
 from torch import nn
 
 import mapf_pz
 from mapf_pz.actions import CardinalAction
 from mapf_pz.rl.algorithms import ALGORITHMS
 from mapf_pz.rl.config import TaskConfig
+from mapf_pz.rl.episodes import EpisodesByStart
 from mapf_pz.rl.policy import SharedPolicy
 from mapf_pz.rl.ranks import Ranks
 from mapf_pz.rl.validation import FIRST_SEED, Validation
@@ -32,6 +34,30 @@ def test_validation_counts_the_first_episode_of_each_environment():
     found = Validation(algorithm, config, Ranks()).measure()
     assert 10 < sum(solved) < 30
     assert found["validation_CSR"] == found["validation_ISR"] == pytest.approx(np.mean(solved))
+
+
+def test_training_episodes_count_where_they_started():
+    """Environment 0 is solved every 2 steps; environment 1 fails after 8 steps, the maximum."""
+    optimization = dataclasses.replace(TINY.optimization, num_envs=2, steps_per_batch=4)
+    config = dataclasses.replace(TINY, task=changed(TINY.task, max_steps=8), optimization=optimization)
+    episodes = EpisodesByStart(config)
+    found = []
+    for update in range(4):
+        step_count = torch.tensor([[1, 2, 1, 2], [1, 2, 3, 4] if update % 2 == 0 else [5, 6, 7, 8]])
+        solved, failed = step_count == 2, step_count == 8
+        solved[1] = False
+        agents = {
+            "at_goal": solved.reshape(2, 4, 1, 1),
+            "arrivals": solved.reshape(2, 4, 1, 1).long(),
+            "episode_reward": step_count.reshape(2, 4, 1, 1).float(),
+        }
+        entries = {"agents": TensorDict(agents, [2, 4, 1]), "step_count": step_count[..., None]}
+        entries |= {"terminated": solved[..., None], "done": (solved | failed)[..., None]}
+        found.append(episodes.after(update, TensorDict({"next": TensorDict(entries, [2, 4])}, [2, 4])))
+    assert [row["episodes"] for row in found] == [0, 0, 3, 2]
+    assert np.isnan([found[0]["CSR"], found[1]["return"]]).all()
+    assert found[2] == {"episodes": 3, "CSR": pytest.approx(2 / 3), "ISR": pytest.approx(2 / 3), "return": 4}
+    assert found[3] == {"episodes": 2, "CSR": 1, "ISR": 1, "return": 2}
 
 
 class FixedLogits(nn.Module):
