@@ -61,6 +61,7 @@ results: .venv/installed
 
 soak: .venv/installed
 	$(BIN)/python -m tests.soak
+	$(BIN)/python -m pytest -n 2 --hypothesis-profile=random tests/core tests/planners tests/plans tests/guidance
 
 faults: .venv/installed
 	$(BIN)/python -m tests.faults

@@ -21,9 +21,23 @@ def coordinates(cells: Ints, width: int) -> Ints:
     return pairs
 
 
-def frozen(array: ArrayLike, dtype: type[Scalar]) -> NDArray[Scalar]:
-    """Return a read-only copy of `array`."""
-    copy = np.array(array, dtype=dtype)
+def frozen(array: ArrayLike, dtype: type[Scalar], name: str = "array") -> NDArray[Scalar]:
+    """Return a read-only copy of `array`, which is called `name` in messages.
+
+    Raises `ValueError` if the data type cannot represent the numbers, such as 0.7 or 2**32 as int32, or 1e39 as
+    float32; floating-point numbers may be rounded.
+    """
+    given = np.asarray(array)
+    with np.errstate(invalid="ignore", over="ignore"):
+        try:
+            copy = given.astype(dtype)
+        except (TypeError, OverflowError) as error:
+            raise ValueError(f"{name}: expected numbers: {error}") from None
+    if not np.can_cast(given.dtype, dtype):
+        is_float = np.issubdtype(dtype, np.floating)
+        if not (np.array_equal(np.isfinite(copy), np.isfinite(given)) if is_float else np.array_equal(copy, given)):
+            kind = "finite numbers" if is_float else "whole numbers"
+            raise ValueError(f"{name}: expected {kind} that {np.dtype(dtype)} can represent")
     copy.flags.writeable = False
     return copy
 

@@ -27,7 +27,7 @@ class Grid(EqualByValue):
 
     def __post_init__(self) -> None:
         """Copy the array, make the copy read-only, and check it."""
-        free = frozen(self.free, np.bool_)
+        free = frozen(self.free, np.bool_, f"map {self.name!r}")
         if free.ndim != 2 or free.size == 0:
             raise ValueError(f"map {self.name!r}: expected an array of H x W cells, got the shape {free.shape}")
         object.__setattr__(self, "free", free)
@@ -72,7 +72,8 @@ class Scenario(EqualByValue):
         object.__setattr__(self, "starts", starts)
         object.__setattr__(self, "goals", goals)
         if self.goal_counts is not None:
-            counts, most = frozen(self.goal_counts, np.int32), goals.shape[1] if goals.ndim == 3 else 1
+            counts = frozen(self.goal_counts, np.int32, "scenario goal_counts")
+            most = goals.shape[1] if goals.ndim == 3 else 1
             if counts.shape != (len(starts),) or counts.min(initial=1) < 1 or counts.max(initial=1) > most:
                 raise ValueError(f"scenario goal_counts: expected {len(starts)} numbers 1 to {most}")
             object.__setattr__(self, "goal_counts", counts)
@@ -128,7 +129,7 @@ class Instance(EqualByValue):
         object.__setattr__(self, "start_cells", start_cells)
         object.__setattr__(self, "goal_cells", goal_cells.reshape(-1, per_agent))
         if self.headings is not None:
-            headings = frozen(self.headings, np.int8)
+            headings = frozen(self.headings, np.int8, "headings")
             if headings.shape != (len(self.scenario),) or not np.isin(headings, list(Heading)).all():
                 raise ValueError(f"headings: expected {len(self.scenario)} numbers 0 to 3, got {self.headings!r}")
             object.__setattr__(self, "headings", headings)

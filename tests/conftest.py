@@ -84,7 +84,7 @@ def new_page(browser):
 
     def opened(url, **options):
         page = browser.new_page(**options)
-        page.set_default_timeout(10_000)  # ms
+        page.set_default_timeout(600_000)  # ms, so that a page that waits in vain fails in the end
         page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.on("request", lambda request: requests.append(request.url))

@@ -190,7 +190,7 @@ def test_the_site_loads_nothing_from_elsewhere(site):
 
 def test_search_works_in_pages_opened_as_files(site, new_page):
     page = new_page((site / "reference" / "rules.html").as_uri())
-    page.set_default_timeout(60_000)  # ms; building the index takes long on a busy machine
+    page.set_default_timeout(600_000)  # ms, so that a page that waits in vain fails in the end
     page.click("[data-md-component=search-query]")
     page.get_by_text("Type to start searching").wait_for()
     page.locator("[data-md-component=search-query]").press_sequentially("vertex conflict")

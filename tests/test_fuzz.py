@@ -4,7 +4,6 @@ import io
 import os
 import pickle
 import re
-import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -200,9 +199,7 @@ def test_a_scenario_of_a_million_lines(tmp_path):
     with bounded(megabytes=100):
         assert len(load_scenario(tmp_path / "a.scen")) == 50_000
     (tmp_path / "a.scen").write_bytes(version + line * 1_000_000)
-    begun = time.monotonic()
     assert len(load_scenario(tmp_path / "a.scen")) == 1_000_000
-    assert time.monotonic() - begun < 60
     os.truncate(tmp_path / "a.scen", 2**40)
     with bounded():
         refused(lambda: load_scenario(tmp_path / "a.scen"), "expected at most 67108864 bytes")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from functools import partial
-from multiprocessing import active_children, get_context, parent_process
+from multiprocessing import active_children, get_context, parent_process, resource_tracker
 from threading import Thread
 from typing import Protocol, TypeVar
 
@@ -16,6 +17,7 @@ from mapf_pz.interrupts import unheard_by_children
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 RAY = "ray"
+_TRACKER_IS_QUIET = "ignore::UserWarning:multiprocessing.resource_tracker"
 
 
 def run_jobs(function: Callable[[Job], Result], items: Sequence[Job], jobs: int | str) -> Iterator[Result]:
@@ -60,6 +62,7 @@ def job_runner(jobs: int | str) -> Generator[RunJobs]:
     if jobs == 1:
         yield map
         return
+    _start_resource_tracker()
     existing = set(active_children())
     with ProcessPoolExecutor(int(jobs), get_context("spawn"), initializer=_start_process) as pool:
         try:
@@ -78,6 +81,15 @@ def _in_processes(
         futures = [pool.submit(function, item) for item in items]
     for future in as_completed(futures):
         yield future.result()
+
+
+def _start_resource_tracker() -> None:
+    """Start the process that removes what is left of killed processes, without its warning that there is something."""
+    sys.warnoptions.append(_TRACKER_IS_QUIET)  # of this process; child processes inherit it
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        sys.warnoptions.remove(_TRACKER_IS_QUIET)
 
 
 def _start_process() -> None:

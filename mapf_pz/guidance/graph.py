@@ -36,7 +36,7 @@ class GuidanceGraph(EqualByValue):
 
     def __post_init__(self) -> None:
         """Copy, freeze and check the arrays."""
-        move, wait = frozen(self.move, np.float32), frozen(self.wait, np.float32)
+        move, wait = (frozen(getattr(self, name), np.float32, f"{name} weights") for name in ("move", "wait"))
         if move.ndim != 3 or move.shape != (4, *wait.shape):
             raise ValueError(f"guidance graph: expected move (4, H, W) and wait (H, W), got {move.shape}, {wait.shape}")
         if not (move > 0).all() or not (wait > 0).all() or not np.isfinite(wait).all():

@@ -85,7 +85,7 @@ class WarehouseTasks(EqualByValue):
         object.__setattr__(self, "_cells", largest_component(self.grid.free))
         connected = _mask(self._cells, self.grid.shape)
         for name in ("workstations", "endpoints"):
-            places = frozen(getattr(self, name), np.int32)
+            places = frozen(getattr(self, name), np.int32, name)
             if places.ndim != 2 or places.shape[1] != 2 or len(places) == 0:
                 raise ValueError(f"{name}: expected cells [row, col], one or more, got the shape {places.shape}")
             for row, col in places.tolist():

@@ -27,12 +27,12 @@ class Plan:
 
     def __post_init__(self) -> None:
         """Copy, freeze and check the arrays."""
-        positions = frozen(self.positions, np.int32)
+        positions = frozen(self.positions, np.int32, "plan positions")
         if positions.ndim != 3 or positions.shape[2] != 2 or not len(positions):
             raise ValueError(f"plan positions: expected the shape (T + 1, N, 2), got {positions.shape}")
         object.__setattr__(self, "positions", positions)
         if self.headings is not None:
-            headings = frozen(self.headings, np.int8)
+            headings = frozen(self.headings, np.int8, "plan headings")
             if headings.shape != positions.shape[:2]:
                 raise ValueError(f"plan headings: expected the shape {positions.shape[:2]}, got {headings.shape}")
             object.__setattr__(self, "headings", headings)

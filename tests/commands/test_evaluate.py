@@ -293,7 +293,7 @@ def test_interrupted_and_called_again(capsys, tmp_path, jobs):
         wait_for(lambda: file.exists() and file.read_bytes().count(b"\n") > 20)
         workers = children_of(running.pid)
         os.killpg(running.pid, signal.SIGINT)
-        _, err = running.communicate(timeout=60)
+        _, err = running.communicate()
     assert (running.returncode, err) == (130, "mapf-pz evaluate: interrupted\n")
     assert len(workers) >= (jobs if jobs > 1 else 0)
     wait_for(lambda: not any(map(is_alive, workers)))

@@ -40,10 +40,8 @@ def begin(parameters):
             out.write(f"{number} ")
 
 
-def wait_for(condition, seconds=60):
-    deadline = time.monotonic() + seconds
+def wait_for(condition):
     while not condition():
-        assert time.monotonic() < deadline
         time.sleep(0.05)
 
 
@@ -76,12 +74,10 @@ def test_errors_are_raised_here(jobs):
 
 
 def test_abandoned_jobs_are_not_awaited():
-    start = time.monotonic()
-    running = run_jobs(sleep, [0, 300, 300], 2)
+    running = run_jobs(sleep, [0, 10**6, 10**6], 2)
     assert next(running) == 0
     running.close()
     assert multiprocessing.active_children() == []
-    assert time.monotonic() - start < 200
 
 
 @pytest.mark.parametrize("jobs", [2, "ray"])
@@ -141,10 +137,12 @@ def test_no_process_is_left_behind(tmp_path, sent):
     script.write_text(
         f"from tests.evaluation.test_parallel import begin\nif __name__ == '__main__':\n    begin((2, {str(file)!r}))\n"
     )
-    with subprocess.Popen([sys.executable, script], env=os.environ | {"PYTHONPATH": os.getcwd()}, stderr=-3) as running:
-        wait_for(lambda: file.exists() and file.read_text() == "0 0 ")
+    environment = os.environ | {"PYTHONPATH": os.getcwd()}
+    with subprocess.Popen([sys.executable, script], env=environment, stderr=subprocess.PIPE, text=True) as running:
+        wait_for(lambda: (file.exists() and file.read_text() == "0 0 ") or running.poll() is not None)
         workers = children_of(running.pid)
         assert len(workers) >= 2
         running.send_signal(sent)
-        running.wait(60)
+        _, errors = running.communicate()
+    assert "semaphore" not in errors
     wait_for(lambda: not any(map(is_alive, workers)))
