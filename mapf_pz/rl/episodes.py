@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 
-import torch
-from tensordict import NestedKey, TensorDictBase
+from tensordict import NestedKey, TensorDictBase, cat
 
 from mapf_pz.config import OnTarget
 from mapf_pz.rl.config import TaskConfig, TrainConfig
@@ -75,4 +74,4 @@ class EpisodesByStart:
         for number in started.unique().tolist():
             self._ended[number].append(last[started == number])
         found = self._ended.pop(update - self._delay, [])
-        return episode_means(self._task, torch.cat(found) if found else last[:0])
+        return episode_means(self._task, cat(found) if found else last[:0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import torch
-from tensordict import TensorDictBase
+from tensordict import TensorDictBase, cat
 from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
 
 from mapf_pz.rl.algorithm import Algorithm
@@ -63,4 +63,4 @@ class Validation:
             done = step["next", "done"]
             last.append(step["next"].select(*LAST_STEP)[(done & ~over).squeeze(-1)])
             over = over | done
-        return episode_means(self._config.task, torch.cat(last))
+        return episode_means(self._config.task, cat(last))

@@ -13,8 +13,7 @@ from mapf_pz.rl.curves import EPISODES, Run, draw_curves
 from mapf_pz.rl.progress import PROGRESS, append_progress, read_progress, write_progress
 from tests.helpers.small_run import TINY, changed
 
-CONFIG = dataclasses.replace(TINY, task=changed(TINY.task, max_steps=32))  # two batches of 16 steps
-"""A run in whose first batch only short episodes can end."""
+CONFIG = dataclasses.replace(TINY, task=changed(TINY.task, max_steps=32))
 
 
 def row(number, episodes, rate, **others):
@@ -25,19 +24,19 @@ def run(*rows, name="run", config=CONFIG):
     return Run(name, config, list(rows))
 
 
-def test_the_first_point_covers_whole_episodes():
-    steps, values = run(row(1, 10, 1.0), row(2, 90, 0.0), row(3, 100, 0.5), row(4, 100, 0.7)).curve("CSR")
-    np.testing.assert_allclose(steps * 1e6, [384, 576, 768])
-    np.testing.assert_allclose(values, [0.1, 50 / 190, 0.6])
+def test_points_are_weighted_by_episodes():
+    steps, values = run(row(1, 10, 1.0), row(2, 90, 0.0), row(3, 50, 0.5), row(4, 100, 0.7)).curve("CSR")
+    np.testing.assert_allclose(steps * 1e6, [192, 384, 576, 768])
+    np.testing.assert_allclose(values, [1, 0.1, 25 / 140, 0.7])
 
 
 def test_a_point_is_the_mean_of_enough_episodes():
     rows = [row(number, 10, float(number % 2)) for number in range(1, 31)]
     steps, values = run(*rows).curve("CSR")
-    assert len(steps) == 29
+    assert len(steps) == 30
     assert EPISODES == 100
-    np.testing.assert_allclose(values[8:], 0.5)  # from ten updates on
-    np.testing.assert_allclose(values[:3], [1 / 2, 2 / 3, 2 / 4])
+    np.testing.assert_allclose(values[9:], 0.5)  # from ten updates on
+    np.testing.assert_allclose(values[:4], [1, 1 / 2, 2 / 3, 2 / 4])
 
 
 def test_updates_without_episodes_are_bridged():
@@ -49,8 +48,8 @@ def test_updates_without_episodes_are_bridged():
 def test_data_without_episodes_is_drawn_as_it_is():
     rows = [{"agent_steps": 192.0 * number, "agreement": number / 10} for number in range(1, 5)]
     steps, values = run(*rows, config=dataclasses.replace(CONFIG, algorithm="bc")).curve("agreement")
-    assert len(steps) == len(values) == 3
-    np.testing.assert_allclose(values, [0.15, 0.25, 0.35])
+    assert len(steps) == len(values) == 4
+    np.testing.assert_allclose(values, [0.1, 0.2, 0.3, 0.4])
 
 
 def test_validations_are_points():

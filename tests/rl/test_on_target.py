@@ -28,7 +28,7 @@ def on(on_target, **fields):
 @pytest.mark.parametrize("algorithm", ALGORITHM_NAMES)
 def test_a_lifelong_policy_is_trained_resumed_and_evaluated(tmp_path, algorithm):
     folder = train(on("restart", algorithm=algorithm, agent_steps=192), tmp_path)
-    resume(folder, agent_steps=384)
+    resume(folder, agent_steps=576)
     last = rows(folder)[-1]
     assert not {"CSR", "ISR", "validation_CSR"} & last.keys()
     assert float(last["validation_throughput"]) > 0

@@ -167,7 +167,7 @@ class ConflictTree:
         A single agent's path is one with the fewest conflicts with other paths.
         """
         group, array = self._groups[number], np.array(constraints, np.int32).reshape(-1, 3)
-        if len(group) > 1:
+        if len(group) != 1:
             return self._plan_together(group, array, deadline)
         path = None if deadline.has_passed else self._plan_alone(self._agents[group[0]], array, others)
         return None if path is None else {group[0]: path}
