@@ -2,6 +2,7 @@
 
 import json
 import os
+from dataclasses import asdict
 
 import pytest
 
@@ -121,12 +122,25 @@ def test_another_result_is_reported(monkeypatch):
     monkeypatch.setattr(results, "load_results", lambda suite: {"samples": [sample]})
     assert list(differences(table)) == []
     sample["metrics"]["SoC"] += 1
-    ((policy, line),) = differences(table)
+    (line,) = differences(table)
     assert line.startswith("pibt, 8 agents on random 12 x 12, 15 % obstacles, episode 0: {'CSR': ")
     assert " instead of " in line
-    assert policy == "pibt"
-    others = ("pibt:swap=False", "epibt", "mappo+pibt")
-    assert results.changed_policies(ResultTable("standard", ("pibt", *others))) == ["pibt", "pibt:swap=False"]
+
+
+def test_other_policies_and_tasks_are_reported(monkeypatch):
+    table = ResultTable("standard", ("pibt", "mappo"))
+    found = json.loads(as_json({"identities": asdict(results.identities(table))}))
+    monkeypatch.setattr(results, "load_results", lambda suite: found)
+    assert list(results.changes(table)) == []
+    policies, tasks = found["identities"].values()
+    assert not any("code" in identity for identity in policies.values())
+    policies["mappo"]["weights"] = next(iter(tasks.values()))["instances"] = "other"
+    lines = list(results.changes(table))
+    advice = "run python -m experiments.results measure --suites standard"
+    assert lines == [
+        f"standard, mappo: weights differ; {advice}",
+        f"standard, {next(iter(tasks))}: instances differ; {advice}",
+    ]
 
 
 @pytest.mark.slow

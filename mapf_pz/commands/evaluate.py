@@ -84,7 +84,10 @@ class EvaluateOptions:
     jobs: int | Literal["ray"] = 1
     """Number of processes; `ray`: run on a Ray cluster."""
     output: Path | None = None
-    """Folder for the episodes (CSV), the table (Markdown) and figures; existing results are reused."""
+    """Folder for the episodes (CSV), the table (Markdown) and figures. Existing results of the same policies and tasks
+    are reused; if these have changed, the command is refused."""
+    overwrite: bool = False
+    """Replace results in the folder of policies or tasks that have changed."""
 
     def tasks(self) -> tuple[EvaluationTask, ...]:
         """Return the tasks that the options select."""
@@ -161,7 +164,7 @@ def evaluate_policies(options: EvaluateOptions) -> None:
     factories: dict[str, PolicyFactory | Policy | str] = {
         options.label(name): policy_factory(name, options.policy_seed, options.deterministic) for name in options.policy
     }
-    report(factories, options.tasks(), options.output, options.jobs)
+    report(factories, options.tasks(), options.output, options.jobs, options.overwrite)
 
 
 def report(
@@ -169,10 +172,11 @@ def report(
     tasks: Sequence[EvaluationTask],
     output: Path | None,
     jobs: int | str = 1,
+    overwrite: bool = False,
 ) -> None:
     """Evaluate policies, print the table, and write the table and figures to `output`, if given."""
     with interruptible() as check, _progress_bar(check) as show:
-        episodes = evaluate(policies, tasks, output, jobs, show)
+        episodes = evaluate(policies, tasks, output, jobs, show, overwrite)
     Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200).print(terminal_table(episodes))
     for line in exhausted(episodes):
         print(line)

@@ -72,7 +72,7 @@ def test_policies_on_a_suite_in_processes(capsys, suite, tmp_path):
         ("| empty-8-8", "2", "random"),
     ]
     assert len(rows(output)) == 2 * 3 * 3
-    assert {"episodes.csv", "tasks.json", "evaluation.md"} <= files(output)
+    assert {"episodes.csv", "identities.json", "evaluation.md"} <= files(output)
 
     before = (output / "episodes.csv").read_bytes()
     status, again, err = run(capsys, *words)
@@ -84,7 +84,7 @@ def test_figures_where_there_are_several_numbers_of_agents(capsys, suite, tmp_pa
     pytest.importorskip("matplotlib")
     _, out, _ = run(capsys, "--policy", "pibt", "--suite", suite, "--output", tmp_path / "out")
     assert out[-1] == f"figure written to {tmp_path / 'out' / 'empty-8-8.png'}"
-    assert files(tmp_path / "out") == {"episodes.csv", "tasks.json", "evaluation.md", "empty-8-8.png"}
+    assert files(tmp_path / "out") == {"episodes.csv", "identities.json", "evaluation.md", "empty-8-8.png"}
 
 
 def test_figures_need_matplotlib(capsys, suite, tmp_path, monkeypatch):
@@ -278,7 +278,7 @@ def test_a_trained_policy_is_refused_where_actions_are_others(capsys):
 def test_another_evaluation_in_the_folder(capsys, tmp_path):
     assert run(capsys, "--policy", "pibt", *SMALL, "--output", tmp_path)[0] == 0
     status, _, err = run(capsys, "--policy", "pibt", *SMALL, "--output", tmp_path, "--seed", 3)
-    message = "contains an evaluation of other tasks; expected another folder"
+    message = "task '3 agents on empty-8-8': seed differs; expected another folder, or overwrite"
     assert (status, err) == (1, [f"mapf-pz evaluate: {tmp_path}: {message}"])
 
 
