@@ -18,12 +18,15 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tyro
 
+from experiments.measured_numbers import pages as measured_pages
+from experiments.measured_numbers import without_origin
 from experiments.tables import TABLES, Results, ResultTable, markdown
 from mapf_pz.evaluation import Episode, EvaluationTask, evaluate, load_suite, policy_factory
 from mapf_pz.evaluation.figures import draw_figures
@@ -87,9 +90,9 @@ def write() -> None:
 
 
 def check(current: bool = False) -> None:
-    """Fail if a page, a policy, a task or a repeated episode differs from the results of its table.
+    """Fail if numbers of a page have no known origin, or if something differs from the results of a table.
 
-    A table that was measured with other code is reported; its repeated episodes must have the same results.
+    That is a page, a policy, a task, or a repeated episode. A table that was measured with other code is reported; its repeated episodes must have the same results.
 
     Args:
         current: also fail if a table was measured with other code.
@@ -97,6 +100,8 @@ def check(current: bool = False) -> None:
     stale = [str(page) for page in pages() if with_tables(page.read_text("utf-8")) != page.read_text("utf-8")]
     if stale:
         raise SystemExit(f"{', '.join(stale)}: run python -m experiments.results write")
+    for line in chain.from_iterable(map(without_origin, measured_pages())):
+        raise SystemExit(line)
     for table in TABLES:
         for line in changes(table):
             raise SystemExit(line)
