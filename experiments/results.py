@@ -92,7 +92,8 @@ def write() -> None:
 def check(current: bool = False) -> None:
     """Fail if numbers of a page have no known origin, or if something differs from the results of a table.
 
-    That is a page, a policy, a task, or a repeated episode. A table that was measured with other code is reported; its repeated episodes must have the same results.
+    That is a page, a policy, a task, or a repeated episode. A table that was measured with other code is reported; its
+    repeated episodes must have the same results.
 
     Args:
         current: also fail if a table was measured with other code.
