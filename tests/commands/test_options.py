@@ -161,7 +161,7 @@ def material(tmp_path_factory):
     """Return a folder with the files that the commands read."""
     folder = tmp_path_factory.mktemp("material")
     grid = load_map("empty-8-8")
-    write_scenario(place(grid, 4, np.random.default_rng(0)), grid, folder / "a.scen")
+    write_scenario(place(grid, 4, np.random.default_rng(7)), grid, folder / "a.scen")
     for name, text in SEVERAL.items():
         (folder / name).write_text(text)
     (folder / "plan.txt").write_text("solution=\n0:(0,0),(2,0),\n1:(1,0),(1,0),\n2:(2,0),(0,0),\n")
