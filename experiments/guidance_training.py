@@ -92,6 +92,8 @@ class Options:
     """Number of held-out episodes of each evaluation."""
     minutes: float = 1.0
     """Time budget of the optimization of the graph."""
+    planners_only: bool = False
+    """Train no policies, and print only the tables of planners and bundled policies."""
 
     def weights(self, graph: str) -> str:
         """Return the value of `edge_weights`: a name or a file."""
@@ -105,10 +107,12 @@ class Options:
 def main(options: Options) -> None:
     """Optimize the graph, train the missing runs, and print the tables."""
     optimize_graph(options)
-    for setting, mode, seed in product(SETTINGS, MODES, options.seeds):
+    for setting, mode, seed in product(() if options.planners_only else SETTINGS, MODES, options.seeds):
         learn(mode, setting, seed, options)
     for mode in MODES:
         print_table(["policy", "graph", *MODES[mode].metrics], planner_rows(mode, options))
+        if options.planners_only:
+            continue
         names = [f"{metric}{suffix}" for suffix in ("", ", " + SHIELD_SUFFIX) for metric in MODES[mode].metrics]
         print_table(["trained with", "evaluated with", *names], policy_rows(mode, options))
 

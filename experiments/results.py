@@ -6,31 +6,34 @@ Every table is a file `docs/results/SUITE.json` and blocks of Markdown, which na
     ...
     <!-- end of table -->
 
-`measure` runs the episodes and writes both; it can be resumed. `write` writes the blocks. `check` runs some episodes of
-each table again, and compares the results.
+`measure` runs the episodes and writes both; it can be resumed. `write` writes the blocks. `check` compares the policies
+and tasks of each table with those that were measured, runs some episodes again, and compares the results.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tyro
 
+from experiments.measured_numbers import pages as measured_pages
+from experiments.measured_numbers import without_origin
 from experiments.tables import TABLES, Results, ResultTable, markdown
-from mapf_pz.evaluation import Episode, EvaluationTask, evaluate, load_suite
+from mapf_pz.evaluation import Episode, EvaluationTask, evaluate, load_suite, policy_factory
 from mapf_pz.evaluation.figures import draw_figures
+from mapf_pz.evaluation.identity import Identities, Identity, code_digest
 from mapf_pz.evaluation.intervals import interval
 from mapf_pz.evaluation.published import METRICS, PublishedEpisode, check_possible, load_published
 from mapf_pz.evaluation.report import SOLVED, grouped
-from mapf_pz.evaluation.results import discard_policies
 from mapf_pz.instances.library import benchmark_file
 from mapf_pz.instances.pogema import load_pogema, pogema_keys
 from mapf_pz.io.atomic import write_whole
@@ -38,34 +41,18 @@ from mapf_pz.io.atomic import write_whole
 ROOT = Path(__file__).parents[1]
 FILES = ROOT / "docs" / "results"
 RUNS = ROOT / "runs" / "results"
-MEASURED = "measured.json"
 TIMES = ("runtime", "step_ms", "agent_us")
 """Metrics that depend on the machine."""
 QUICK = 1.0
 """Maximum runtime of the policy, in seconds, of the episodes that `check` repeats."""
 BLOCK = re.compile(r"(<!-- table: (\w+) ([\w-]+)((?: \w+)*) -->\n).*?(<!-- end of table -->)", re.S)
-DECIDES = ("core", "instances", "planners", "rl", "simulator.py", "observation.py", "environment.py", "metrics.py")
-"""Parts of the package that affect results."""
-
-
-def code_digest() -> str:
-    """Return a hash of the code and the trained policies that affect episodes."""
-    digest = hashlib.sha256()
-    for part in DECIDES:
-        path = ROOT / "mapf_pz" / part
-        files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
-        for file in files:
-            if file.suffix in (".py", ".json", ".safetensors"):
-                digest.update(str(file.relative_to(ROOT)).encode() + file.read_bytes())
-    return digest.hexdigest()[:12]
 
 
 def measure(suites: tuple[str, ...] = (), jobs: int = 2) -> None:
     """Run the episodes of result tables, and write the tables. All tables take hours.
 
-    Existing episodes of another version of the code are kept if samples of their policies have the same results when
-    repeated. Those of policies whose results depend on the speed of the machine are kept if no sample of the same
-    planner has other results.
+    Existing episodes in `runs/results` are reused if the identities of their policies and tasks are still the same: see
+    `mapf_pz.evaluation.identity`. Others are replaced.
 
     Args:
         suites: suites of the tables. Default: all.
@@ -77,10 +64,8 @@ def measure(suites: tuple[str, ...] = (), jobs: int = 2) -> None:
     for table in TABLES:
         if suites and table.suite not in suites:
             continue
-        folder = RUNS / table.suite
-        source = _source(table, folder)
-        episodes = evaluate(table.policies, table.suite, folder, jobs, _show)
-        results = source | _summary(table, episodes)
+        episodes = evaluate(table.policies, table.suite, RUNS / table.suite, jobs, _show, overwrite=True)
+        results = _source(table) | _summary(table, episodes)
         write_whole(FILES / f"{table.suite}.json", as_json(results).encode())
         if table.figure:
             draw_figures(episodes, FILES, published=_published_episodes(table))
@@ -104,19 +89,54 @@ def write() -> None:
         write_whole(page, with_tables(page.read_text("utf-8")).encode())
 
 
-def check() -> None:
-    """Fail if a page differs from the results, or if a repeated episode differs from its result."""
+def check(current: bool = False) -> None:
+    """Fail if numbers of a page have no known origin, or if something differs from the results of a table.
+
+    That is a page, a policy, a task, or a repeated episode. A table that was measured with other code is reported; its
+    repeated episodes must have the same results.
+
+    Args:
+        current: also fail if a table was measured with other code.
+    """
     stale = [str(page) for page in pages() if with_tables(page.read_text("utf-8")) != page.read_text("utf-8")]
     if stale:
         raise SystemExit(f"{', '.join(stale)}: run python -m experiments.results write")
+    for line in chain.from_iterable(map(without_origin, measured_pages())):
+        raise SystemExit(line)
     for table in TABLES:
-        for _, difference in differences(table):
-            raise SystemExit(difference)
-        print(f"{table.suite}: as before", flush=True)
+        for line in changes(table):
+            raise SystemExit(line)
+        for line in differences(table):
+            raise SystemExit(line)
+        code = load_results(table.suite)["code"]
+        if code != code_digest() and current:
+            raise SystemExit(f"{table.suite}: measured with the code {code}, now {code_digest()}")
+        measured = "" if code == code_digest() else f", but not its code: measured with {code}"
+        print(f"{table.suite}: as before{measured}", flush=True)
 
 
-def differences(table: ResultTable) -> Iterator[tuple[str, str]]:
-    """Repeat the fast samples of a table; yield the policy and a line for each difference."""
+def identities(table: ResultTable) -> Identities:
+    """Return the identities of a table's policies and tasks, without the code, which all of them share."""
+    now = Identities.of({name: policy_factory(name) for name in table.policies}, load_suite(table.suite))
+    return Identities({name: _without_code(one) for name, one in now.policies.items()}, now.tasks)
+
+
+def changes(table: ResultTable) -> Iterator[str]:
+    """Yield a line for each policy and task of a table that is not the one that was measured."""
+    results, now = load_results(table.suite), identities(table)
+    if "identities" not in results:  # its files were not recorded; the repeated episodes show that they are the same
+        return
+    found = Identities(**results["identities"]).changes(now, now.policies, now.tasks)
+    for name, text in (*found.policies.items(), *found.tasks.items()):
+        yield f"{table.suite}, {name}: {text}; run python -m experiments.results measure --suites {table.suite}"
+
+
+def _without_code(identity: Identity | None) -> Identity | None:
+    return identity and {name: value for name, value in identity.items() if name not in ("code", "version")}
+
+
+def differences(table: ResultTable) -> Iterator[str]:
+    """Repeat the fast samples of a table; yield a line for each difference."""
     results = load_results(table.suite)
     tasks = {(task.name, task.num_agents): task for task in load_suite(table.suite)}
     for sample in results["samples"]:
@@ -126,7 +146,7 @@ def differences(table: ResultTable) -> Iterator[tuple[str, str]]:
         task = tasks[sample["task"], sample["num_agents"]]
         metrics = _comparable(_run(policy, task, number).metrics)
         if metrics != sample["metrics"]:
-            yield policy, f"{policy}, {task.label}, episode {number}: {metrics} instead of {sample['metrics']}"
+            yield f"{policy}, {task.label}, episode {number}: {metrics} instead of {sample['metrics']}"
 
 
 def load_results(suite: str) -> Results:
@@ -139,35 +159,11 @@ def _run(policy: str, task: EvaluationTask, number: int) -> Episode:
     return evaluate([policy], [task.only(number)])[0]
 
 
-def _source(table: ResultTable, folder: Path) -> dict[str, Any]:
-    """Return the origin of the results in `folder`; delete those of policies that decide otherwise now."""
-    file = folder / MEASURED
-    code = code_digest()
-    if file.exists():
-        measured = json.loads(file.read_text("utf-8"))
-        if measured["code"] == code:
-            return measured
-        changed = changed_policies(table)
-        if not changed and measured["command"] == table.command:
-            return measured
-        discard_policies(folder, changed)
+def _source(table: ResultTable) -> dict[str, Any]:
+    """Return the origin of a table's results, all of which are those of the present code."""
     commit = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True)
-    measured = {"command": table.command, "commit": commit.stdout.strip(), "code": code}
-    folder.mkdir(parents=True, exist_ok=True)
-    write_whole(file, json.dumps(measured).encode())
-    return measured
-
-
-def changed_policies(table: ResultTable) -> list[str]:
-    """Return the policies with samples that have other results when repeated, and others of the same planners."""
-    if not (FILES / f"{table.suite}.json").exists():
-        return list(table.policies)
-    changed = {_planner(policy) for policy, _ in differences(table)}
-    return [policy for policy in table.policies if _planner(policy) in changed]
-
-
-def _planner(policy: str) -> str:
-    return policy.partition(":")[0]
+    recorded = {"identities": asdict(identities(table))}
+    return {"command": table.command, "commit": commit.stdout.strip(), "code": code_digest()} | recorded
 
 
 def _summary(table: ResultTable, episodes: Sequence[Episode]) -> dict[str, Any]:

@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapf_pz.evaluation import EvaluationTask, load_suite
+from mapf_pz.evaluation import load_suite
+from mapf_pz.evaluation.identity import Identities
 from mapf_pz.evaluation.results import COLUMNS, Results
 from mapf_pz.guidance import load_guidance, load_moves
 from mapf_pz.instance import Grid, Scenario
@@ -23,7 +24,7 @@ from tests.plans.test_plan_files import TEXT
 
 GRID = Grid([[True] * 6, [True] * 3 + [False] * 3], "tiny")
 SCENARIO = Scenario([[0, 0], [1, 0]], [[0, 5], [1, 2]])
-TRIALS = [EvaluationTask("drawn", 1)]
+IDENTITIES = {"policies": {"pibt": {"code": "0f", "options": {"depth": 3}}, "mine": None}, "tasks": {"a": {"seed": 1}}}
 # Valid files, a reader of each kind, and what may be changed.
 
 MAP = b"type octile\nheight 2\nwidth 6\nmap\n......\n...@@@\n"
@@ -108,9 +109,8 @@ def archive(**arrays):
 
 def episodes(folder):
     """Read the episodes; what is taken off a file must not change what is in it."""
-    (folder / "tasks.json").unlink(missing_ok=True)
-    read = Results(TRIALS, folder).episodes
-    assert repr(Results(TRIALS, folder).episodes) == repr(read)
+    read = Results(folder).episodes
+    assert repr(Results(folder).episodes) == repr(read)
     return read
 
 
@@ -142,6 +142,7 @@ CASES = {
         ("mine.json",),
     ),
     "episodes": Case({"episodes.csv": EPISODES}, episodes),
+    "identities": Case({"identities.json": as_json(IDENTITIES)}, Identities.read),
     "guidance graph in JSON": guidance("a.json", as_json(GGO)),
     "guidance graph in CSV": guidance("a.csv", GGO_CSV),
     "guidance graph of WPPL": guidance("a.w", as_json([1.5, 2, 3, 100000, 1] * 12)),

@@ -20,6 +20,7 @@ ORDER = [
     "lazy",
     "suggest",
     "version",
+    "digest",
     "actions",
     "arrays",
     "errors",

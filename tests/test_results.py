@@ -2,10 +2,11 @@
 
 import json
 import os
+from dataclasses import asdict
 
 import pytest
 
-from experiments import results
+from experiments import measured_numbers, results
 from experiments.results import as_json, differences, is_reproducible, load_results
 from experiments.tables import TABLES, ResultTable, markdown
 
@@ -121,12 +122,43 @@ def test_another_result_is_reported(monkeypatch):
     monkeypatch.setattr(results, "load_results", lambda suite: {"samples": [sample]})
     assert list(differences(table)) == []
     sample["metrics"]["SoC"] += 1
-    ((policy, line),) = differences(table)
+    (line,) = differences(table)
     assert line.startswith("pibt, 8 agents on random 12 x 12, 15 % obstacles, episode 0: {'CSR': ")
     assert " instead of " in line
-    assert policy == "pibt"
-    others = ("pibt:swap=False", "epibt", "mappo+pibt")
-    assert results.changed_policies(ResultTable("standard", ("pibt", *others))) == ["pibt", "pibt:swap=False"]
+
+
+def test_other_policies_and_tasks_are_reported(monkeypatch):
+    table = ResultTable("standard", ("pibt", "mappo"))
+    found = json.loads(as_json({"identities": asdict(results.identities(table))}))
+    monkeypatch.setattr(results, "load_results", lambda suite: found)
+    assert list(results.changes(table)) == []
+    policies, tasks = found["identities"].values()
+    assert not any("code" in identity for identity in policies.values())
+    policies["mappo"]["weights"] = next(iter(tasks.values()))["instances"] = "other"
+    lines = list(results.changes(table))
+    advice = "run python -m experiments.results measure --suites standard"
+    assert lines == [
+        f"standard, mappo: weights differ; {advice}",
+        f"standard, {next(iter(tasks))}: instances differ; {advice}",
+    ]
+
+
+def test_numbers_have_an_origin(tmp_path, monkeypatch):
+    assert [line for page in measured_numbers.pages() for line in measured_numbers.without_origin(page)] == []
+    monkeypatch.setattr(measured_numbers, "ROOT", tmp_path)
+    monkeypatch.setattr(measured_numbers, "_exists", "0123abc".__eq__)
+    table = "| a | b |\n| --- | --- |\n| 1 | 0.5 |\n"
+    page = tmp_path / "page.md"
+    for text, expected in {
+        table: ["expected the commit of its numbers, or <!-- not measured -->"],
+        f"{table}\ncommit `0123abc`": [],
+        f"{table}\ncommit `0123abd`": ["no commit 0123abd"],
+        f"{table}\n<!-- not measured -->": [],
+        f"<!-- table: agents s CSR -->\n{table}<!-- end of table -->": [],
+        table.replace("0.5", "version 1.4.0"): [],
+    }.items():
+        page.write_text(f"# Other\n\nNothing.\n\n# Results\n\n{text}")
+        assert list(measured_numbers.without_origin(page)) == [f"page.md, '# Results': {line}" for line in expected]
 
 
 @pytest.mark.slow

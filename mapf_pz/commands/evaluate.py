@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from glob import glob, has_magic
@@ -26,7 +26,7 @@ from mapf_pz.evaluation import (
     policy_factory,
     terminal_table,
 )
-from mapf_pz.evaluation.episodes import Policy, PolicyFactory
+from mapf_pz.evaluation.episodes import Policy, PolicyFactory, simulator_of
 from mapf_pz.evaluation.policies import is_trained
 from mapf_pz.evaluation.report import exhausted
 from mapf_pz.evaluation.tracker import known_cost
@@ -69,12 +69,12 @@ class EvaluateOptions:
     patterns such as "tests/*.scen", have an episode each; otherwise starts and goals are random. Other fields that are
     given override those of the suite. None: the suite's or policy's value."""
     agent_counts: Annotated[tuple[int, ...] | None, arg(name="num-agents")] = None
-    """Number of agents on the map, or several numbers to evaluate. Default: all agents of the scenarios, or 10 without
-    scenarios."""
+    """Number of agents on the map, or several numbers to evaluate. With a suite: those of its tasks that are evaluated.
+    Default: all agents of the scenarios, or 10 without scenarios; all tasks of a suite."""
     episodes: int | None = None
-    """Number of episodes of each task, at most one for each scenario or instance: a policy has the same random seed in
-    each, so that it would repeat the same episode (see `--policy-seed`). None: the suite's number, one for each
-    scenario, or 64 if starts and goals are random."""
+    """Number of episodes of each task. Without random headings or edge weights, at most one for each scenario or
+    instance: a policy has the same random seed in each, so that it would repeat the same episode (see `--policy-seed`).
+    None: the suite's number, one for each scenario, or 64 if starts and goals are random."""
     seed: int | None = None
     """Random seed of the first episode, which increases by one per episode. None: the suite's seed."""
     policy_seed: int = 0
@@ -84,7 +84,10 @@ class EvaluateOptions:
     jobs: int | Literal["ray"] = 1
     """Number of processes; `ray`: run on a Ray cluster."""
     output: Path | None = None
-    """Folder for the episodes (CSV), the table (Markdown) and figures; existing results are reused."""
+    """Folder for the episodes (CSV), the table (Markdown) and figures. Existing results of the same policies and tasks
+    are reused; if these have changed, the command is refused."""
+    overwrite: bool = False
+    """Replace results in the folder of policies or tasks that have changed."""
 
     def tasks(self) -> tuple[EvaluationTask, ...]:
         """Return the tasks that the options select."""
@@ -102,14 +105,20 @@ class EvaluateOptions:
         elif "map" in given:
             tasks = self._on_map()
         else:
-            tasks = [task for suite in self.suite or ("standard",) for task in load_suite(suite)]
+            tasks = self._of_suites()
         return tuple(map(self._overridden, tasks))
+
+    def _of_suites(self) -> list[EvaluationTask]:
+        """Return the tasks of the suites with the given numbers of agents."""
+        tasks = [task for suite in self.suite or ("standard",) for task in load_suite(suite)]
+        counts = sorted({task.num_agents for task in tasks})
+        for count in self.agent_counts or ():
+            if count not in counts:
+                raise ValueError(f"--num-agents {count}: expected some of the suite's, {', '.join(map(str, counts))}")
+        return [task for task in tasks if self.agent_counts is None or task.num_agents in self.agent_counts]
 
     def _overridden(self, task: EvaluationTask) -> EvaluationTask:
         """Return the task with the settings that the options override."""
-        if self.episodes is not None and task.instances and self.episodes > len(task.instances):
-            instances = f"{task.label!r} has {len(task.instances)} instances"
-            raise ValueError(f"episodes={self.episodes}: {instances}, expected at most one episode per instance")
         keywords = {name: value for name, value in self.env.keywords.items() if name not in ("map", "scenario")}
         return task.with_(keywords=task.keywords | keywords, episodes=self.episodes, seed=self.seed)
 
@@ -158,21 +167,37 @@ def evaluate_policies(options: EvaluateOptions) -> None:
         raise ValueError("expected --policy at least once")
     # These small networks are several times slower with two threads. Set this before torch is imported.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    factories: dict[str, PolicyFactory | Policy | str] = {
+    factories = {
         options.label(name): policy_factory(name, options.policy_seed, options.deterministic) for name in options.policy
     }
-    report(factories, options.tasks(), options.output, options.jobs)
+    tasks = options.tasks()
+    for task in tasks:
+        _check_repetitions(task, factories)
+    report(factories, tasks, options.output, options.jobs, options.overwrite)
+
+
+def _check_repetitions(task: EvaluationTask, factories: Mapping[str, PolicyFactory]) -> None:
+    """Raise `ValueError` if a policy would repeat the same episodes because nothing in them is random."""
+    if task.episodes <= len(task.instances) or not task.instances:
+        return
+    for name, factory in factories.items():
+        config = simulator_of(factory(task.env_keywords(0))[0]).config
+        headings = config.action_model == "rotate" and config.initial_heading == "random"
+        if config.edge_weights != "random" and not (headings and any(one.headings is None for one in task.instances)):
+            instances = f"{task.label!r} has {len(task.instances)} instances, and nothing is random with {name!r}"
+            raise ValueError(f"episodes={task.episodes}: {instances}; expected at most one episode per instance")
 
 
 def report(
-    policies: dict[str, PolicyFactory | Policy | str],
+    policies: Mapping[str, PolicyFactory | Policy | str],
     tasks: Sequence[EvaluationTask],
     output: Path | None,
     jobs: int | str = 1,
+    overwrite: bool = False,
 ) -> None:
     """Evaluate policies, print the table, and write the table and figures to `output`, if given."""
     with interruptible() as check, _progress_bar(check) as show:
-        episodes = evaluate(policies, tasks, output, jobs, show)
+        episodes = evaluate(policies, tasks, output, jobs, show, overwrite)
     Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200).print(terminal_table(episodes))
     for line in exhausted(episodes):
         print(line)

@@ -8,6 +8,7 @@ from typing import NamedTuple, cast
 
 from mapf_pz.evaluation.batch import MAX_AGENTS
 from mapf_pz.evaluation.episodes import Policy, PolicyFactory, run_episodes
+from mapf_pz.evaluation.identity import Identities
 from mapf_pz.evaluation.parallel import run_jobs
 from mapf_pz.evaluation.policies import factory_for, policy_factory
 from mapf_pz.evaluation.results import Episode, Results
@@ -35,6 +36,7 @@ def evaluate(
     output: str | Path | None = None,
     jobs: int | str = 1,
     show: Callable[[Episode | None, int], None] = lambda episode, left: None,
+    overwrite: bool = False,
 ) -> list[Episode]:
     """Run policies in all episodes of a suite, and return the episodes. All policies get the same seeds.
 
@@ -42,13 +44,16 @@ def evaluate(
         policies: one or more names that `policy_factory` accepts, or a mapping from names to policies, policy
             factories, or such names.
         suite: the name of a suite, the path of a suite file, or tasks.
-        output: a folder to which every finished episode is written; existing results are reused.
+        output: a folder to which every finished episode is written. Existing results of the same policies and tasks are
+            reused: those with the same identities, see `mapf_pz.evaluation.identity`. A policy that is given as an
+            object states its identity in an attribute `identity: str`; without it, its results are not reused.
         jobs: number of processes, or `ray`: see `run_jobs`. Results do not depend on it, apart from the times.
         show: called with each finished episode (at first with None), and the number of remaining episodes.
+        overwrite: replace results in `output` that have other identities than the policies and tasks of the same names.
 
     Raises:
         ValueError: a policy or suite is unknown, they are incompatible, two tasks have the same label, or the folder
-            contains an evaluation of other tasks.
+            contains results of the same names with other identities.
         TypeError: an object is not a policy.
         FileNotFoundError, FormatError: a file of the suite is missing or malformed.
     """
@@ -58,7 +63,7 @@ def evaluate(
     factories = {name: _factory(policy) for name, policy in named.items()}
     tasks = load_suite(suite) if isinstance(suite, (str, Path)) else tuple(suite)
     _check_names(tasks)
-    results = Results(tasks, None if output is None else Path(output))
+    results = Results() if output is None else Results(Path(output), Identities.of(factories, tasks), overwrite)
     done = results.done()
     pending = [
         Job(name, factory, task, episodes)

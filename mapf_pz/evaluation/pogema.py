@@ -8,7 +8,7 @@ each episode.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
+from dataclasses import dataclass
 from typing import Any, Literal, Protocol, cast, get_args
 
 import numpy as np
@@ -231,9 +231,25 @@ class FromPogema:
 
 def pogema_policy(policy: PogemaPolicy, **options: Any) -> PolicyFactory:
     """Return a factory for a policy of POGEMA, for `evaluate`. The options are those of `FromPogema`."""
-    return partial(_make, policy, options)
+    return PogemaFactory(policy, options)
 
 
-def _make(policy: PogemaPolicy, options: dict[str, Any], keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:
-    env = MapfEnv(EnvConfig.from_keywords(**({"action_model": "cardinal"} | Planner.env_kwargs | keywords)))
-    return env, FromPogema(policy, env, **options)
+@dataclass(frozen=True)
+class PogemaFactory:
+    """Makes the environment for a policy of POGEMA."""
+
+    policy: PogemaPolicy
+    """The policy."""
+    options: dict[str, Any]
+    """Options of `FromPogema`."""
+
+    @property
+    def identity(self) -> dict[str, Any] | None:
+        """What the policy states as its identity, and the options; None if it states nothing."""
+        stated = getattr(self.policy, "identity", None)
+        return None if stated is None else {"policy": "of POGEMA", "identity": stated, "options": self.options}
+
+    def __call__(self, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:
+        """Return the environment and the policy."""
+        env = MapfEnv(EnvConfig.from_keywords(**({"action_model": "cardinal"} | Planner.env_kwargs | keywords)))
+        return env, FromPogema(self.policy, env, **self.options)

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from mapf_pz.digest import digest
 from mapf_pz.environment import parallel_env
+from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.batch import BatchPolicy
 from mapf_pz.evaluation.episodes import AnyEnv, Policy, PolicyFactory, check_policy, make_env
 from mapf_pz.evaluation.random_policy import RandomPolicy
+from mapf_pz.io.json import parse_object
+from mapf_pz.io.text import read_text
 from mapf_pz.planners import PLANNERS, Planner, Shield, planner_of
-from mapf_pz.planners.named import parse_options
+from mapf_pz.planners.named import parse_options, planner_options
 from mapf_pz.planners.pibt.shield import DEPTH, PATIENCE
 from mapf_pz.suggest import closest
 
@@ -37,9 +40,9 @@ def policy_factory(name: str, seed: int = 0, deterministic: bool = False) -> Pol
     """
     if name.partition(":")[0] in PLANNERS:
         planner_of(name, seed)  # rejects invalid options
-        return partial(_planner_factory, name, seed)
+        return PlannerFactory(name, seed)
     if name == "random":
-        return partial(_random_factory, seed)
+        return RandomFactory(seed)
     return _factory_of_trained(name, seed, deterministic)
 
 
@@ -75,8 +78,19 @@ def is_trained(name: str) -> bool:
 
 def _bundled_names() -> list[str]:
     """Return the names of the trained policies of the package, without importing torch."""
-    folder = Path(str(resources.files("mapf_pz"))) / "rl" / "policies"
-    return sorted(file.name for file in folder.iterdir() if file.is_dir())
+    return sorted(file.name for file in _policies().iterdir() if file.is_dir())
+
+
+def _policies() -> Path:
+    return Path(str(resources.files("mapf_pz"))) / "rl" / "policies"
+
+
+def _configuration(file: Path) -> object:
+    """Return the configuration of a run, whose digest includes the modules that it names; None if it cannot be read."""
+    try:
+        return parse_object(read_text(file), file)
+    except (FileNotFoundError, FormatError):  # loading the policy reports it
+        return None
 
 
 def factory_for(policy: Policy) -> PolicyFactory:
@@ -104,6 +118,11 @@ class ExistingFactory:
         """Whether the policy acts in several episodes at the same time."""
         return isinstance(self.policy, BatchPolicy)
 
+    @property
+    def identity(self) -> object:
+        """What the policy states as its identity; None if it states none."""
+        return getattr(self.policy, "identity", None)
+
     def __call__(self, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:
         """Return the environment and the policy; raises `ValueError` if the policy needs another action model."""
         _check_actions(type(self.policy).__name__, self.policy, keywords)
@@ -127,6 +146,22 @@ class TrainedFactory:
     in_batches = True
     """Whether the policy acts in several episodes at the same time."""
 
+    @property
+    def identity(self) -> dict[str, Any]:
+        """The digests of the policy's files, its options and its seed."""
+        folder = _policies() / self.name if self.name in _bundled_names() else Path(self.name)
+        folder = folder.parent if folder.suffix == ".safetensors" else folder
+        arrays = {file.name: file for file in folder.glob("*.safetensors")}
+        weights = arrays.pop("policy.safetensors", None)
+        return {
+            "policy": "trained",
+            "weights": digest(weights),
+            "configuration": digest([_configuration(folder / "config.json"), arrays]),
+            "options": self.shield_options | {"temperature": self.temperature},
+            "deterministic": self.deterministic,
+            "seed": self.seed,
+        }
+
     def __call__(self, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:
         """Return the environment and the policy; raises `ValueError` if the policy needs another action model."""
         from mapf_pz.rl.policy import load_policy  # import torch only when it is needed
@@ -137,11 +172,40 @@ class TrainedFactory:
         return env, Shield(policy, env, **self.shield_options) if self.shield_options else policy
 
 
-def _planner_factory(name: str, seed: int, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:
-    env = parallel_env(**(Planner.env_kwargs | keywords))
-    return env, planner_of(name, seed, env)
+@dataclass(frozen=True)
+class PlannerFactory:
+    """Makes a planner and its environment."""
+
+    name: str
+    """Name of the planner, with options."""
+    seed: int
+    """Random seed of the planner in every episode."""
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """The planner, its options and its seed."""
+        planner, options = planner_options(self.name)
+        return {"policy": planner, "options": options, "seed": self.seed}
+
+    def __call__(self, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:
+        """Return the environment and the planner."""
+        env = parallel_env(**(Planner.env_kwargs | keywords))
+        return env, planner_of(self.name, self.seed, env)
 
 
-def _random_factory(seed: int, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:
-    env = parallel_env(**(Planner.env_kwargs | keywords))
-    return env, RandomPolicy(env.simulator.num_actions, seed)
+@dataclass(frozen=True)
+class RandomFactory:
+    """Makes the policy `random` and its environment."""
+
+    seed: int
+    """Random seed of the policy in every episode."""
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """The policy and its seed."""
+        return {"policy": "random", "options": {}, "seed": self.seed}
+
+    def __call__(self, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:
+        """Return the environment and the policy."""
+        env = parallel_env(**(Planner.env_kwargs | keywords))
+        return env, RandomPolicy(env.simulator.num_actions, self.seed)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mapf_pz.evaluation.intervals import bootstrap, interval
+from mapf_pz.evaluation.intervals import difference_interval, interval
 from mapf_pz.evaluation.results import METRICS, Episode
 
 SOLVED = " (solved)"
@@ -110,7 +110,7 @@ def differences(episodes: Sequence[Episode], baseline: str, columns: Sequence[st
             pair = {name: value - other[name] for name, value in values.items() if name in other}
             groups[episode.task, episode.num_agents, episode.policy].append(pair)
     rows = [
-        Summary(*group, len(pairs), _estimates(_by_name(pairs), columns, lambda _, values: bootstrap(values)))
+        Summary(*group, len(pairs), _estimates(_by_name(pairs), columns, difference_interval))
         for group, pairs in groups.items()
     ]
     return _table(rows, columns)

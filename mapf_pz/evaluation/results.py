@@ -4,23 +4,16 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from mapf_pz.config import DEFAULT_MAP
 from mapf_pz.errors import FormatError
-from mapf_pz.evaluation.task import EvaluationTask
-from mapf_pz.guidance.library import is_guidance_file
-from mapf_pz.instances import load_map
+from mapf_pz.evaluation.identity import IDENTITIES_FILE, Identities
+from mapf_pz.evaluation.task import task_label
 from mapf_pz.io.atomic import naming, write_whole
-from mapf_pz.io.text import read_bytes, read_text
+from mapf_pz.io.text import read_text
 
 METRICS = (
     "CSR",
@@ -39,7 +32,9 @@ METRICS = (
 )
 """All metrics, in the order of the file's columns. Which of them an episode has depends on its mode."""
 COLUMNS = ("policy", "task", "num_agents", "episode", "instance", "seed", *METRICS)
-EPISODES_FILE, TASKS_FILE = "episodes.csv", "tasks.json"
+EPISODES_FILE = "episodes.csv"
+NOTHING = Identities()
+"""No policies and no tasks, as for reading episodes."""
 MAX_BYTES, MAX_ROW_BYTES = 2**30, 2**20
 """Maximum size of the file of episodes (about ten million episodes), and of a row in it."""
 
@@ -68,36 +63,53 @@ class Episode:
         """Key that is unique within an evaluation."""
         return self.policy, self.task, self.num_agents, self.number
 
+    @property
+    def task_label(self) -> str:
+        """Label of the task, `EvaluationTask.label`."""
+        return task_label(self.task, self.num_agents)
+
 
 class Results:
     """Episodes in memory and, with a folder, in its file `episodes.csv`, to which finished episodes are appended."""
 
-    def __init__(self, tasks: Iterable[EvaluationTask], folder: Path | None = None) -> None:
-        """Start, or resume if the folder contains episodes of the same tasks.
+    def __init__(self, folder: Path | None = None, identities: Identities = NOTHING, overwrite: bool = False) -> None:
+        """Start, or resume if the folder contains episodes.
 
-        Raises `ValueError` if it contains episodes of other tasks, and `FormatError` if its file is malformed.
+        Args:
+            folder: the folder; None: episodes are only in memory.
+            identities: the policies and tasks that are to be evaluated.
+            overwrite: delete the episodes of those policies and tasks if they have another identity.
+
+        Raises:
+            ValueError: there are such episodes, and `overwrite` is False.
+            FormatError: a file of the folder is malformed.
         """
         self.episodes: list[Episode] = []
         self._file = None if folder is None else folder / EPISODES_FILE
         if folder is None or self._file is None:
             return
         folder.mkdir(parents=True, exist_ok=True)
-        description = json.dumps([_description(task) for task in tasks], indent=1)
-        file = folder / TASKS_FILE
-        if not file.exists():
-            write_whole(file, description.encode())
-        elif file.read_bytes() != description.encode():
-            raise ValueError(f"{folder}: contains an evaluation of other tasks; expected another folder")
+        recorded = Identities.read(folder)
         if self._file.exists():
             self.episodes = _read(self._file)
-        if not self._file.exists() or not self._file.stat().st_size:
-            _write_rows(self._file, "w", [COLUMNS])
+        changes = recorded.changes(
+            identities, (episode.policy for episode in self.episodes), (episode.task_label for episode in self.episodes)
+        )
+        if changes.first is not None and not overwrite:
+            raise ValueError(f"{folder}: {changes.first}; expected another folder, or overwrite")
+        kept = [e for e in self.episodes if e.policy not in changes.policies and e.task_label not in changes.tasks]
+        if len(kept) < len(self.episodes) or not self._file.exists() or not self._file.stat().st_size:
+            self.episodes = kept
+            _write_all(self._file, kept)
+        if recorded.updated(identities) != recorded:
+            recorded.updated(identities).write(folder)
 
     def add(self, episode: Episode) -> None:
         """Add an episode, and append it to the file."""
         self.episodes.append(episode)
         if self._file is not None:
-            _write_rows(self._file, "a", [_row(episode)])
+            with naming(self._file), self._file.open("a", newline="", encoding="utf-8") as out:
+                csv.writer(out, lineterminator="\n").writerow(_row(episode))
 
     def done(self) -> set[tuple[str, str, int, int]]:
         """Return the keys of all episodes."""
@@ -119,50 +131,18 @@ def read_episodes(folder: Path) -> list[Episode]:
 
 def discard(folder: Path) -> None:
     """Delete the files of an evaluation from a folder."""
-    for name in (EPISODES_FILE, TASKS_FILE):
+    for name in (EPISODES_FILE, IDENTITIES_FILE):
         (folder / name).unlink(missing_ok=True)
-
-
-def discard_policies(folder: Path, policies: Iterable[str]) -> None:
-    """Delete the episodes of some policies from the file of an evaluation."""
-    file, dropped = folder / EPISODES_FILE, set(policies)
-    rows = [_row(episode) for episode in _read(file) if episode.policy not in dropped]
-    text = io.StringIO(newline="")
-    csv.writer(text, lineterminator="\n").writerows([COLUMNS, *rows])
-    write_whole(file, text.getvalue().encode())
 
 
 def _row(episode: Episode) -> list[object]:
     return [*episode.key, episode.instance, episode.seed, *(episode.metrics.get(name, "") for name in METRICS)]
 
 
-def _description(task: EvaluationTask) -> dict[str, Any]:
-    """Return the settings that must be equal for episodes to be comparable; the number of episodes may differ."""
-    excluded = ("map", "source", "distance_bytes")  # in the digest; the last one does not affect episodes
-    keywords = {name: repr(value) for name, value in sorted(task.keywords.items()) if name not in excluded}
-    weights = task.keywords.get("edge_weights")
-    if is_guidance_file(weights):
-        keywords["edge_weights"] = sha256(read_bytes(weights)).hexdigest()
-    return {"task": task.label, "seed": task.seed, "keywords": keywords, "instances": _digest(task)}
-
-
-def _digest(task: EvaluationTask) -> str:
-    """Return a hash of the instances or, if instances are generated, of the map or of the first instance."""
-    source = task.keywords.get("source")
-    instances = task.instances or (() if source is None else (source.sample(np.random.default_rng(task.seed)),))
-    arrays = [load_map(task.keywords.get("map", DEFAULT_MAP)).free] if not instances else []
-    for instance in instances:
-        arrays += [instance.grid.free, instance.scenario.starts, instance.scenario.goals]
-        arrays += [] if instance.headings is None else [instance.headings]
-    digest = sha256()
-    for array in arrays:
-        digest.update(str(array.shape).encode() + array.tobytes())
-    return digest.hexdigest()
-
-
-def _write_rows(file: Path, mode: str, rows: Iterable[Iterable[object]]) -> None:
-    with naming(file), file.open(mode, newline="", encoding="utf-8") as out:
-        csv.writer(out, lineterminator="\n").writerows(rows)
+def _write_all(file: Path, episodes: Iterable[Episode]) -> None:
+    text = io.StringIO(newline="")
+    csv.writer(text, lineterminator="\n").writerows([COLUMNS, *map(_row, episodes)])
+    write_whole(file, text.getvalue().encode())
 
 
 def _read(file: Path) -> list[Episode]:

@@ -64,7 +64,7 @@ class EvaluationTask:
     @property
     def label(self) -> str:
         """Label of the task in reports: its number of agents and its name."""
-        return f"{self.num_agents} agents on {self.name}"
+        return task_label(self.name, self.num_agents)
 
     def instance(self, episode: int) -> Instance | None:
         """Return the instance of an episode, or None if the environment generates it."""
@@ -102,3 +102,8 @@ class EvaluationTask:
         at = slice(first, first + 1)
         parts = {name: getattr(self, name)[at] for name in ("instances", "instance_names", "best_costs")}
         return replace(self, episodes=1, seed=seed, **parts)
+
+
+def task_label(name: str, num_agents: int) -> str:
+    """Return the label of a task with this name."""
+    return f"{num_agents} agents on {name}"

@@ -29,6 +29,13 @@ def is_guidance_file(weights: object) -> TypeGuard[str | Path]:
     return isinstance(weights, Path) or (isinstance(weights, str) and weights.endswith(tuple(FORMATS)))
 
 
+def guidance_file(weights: object) -> Path | None:
+    """Return the file of weights that are given by a path or the name of a bundled graph; None for any others."""
+    if is_guidance_file(weights):
+        return Path(weights)
+    return _bundled() / f"{weights}.npz" if isinstance(weights, str) and weights in guidance_names() else None
+
+
 def check_edge_weights(weights: Any) -> None:
     """Raise `ValueError` unless `weights` is a guidance graph, the path of a file or a known name."""
     if isinstance(weights, GuidanceGraph) or is_guidance_file(weights):

@@ -32,13 +32,22 @@ def planner_of(name: str, seed: int = 0, env: MapfEnv | None = None) -> Planner:
 
     Raises `ValueError` for an unknown name, and for an unknown or invalid option.
     """
+    planner, options = planner_options(name)
+    return PLANNERS[planner](env, seed=seed, **options)
+
+
+def planner_options(name: str) -> tuple[str, dict[str, Any]]:
+    """Return the planner's name without options, and its options.
+
+    Raises `ValueError` for an unknown name, an unknown option, and a value that is not a number or text as expected.
+    """
     planner, _, options = name.partition(":")
     if planner not in PLANNERS:
         raise ValueError(f"planner {planner!r}: expected one of {', '.join(PLANNERS)}")
     kind = PLANNERS[planner]
     parameters = inspect.signature(kind).parameters.values()
     allowed = {parameter.name: parameter.default for parameter in parameters if parameter.name not in ("env", "seed")}
-    return kind(env, seed=seed, **parse_options(kind.__name__, allowed, options))
+    return planner, parse_options(kind.__name__, allowed, options)
 
 
 def parse_options(name: str, defaults: Mapping[str, Any], text: str) -> dict[str, Any]:

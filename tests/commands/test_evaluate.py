@@ -72,7 +72,7 @@ def test_policies_on_a_suite_in_processes(capsys, suite, tmp_path):
         ("| empty-8-8", "2", "random"),
     ]
     assert len(rows(output)) == 2 * 3 * 3
-    assert {"episodes.csv", "tasks.json", "evaluation.md"} <= files(output)
+    assert {"episodes.csv", "identities.json", "evaluation.md"} <= files(output)
 
     before = (output / "episodes.csv").read_bytes()
     status, again, err = run(capsys, *words)
@@ -84,7 +84,7 @@ def test_figures_where_there_are_several_numbers_of_agents(capsys, suite, tmp_pa
     pytest.importorskip("matplotlib")
     _, out, _ = run(capsys, "--policy", "pibt", "--suite", suite, "--output", tmp_path / "out")
     assert out[-1] == f"figure written to {tmp_path / 'out' / 'empty-8-8.png'}"
-    assert files(tmp_path / "out") == {"episodes.csv", "tasks.json", "evaluation.md", "empty-8-8.png"}
+    assert files(tmp_path / "out") == {"episodes.csv", "identities.json", "evaluation.md", "empty-8-8.png"}
 
 
 def test_figures_need_matplotlib(capsys, suite, tmp_path, monkeypatch):
@@ -130,8 +130,38 @@ def test_a_scenario_is_one_episode(capsys, tmp_path):
     assert (row["task"], row["num_agents"]) == ("empty-8-8, 0.scen", "5")
     assert bounds(tmp_path / "out") == [cost(5)]
     status, _, err = run(capsys, *words, "--episodes", 2)
-    message = "episodes=2: '5 agents on empty-8-8, 0.scen' has 1 instances, expected at most one episode per instance"
+    message = (
+        "episodes=2: '5 agents on empty-8-8, 0.scen' has 1 instances, and nothing is random with 'pibt'; "
+        "expected at most one episode per instance"
+    )
     assert (status, err) == (1, [f"mapf-pz evaluate: {message}"])
+
+
+@pytest.mark.parametrize("words", [["--action-model", "rotate"], ["--edge-weights", "random"]], ids=" ".join)
+def test_several_episodes_of_a_scenario_where_something_is_random(capsys, tmp_path, words):
+    list(written_scenarios(tmp_path, 12))
+    files = ["--scenario", tmp_path / "0.scen", "--episodes", 6]
+    assert run(capsys, *ON_SCENARIOS, *files, *words, "--output", tmp_path / "out")[::2] == (0, [])
+    assert len({row["SoC"] for row in rows(tmp_path / "out")}) > 1
+
+
+def test_a_policy_that_ignores_headings_does_not_repeat_a_scenario(capsys, tmp_path):
+    pytest.importorskip("torch")
+    list(written_scenarios(tmp_path, 3))
+    words = ["--map", "empty-8-8", "--scenario", tmp_path / "0.scen", "--max-steps", 5, "--episodes", 2]
+    assert run(capsys, "--policy", "mappo", *words)[0] == 0
+    status, _, err = run(capsys, "--policy", "mappo", "--policy", "mappo-cardinal", *words)
+    assert (status, len(err)) == (1, 1)
+    assert "nothing is random with 'mappo-cardinal'" in err[0]
+
+
+def test_the_numbers_of_agents_of_a_suite_are_selected(capsys, suite, tmp_path):
+    words = ["--policy", "pibt", "--suite", suite, "--episodes", 1, "--output", tmp_path / "out", "--num-agents"]
+    assert run(capsys, *words, 4, 3)[0] == 0
+    assert [(row["task"], row["num_agents"]) for row in rows(tmp_path / "out")] == [("empty-8-8", "4"), ("random", "3")]
+    status, _, err = run(capsys, *words, 4, 5)
+    message = "mapf-pz evaluate: --num-agents 5: expected some of the suite's, 2, 3, 4"
+    assert (status, err) == (1, [message])
 
 
 def test_a_scenario_names_its_map(capsys, tmp_path):
@@ -278,7 +308,7 @@ def test_a_trained_policy_is_refused_where_actions_are_others(capsys):
 def test_another_evaluation_in_the_folder(capsys, tmp_path):
     assert run(capsys, "--policy", "pibt", *SMALL, "--output", tmp_path)[0] == 0
     status, _, err = run(capsys, "--policy", "pibt", *SMALL, "--output", tmp_path, "--seed", 3)
-    message = "contains an evaluation of other tasks; expected another folder"
+    message = "task '3 agents on empty-8-8': seed differs; expected another folder, or overwrite"
     assert (status, err) == (1, [f"mapf-pz evaluate: {tmp_path}: {message}"])
 
 

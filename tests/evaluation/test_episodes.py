@@ -19,6 +19,7 @@ class Forward:
     """Moves forward, and counts the episodes."""
 
     env_kwargs = {"initial_heading": "east", "view_size": (1, 1)}  # noqa: RUF012
+    identity = "moves in one direction"
 
     def __init__(self):
         self.episodes = 0

@@ -3,9 +3,10 @@ import csv
 import pytest
 from rich.console import Console
 
+from experiments.interval_coverage import coverage, distributions
 from mapf_pz.evaluation import Episode, markdown_table, terminal_table
 from mapf_pz.evaluation.formats import cells, comma_separated, latex
-from mapf_pz.evaluation.intervals import bootstrap, interval, wilson
+from mapf_pz.evaluation.intervals import difference_interval, interval, mean_interval, wilson
 from mapf_pz.evaluation.report import differences, exhausted, grouped, summaries
 
 
@@ -29,18 +30,46 @@ def shown(episodes):
     return captured.get()
 
 
-def test_bootstrap_interval_holds_the_mean_and_shrinks_with_more_values():
-    low, high = bootstrap([0.0, 1.0] * 50)
-    assert 0.35 < low < 0.5 < high < 0.65
-    narrow = bootstrap([0.0, 1.0] * 5000)
-    assert high - low > 5 * (narrow[1] - narrow[0])
-    assert bootstrap([3.0] * 10) == (3.0, 3.0)
-    assert bootstrap([0.0, 1.0] * 50) == (low, high)
+def test_the_interval_holds_the_mean_and_shrinks_with_more_values():
+    for bounds in ((), (0, 1)):
+        low, high = mean_interval([0.0, 1.0] * 50, *bounds)
+        assert 0.35 < low < 0.45 < 0.55 < high < 0.65
+        narrow = mean_interval([0.0, 1.0] * 1250, *bounds)
+        assert high - low > 4 * (narrow[1] - narrow[0])
+        assert mean_interval([0.0, 1.0] * 50, *bounds) == (low, high)
 
 
-def test_bootstrap_interval_of_normal_values():
+def test_the_interval_of_normal_values():
     values = [-1.0] * 200 + [1.0] * 200  # standard error of the mean: 1 / 20
-    assert bootstrap(values) == pytest.approx((-1.96 / 20, 1.96 / 20), abs=0.01)
+    assert mean_interval(values) == pytest.approx((-1.96 / 20, 1.96 / 20), abs=0.01)
+
+
+def test_the_interval_of_few_values_is_at_least_students():
+    low, high = mean_interval([1.0, 2.0, 3.0])  # R: t.test(c(1, 2, 3))
+    assert low <= -0.4841 + 1e-4
+    assert high >= 4.4841 - 1e-4
+
+
+def test_the_interval_of_equal_values():
+    assert mean_interval([3.0] * 10) == mean_interval([3.0]) == (3, 3)  # nothing bounds the others
+    low, high = mean_interval([1.0] * 10, 0, 1)
+    assert 0.7 < low < 0.85  # R: qbeta(0.025, 10, 0.5) is 0.776
+    assert high == 1
+    low, high = difference_interval("CSR", [0.0] * 10)
+    assert -0.3 < low < -0.1 < 0.1 < high < 0.3
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("ISR 0.5, all agents or none", "ISR 0.98, all agents or none", "throughput, livelock in 10% of the episodes"),
+        "cost ratio, exponential above 1",
+    ],
+)
+def test_intervals_of_eight_episodes_hold_the_mean(name):
+    (values,) = (one for one in distributions() if one.name == name)
+    found, _ = coverage(values, 8, lambda sample: mean_interval(sample, values.least, values.most), 150, seed=0)
+    assert found >= 0.85  # 0.90 and two standard errors of the simulation less
 
 
 @pytest.mark.parametrize(
@@ -53,7 +82,8 @@ def test_wilsons_interval(share, count, expected):  # of binom.test's relatives 
 
 def test_only_success_has_wilsons_interval():
     assert interval("CSR", [1.0] * 3) == wilson(1.0, 3)
-    assert interval("ISR", [1.0] * 3) == (1.0, 1.0)
+    assert interval("ISR", [1.0] * 3) == mean_interval([1.0] * 3, 0, 1)
+    assert interval("SoC", [1.0] * 3) == (1, 1)
 
 
 def test_groups_are_by_task_and_policy():
@@ -77,7 +107,7 @@ def test_the_table():
 def test_chosen_columns_in_their_order():
     table = summaries(EPISODES, ["SoC (solved)", "SoC", "collisions", "CSR"])
     assert table.columns == ("SoC (solved)", "SoC", "CSR")
-    assert cells(table)[1][-3:] == ["10", "15 [10, 20]", "0.5 [0.0945, 0.905]"]
+    assert cells(table)[1][-3:] == ["10", "15 [0, 78.5]", "0.5 [0.0945, 0.905]"]
 
 
 def test_differences_are_those_of_the_same_episodes():
@@ -87,7 +117,7 @@ def test_differences_are_those_of_the_same_episodes():
         for number, (solved, cost) in enumerate(results)
     ]
     table = differences(episodes, "a", ["CSR", "SoC", "SoC (solved)"])
-    assert cells(table)[1:] == [["maze", "4", "b", "2", "-0.5 [-1, 0]", "11.5 [3, 20]", "3"]]
+    assert cells(table)[1:] == [["maze", "4", "b", "2", "-0.5 [-0.984, 0.663]", "11.5 [-96.5, 120]", "3"]]
     with pytest.raises(ValueError, match="baseline 'd': no such policy in the results, expected one of a, b"):
         differences(episodes, "d")
 
@@ -98,7 +128,7 @@ def test_agents_at_the_end_of_their_goal_sequences_are_reported():
 
     assert exhausted(lifelong("pibt", 0, 0)) == []
     assert rows(lifelong("pibt", 0, 0))[0] == ["task", "agents", "policy", "episodes"]
-    assert rows(lifelong("pibt", 0, 3))[1][-1] == "1.5 [0, 3]"
+    assert rows(lifelong("pibt", 0, 3))[1][-1] == "1.5 [0, 20.6]"
     (line,) = exhausted([*lifelong("pibt", 0, 0), *lifelong("epibt", 0, 3)])
     assert line.startswith("epibt, 4 agents on maze: ")
     assert " in 1 episodes; " in line

@@ -5,7 +5,7 @@ import pytest
 
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation import Episode, EvaluationTask, evaluate
-from mapf_pz.evaluation.results import COLUMNS, METRICS, Results, discard, discard_policies
+from mapf_pz.evaluation.results import COLUMNS, METRICS, Results
 from mapf_pz.instances import RandomObstacles
 from tests.evaluation.test_episodes import TIMES, Right
 from tests.helpers.text_instances import drawn
@@ -72,7 +72,7 @@ def test_the_file_has_every_number(tmp_path):
     for row, episode in zip(written, episodes, strict=True):
         assert (row["policy"], row["task"], int(row["num_agents"]), int(row["episode"])) == episode.key
         assert {name: float(row[name]) for name in METRICS if row[name]} == episode.metrics
-    assert Results(TASKS, tmp_path).episodes == episodes
+    assert Results(tmp_path).episodes == episodes
 
 
 def test_finished_jobs_are_not_repeated(tmp_path):
@@ -143,39 +143,6 @@ def test_a_malformed_row_is_an_error(tmp_path, row, message):
         evaluated(Right(), TASKS[:1], tmp_path)
 
 
-@pytest.mark.parametrize(
-    "other",
-    [
-        TASKS[:1],
-        (TASKS[0].with_(seed=5), TASKS[1]),
-        (TASKS[0].with_(name="another"), TASKS[1]),
-        (TASKS[0].with_(keywords={"max_steps": 7}), TASKS[1]),
-        (TASKS[0].with_(instances=(drawn("a..A."), drawn("a.A.."))), TASKS[1]),
-        (TASKS[0], TASKS[1].with_(keywords={"max_steps": 6, "source": RandomObstacles(4, 4, 0.3, 2)})),
-    ],
-    ids=["fewer", "seed", "name", "keywords", "instances", "source"],
-)
-def test_other_tasks_are_rejected(tmp_path, other):
-    evaluated(Right(), TASKS, tmp_path)
-    with pytest.raises(ValueError, match="contains an evaluation of other tasks; expected another folder"):
-        evaluated(Right(), other, tmp_path)
-    discard(tmp_path)
-    discard(tmp_path)  # nothing is left to remove
-    assert evaluated(Right(), other, tmp_path)[1] == sum(task.episodes for task in other)
-
-
-def test_the_episodes_of_some_policies_are_discarded(tmp_path):
-    results = Results(TASKS[:1], tmp_path)
-    for policy in ("a", "b", "c"):
-        for number in range(2):
-            results.add(Episode(policy, TASKS[0].name, 2, number, {"CSR": 0.5, "runtime": 1e-9}))
-    discard_policies(tmp_path, ["a", "c", "none"])
-    kept = Results(TASKS[:1], tmp_path)
-    assert kept.episodes == [one for one in results.episodes if one.policy == "b"]
-    kept.add(results.episodes[0])
-    assert len(Results(TASKS[:1], tmp_path).episodes) == 3
-
-
 def test_more_and_fewer_episodes(tmp_path):
     evaluated(Right(), TASKS, tmp_path)
     more, left = evaluated(Right(), [task.with_(episodes=task.episodes + 2) for task in TASKS], tmp_path)
@@ -194,11 +161,11 @@ def test_policies_can_be_added(tmp_path):
 
 @pytest.mark.parametrize("name", ["a,b", 'say "go"', "line\u2028separator", "a\nb", "Straße"])
 def test_names_come_back_as_they_were(tmp_path, name):
-    results = Results(TASKS, tmp_path)
+    results = Results(tmp_path)
     episodes = [Episode(name, "drawn", 1, number, {"CSR": 0.1 + number, "runtime": 1e-300}) for number in range(3)]
     for episode in episodes:
         results.add(episode)
-    assert Results(TASKS, tmp_path).episodes == episodes
+    assert Results(tmp_path).episodes == episodes
 
 
 def test_the_folder_is_a_file(tmp_path):

@@ -10,8 +10,6 @@ import pytest
 
 import mapf_pz
 from mapf_pz.cli import main
-from mapf_pz.evaluation import EvaluationTask
-from mapf_pz.evaluation.results import Results
 from mapf_pz.guidance import GuidanceGraph, guidance_names, library, save_guidance
 from mapf_pz.instance import Grid
 from mapf_pz.instances import RandomObstacles, load_instance, load_map, write_map
@@ -95,15 +93,6 @@ def test_the_command_line_reads_a_file(folder, capsys):
     capsys.readouterr()
     assert main(["render", "out.svg", *words, "b.w"]) == 1
     assert capsys.readouterr().err == "mapf-pz render: b.w: no such file\n"
-
-
-def test_an_evaluation_is_not_resumed_with_another_graph(folder):
-    task = EvaluationTask("hall", 3, {"map": "hall.map", "edge_weights": "a.csv"})
-    Results([task], folder / "out")
-    Results([task], folder / "out")
-    save_guidance(GuidanceGraph.crisscross(GRID.free), folder / "a.csv", GRID)
-    with pytest.raises(ValueError, match="contains an evaluation of other tasks"):
-        Results([task], folder / "out")
 
 
 def test_a_run_does_not_depend_on_the_file(folder):
