@@ -35,6 +35,7 @@ from mapf_pz.instances import load_instances
 from mapf_pz.instances.configured import goals_per_agent
 from mapf_pz.interrupts import interruptible
 from mapf_pz.io.atomic import write_whole
+from mapf_pz.io.lock import locked
 
 TABLE_FILE = "evaluation.md"
 DEFAULT_AGENTS = 10
@@ -161,7 +162,9 @@ def evaluate_policies(options: EvaluateOptions) -> None:
     factories: dict[str, PolicyFactory | Policy | str] = {
         options.label(name): policy_factory(name, options.policy_seed, options.deterministic) for name in options.policy
     }
-    report(factories, options.tasks(), options.output, options.jobs)
+    tasks = options.tasks()
+    with locked(options.output):
+        report(factories, tasks, options.output, options.jobs)
 
 
 def report(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +22,7 @@ from mapf_pz.evaluation import EvaluationTask, load_suite
 from mapf_pz.evaluation.policies import SHIELD_SUFFIX, policy_factory
 from mapf_pz.evaluation.results import EPISODES_FILE, discard
 from mapf_pz.interrupts import interruptible
+from mapf_pz.io.lock import locked
 from mapf_pz.rl.config import DeviceName, TrainConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
 from mapf_pz.rl.presets import PRESETS, SUMMARIES
@@ -127,11 +128,16 @@ def _train(run: Run) -> None:
     tasks = () if run.evaluate == "none" else [_by_rules_of(config, task) for task in load_suite(run.evaluate)]
     for task in tasks:
         _check_fits(config, task)
-    if isinstance(run, TrainOptions) and is_first() and not run.overwrite:
-        _check_no_evaluation(run.output)
     if not is_first():
         _train_policy(run, lambda _: None)
         return
+    with locked(run.output):
+        _train_and_evaluate(run, config, tasks)
+
+
+def _train_and_evaluate(run: Run, config: TrainConfig, tasks: Sequence[EvaluationTask]) -> None:
+    if isinstance(run, TrainOptions) and not run.overwrite:
+        _check_no_evaluation(run.output)
     _learn(run, config)
     print(f"policy, configuration and progress written to {run.output}")
     if not tasks:

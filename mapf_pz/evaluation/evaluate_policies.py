@@ -13,6 +13,7 @@ from mapf_pz.evaluation.policies import factory_for, policy_factory
 from mapf_pz.evaluation.results import Episode, Results
 from mapf_pz.evaluation.suite import load_suite
 from mapf_pz.evaluation.task import EvaluationTask
+from mapf_pz.io.lock import locked
 
 EPISODES_PER_JOB = 8
 """Minimum number of episodes that a process runs per job."""
@@ -49,6 +50,7 @@ def evaluate(
     Raises:
         ValueError: a policy or suite is unknown, they are incompatible, two tasks have the same label, or the folder
             contains an evaluation of other tasks.
+        BlockingIOError: another process is writing to the folder.
         TypeError: an object is not a policy.
         FileNotFoundError, FormatError: a file of the suite is missing or malformed.
     """
@@ -58,23 +60,25 @@ def evaluate(
     factories = {name: _factory(policy) for name, policy in named.items()}
     tasks = load_suite(suite) if isinstance(suite, (str, Path)) else tuple(suite)
     _check_names(tasks)
-    results = Results(tasks, None if output is None else Path(output))
-    done = results.done()
-    pending = [
-        Job(name, factory, task, episodes)
-        for task in tasks
-        for name, factory in factories.items()
-        for episodes in _in_chunks(
-            [e for e in range(task.episodes) if _key(name, task, e) not in done], _episodes_per_job(factory, task)
-        )
-    ]
-    left = sum(len(job.episodes) for job in pending)
-    show(None, left)
-    for episodes in run_jobs(_run, pending, jobs):
-        for episode in episodes:
-            results.add(episode)
-            left -= 1
-            show(episode, left)
+    folder = None if output is None else Path(output)
+    with locked(folder):
+        results = Results(tasks, folder)
+        done = results.done()
+        pending = [
+            Job(name, factory, task, episodes)
+            for task in tasks
+            for name, factory in factories.items()
+            for episodes in _in_chunks(
+                [e for e in range(task.episodes) if _key(name, task, e) not in done], _episodes_per_job(factory, task)
+            )
+        ]
+        left = sum(len(job.episodes) for job in pending)
+        show(None, left)
+        for episodes in run_jobs(_run, pending, jobs):
+            for episode in episodes:
+                results.add(episode)
+                left -= 1
+                show(episode, left)
     found = {episode.key: episode for episode in results.episodes}
     return [found[_key(name, task, e)] for task in tasks for name in factories for e in range(task.episodes)]
 

@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 
 from mapf_pz.instances.archive import Archive, unpack
 from mapf_pz.io.atomic import naming
+from mapf_pz.io.lock import locked
 
 CACHE_VARIABLE = "MAPF_PZ_CACHE"
 """Environment variable for the folder of downloaded data; overrides the user's cache."""
@@ -41,6 +42,7 @@ def download(archives: Iterable[Archive], folder: Path, show: Show) -> int:
         Number of files unpacked; 0 if all of them existed already.
 
     Raises:
+        BlockingIOError: Another process is writing to the folder.
         ConnectionError: The server cannot be reached, or the connection was lost.
         OSError: The server does not have the file, or it cannot be written.
         ValueError: The checksum of an archive is wrong; the archive is deleted.
@@ -49,11 +51,12 @@ def download(archives: Iterable[Archive], folder: Path, show: Show) -> int:
     import pooch
 
     written = 0
-    for archive in archives:
-        # Typed as Any, since pooch annotates downloaders with the wrong parameter names.
-        resuming: Any = _Resuming(show)
-        file = Path(pooch.retrieve(archive.url, archive.sha256, archive.name, folder, downloader=resuming))
-        written += unpack(file, file.parent)
+    with locked(folder):
+        for archive in archives:
+            # Typed as Any, since pooch annotates downloaders with the wrong parameter names.
+            resuming: Any = _Resuming(show)
+            file = Path(pooch.retrieve(archive.url, archive.sha256, archive.name, folder, downloader=resuming))
+            written += unpack(file, file.parent)
     return written
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from mapf_pz.evaluation.parallel import job_runner
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.guidance.library import guidance_graph
+from mapf_pz.io.lock import locked
 from mapf_pz.optimization.candidate import Candidate
 from mapf_pz.optimization.config import OptimizeConfig
 from mapf_pz.optimization.folder import OptimizationFolder
@@ -60,31 +61,35 @@ def optimize(
         The best graph. Uniform and crisscross weights and those of the task compete, too.
 
     Raises:
+        BlockingIOError: Another process is writing to the folder.
         FileExistsError: The folder holds an optimization, and `resume` is False.
         FileNotFoundError: It holds none, and `resume` is True.
     """
-    folder = None if output is None else OptimizationFolder(output, config, resume)
-    simulate(config.task, GuidanceGraph.crisscross(config.task.grid.free), seed=0, num_steps=1)  # compiles all kernels
-    with job_runner(config.jobs) as run:
-        search = Search(
-            config.task,
-            run,
-            seconds=60 * config.minutes,
-            rng=np.random.default_rng([config.seed, 0 if folder is None else folder.num_rows]),
-            num_jobs=config.jobs if isinstance(config.jobs, int) else 8,
-            archive=[] if folder is None else folder.load_candidates(),
-        )
-        search.on_progress = partial(_report, search, folder, on_progress)
-        try:
-            _improve(search, config, folder)
-            best, interrupted = search.select(baselines(config.task)), False
-        except KeyboardInterrupt:
-            if not search.archive:
-                raise
-            best, interrupted = search.archive[0], True
-    result = Optimized(best.graph, best.mean, len(best.scores), interrupted)
-    if folder is not None:
-        folder.save_result(search.archive, result.graph)
+    with locked(output):
+        folder = None if output is None else OptimizationFolder(output, config, resume)
+        simulate(
+            config.task, GuidanceGraph.crisscross(config.task.grid.free), seed=0, num_steps=1
+        )  # compiles all kernels
+        with job_runner(config.jobs) as run:
+            search = Search(
+                config.task,
+                run,
+                seconds=60 * config.minutes,
+                rng=np.random.default_rng([config.seed, 0 if folder is None else folder.num_rows]),
+                num_jobs=config.jobs if isinstance(config.jobs, int) else 8,
+                archive=[] if folder is None else folder.load_candidates(),
+            )
+            search.on_progress = partial(_report, search, folder, on_progress)
+            try:
+                _improve(search, config, folder)
+                best, interrupted = search.select(baselines(config.task)), False
+            except KeyboardInterrupt:
+                if not search.archive:
+                    raise
+                best, interrupted = search.archive[0], True
+        result = Optimized(best.graph, best.mean, len(best.scores), interrupted)
+        if folder is not None:
+            folder.save_result(search.archive, result.graph)
     return result
 
 

@@ -17,6 +17,7 @@ from tensordict import TensorDictBase
 from mapf_pz.errors import FormatError
 from mapf_pz.interrupts import interrupts_deferred
 from mapf_pz.io.atomic import naming
+from mapf_pz.io.lock import locked
 from mapf_pz.machine import usable_cores
 from mapf_pz.rl.algorithm import Algorithm
 from mapf_pz.rl.algorithms import algorithm_of
@@ -69,6 +70,7 @@ def train(
     function, and only rank 0 uses `output` and calls `on_progress`.
 
     Raises:
+        BlockingIOError: Another process is writing to the folder.
         ChildProcessError: Another learner has ended, for example because it was killed; `resume` continues.
         ConnectionError: The same under `torchrun`.
         FileExistsError: The folder holds a run, and `overwrite` is False.
@@ -78,9 +80,10 @@ def train(
         ValueError: The configuration is not valid, or there is no GPU for `device="cuda"`.
     """
     run = RunFolder(Path(output))
-    if is_first() and not overwrite:
-        run.check_unused()
-    return _run(config, run, None, on_progress, make_algorithm)
+    with locked(run.path if is_first() else None):
+        if is_first() and not overwrite:
+            run.check_unused()
+        return _run(config, run, None, on_progress, make_algorithm)
 
 
 def resume(
@@ -106,27 +109,29 @@ def resume(
     Checkpoints do not contain the environments: these start new episodes, with seeds that the run has not used before.
 
     Raises:
+        BlockingIOError: Another process is writing to the folder.
         FileNotFoundError: The folder has no configuration, no progress or no checkpoint.
         FormatError: One of them is damaged, or they do not belong together.
         ValueError: The run is already longer than `agent_steps`.
     """
     run = RunFolder(Path(folder))
-    checkpoint = run.checkpoints.latest()
-    config = load_config(run.path / CONFIG)
-    position = read_position(checkpoint)
-    if position.agent_steps != position.updates * config.steps_per_update:
-        raise FormatError(checkpoint, f"not a checkpoint of the run that {CONFIG} describes")
-    if agent_steps is not None:
-        if agent_steps < position.agent_steps:
-            raise ValueError(
-                f"agent_steps={agent_steps}: the run in {str(folder)!r} has already reached {position.agent_steps}"
-            )
-        config = replace(config, agent_steps=agent_steps)
-    if num_learners is not None:
-        config = replace(config, num_learners=num_learners)
-    if device is not None:
-        config = replace(config, device=device)
-    return _run(config, run, checkpoint, on_progress, make_algorithm)
+    with locked(run.path if is_first() else None):
+        checkpoint = run.checkpoints.latest()
+        config = load_config(run.path / CONFIG)
+        position = read_position(checkpoint)
+        if position.agent_steps != position.updates * config.steps_per_update:
+            raise FormatError(checkpoint, f"not a checkpoint of the run that {CONFIG} describes")
+        if agent_steps is not None:
+            if agent_steps < position.agent_steps:
+                raise ValueError(
+                    f"agent_steps={agent_steps}: the run in {str(folder)!r} has already reached {position.agent_steps}"
+                )
+            config = replace(config, agent_steps=agent_steps)
+        if num_learners is not None:
+            config = replace(config, num_learners=num_learners)
+        if device is not None:
+            config = replace(config, device=device)
+        return _run(config, run, checkpoint, on_progress, make_algorithm)
 
 
 def _run(
