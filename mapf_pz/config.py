@@ -73,7 +73,7 @@ class EnvConfig:
     """Sampled goals: `uniform` on the free cells, or `alternating` between the workstations and the endpoints of a
     warehouse, whose map is a `.json` file of GGO or a `.map` file with `E` and `S`; with `on_target='restart'` only."""
     view_size: tuple[int, int] = (5, 5)
-    """Height and width of each agent's view in cells, at most the map's size."""
+    """Height and width of each agent's view in cells; it may be larger than the map."""
     view: View | None = None
     """The agent's position in its view: `front` (at the bottom center, facing up) or `centered`. Default: `front`, or
     `centered` with cardinal actions."""

@@ -24,7 +24,7 @@ class ObservationShape:
     @classmethod
     def of_task(cls, task: TaskConfig) -> ObservationShape:
         """Return the shapes for a task."""
-        layout = ObservationLayout(task.env, task.env.view_size)
+        layout = ObservationLayout(task.env)
         return cls(layout.image_shape, layout.num_features, layout.num_actions, layout.own_feature("pose"))
 
     def stacked(self, number: int) -> ObservationShape:
