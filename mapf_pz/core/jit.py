@@ -17,7 +17,7 @@ import tempfile
 import warnings
 from collections.abc import Callable
 from functools import cache, partial
-from multiprocessing import parent_process
+from multiprocessing import current_process
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -140,13 +140,13 @@ def _cache_root(setting: str) -> Path | None:
         base = Path(setting) if setting else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
         return _writable(base / "mapf_pz" / _FINGERPRINT)
     except (OSError, RuntimeError) as error:  # RuntimeError: the user has no home
-        reason = " ".join(str(error).split())
+        reason = " ".join(str(error).split()).rstrip(".")
     try:
         folder = _writable(_private_folder() / _FINGERPRINT)
         place = f"cached in {folder.parent}"
     except OSError:
         folder, place = None, "not cached"
-    if parent_process() is None:  # in others, the warning would be repeated
+    if current_process().name == "MainProcess":  # in others, the warning would be repeated
         advice = "set NUMBA_CACHE_DIR to a folder that you can write to"
         warnings.warn(f"compiled kernels are {place}: {reason}; {advice}", RuntimeWarning, stacklevel=2)
     return folder
