@@ -39,6 +39,8 @@ DEFAULT_MAP = "empty-8-8"
 """The map if no map, scenario or source is given."""
 DEFAULT_NUM_AGENTS = 4
 """The number of agents if nothing else determines it."""
+NAMED_PARTS = ("channels", "features", "reward", "source")
+"""The fields that may name code, as `package.module:name`."""
 _OBJECT_ALLOWED = ("initial_heading",)  # fields that need not be a name
 
 

@@ -86,6 +86,8 @@ class EvaluateOptions:
     """Number of processes; `ray`: run on a Ray cluster."""
     output: Path | None = None
     """Folder for the episodes (CSV), the table (Markdown) and figures; existing results are reused."""
+    trust_remote_code: bool = False
+    """Load policies and suite files that name code outside this package (`package.module:name`), and run that code."""
 
     def tasks(self) -> tuple[EvaluationTask, ...]:
         """Return the tasks that the options select."""
@@ -103,7 +105,9 @@ class EvaluateOptions:
         elif "map" in given:
             tasks = self._on_map()
         else:
-            tasks = [task for suite in self.suite or ("standard",) for task in load_suite(suite)]
+            tasks = [
+                task for suite in self.suite or ("standard",) for task in load_suite(suite, self.trust_remote_code)
+            ]
         return tuple(map(self._overridden, tasks))
 
     def _overridden(self, task: EvaluationTask) -> EvaluationTask:
@@ -160,7 +164,8 @@ def evaluate_policies(options: EvaluateOptions) -> None:
     # These small networks are several times slower with two threads. Set this before torch is imported.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     factories: dict[str, PolicyFactory | Policy | str] = {
-        options.label(name): policy_factory(name, options.policy_seed, options.deterministic) for name in options.policy
+        options.label(name): policy_factory(name, options.policy_seed, options.deterministic, options.trust_remote_code)
+        for name in options.policy
     }
     tasks = options.tasks()
     with locked(options.output):

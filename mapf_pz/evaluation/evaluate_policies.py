@@ -36,6 +36,7 @@ def evaluate(
     output: str | Path | None = None,
     jobs: int | str = 1,
     show: Callable[[Episode | None, int], None] = lambda episode, left: None,
+    trust_remote_code: bool = False,
 ) -> list[Episode]:
     """Run policies in all episodes of a suite, and return the episodes. All policies get the same seeds.
 
@@ -46,6 +47,7 @@ def evaluate(
         output: a folder to which every finished episode is written; existing results are reused.
         jobs: number of processes, or `ray`: see `run_jobs`. Results do not depend on it, apart from the times.
         show: called with each finished episode (at first with None), and the number of remaining episodes.
+        trust_remote_code: whether policies given by name, and the suite file, may name code outside this package.
 
     Raises:
         ValueError: a policy or suite is unknown, they are incompatible, two tasks have the same label, or the folder
@@ -57,8 +59,8 @@ def evaluate(
     if isinstance(policies, str):
         policies = [policies]
     named = policies if isinstance(policies, Mapping) else {name: name for name in policies}
-    factories = {name: _factory(policy) for name, policy in named.items()}
-    tasks = load_suite(suite) if isinstance(suite, (str, Path)) else tuple(suite)
+    factories = {name: _factory(policy, trust_remote_code) for name, policy in named.items()}
+    tasks = load_suite(suite, trust_remote_code) if isinstance(suite, (str, Path)) else tuple(suite)
     _check_names(tasks)
     folder = None if output is None else Path(output)
     with locked(folder):
@@ -83,9 +85,9 @@ def evaluate(
     return [found[_key(name, task, e)] for task in tasks for name in factories for e in range(task.episodes)]
 
 
-def _factory(policy: PolicyFactory | Policy | str) -> PolicyFactory:
+def _factory(policy: PolicyFactory | Policy | str, trust_remote_code: bool) -> PolicyFactory:
     if isinstance(policy, str):
-        return policy_factory(policy)
+        return policy_factory(policy, trust_remote_code=trust_remote_code)
     if callable(policy) and not isinstance(policy, type) and not hasattr(policy, "act"):
         return policy
     return factory_for(cast("Policy", policy))

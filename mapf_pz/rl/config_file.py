@@ -11,8 +11,9 @@ from pydantic import BeforeValidator, TypeAdapter, ValidationError
 from mapf_pz.errors import FormatError
 from mapf_pz.io.atomic import write_whole
 from mapf_pz.io.text import read_text
+from mapf_pz.plugins import check_trusted
 from mapf_pz.rl.config import OptimizationConfig, TrainConfig
-from mapf_pz.rl.saved_env import OBJECT_FIELDS, complaint, object_file, object_files
+from mapf_pz.rl.saved_env import OBJECT_FIELDS, Origin, complaint, object_file, object_files
 
 CONFIG = "config.json"
 CONFIG_FILES = (CONFIG, *map(object_file, OBJECT_FIELDS))
@@ -49,12 +50,17 @@ def save_config(folder: Path, config: TrainConfig) -> None:
         (folder / name).unlink(missing_ok=True)
 
 
-def load_config(file: Path) -> TrainConfig:
-    """Read `config.json` and the files that it refers to; raises `FormatError` if one of them is malformed."""
+def load_config(file: Path, trust_remote_code: bool = False) -> TrainConfig:
+    """Read `config.json` and the files that it refers to.
+
+    Raises `FormatError` if one of them is malformed, or names code outside this package without `trust_remote_code`.
+    """
     try:
-        return _ADAPTER.validate_json(read_text(file), context=file.parent)
+        config = _ADAPTER.validate_json(read_text(file), context=Origin(file, trust_remote_code))
     except ValidationError as error:
         cause = error.errors()[0].get("ctx", {}).get("error")
         if isinstance(cause, FormatError):
             raise cause from None
         raise FormatError(file, complaint(error)) from None
+    check_trusted(file, {"algorithm": config.algorithm, "encoder": config.model.encoder}, trust_remote_code)
+    return config

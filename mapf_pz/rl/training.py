@@ -28,7 +28,7 @@ from mapf_pz.rl.launch import connecting, is_first, launched_size, local_rank
 from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.loggers import check_loggers
 from mapf_pz.rl.networks import Actor
-from mapf_pz.rl.policy import load_policy
+from mapf_pz.rl.policy import load_policy, policy_config
 from mapf_pz.rl.ranks import Ranks
 from mapf_pz.rl.run import RunFolder
 from mapf_pz.rl.updates import updates
@@ -49,6 +49,7 @@ def train(
     on_progress: Progress | None = None,
     make_algorithm: MakeAlgorithm = _named_algorithm,
     overwrite: bool = False,
+    trust_remote_code: bool = False,
 ) -> Path:
     """Train a policy, and return the folder that holds the policy, its configuration and its progress.
 
@@ -59,6 +60,7 @@ def train(
         make_algorithm: creates the algorithm, if it is not the one named by the configuration; `load_policy` always
             uses the network of the named algorithm.
         overwrite: replace an existing run in `output`.
+        trust_remote_code: load an `initial_policy` whose configuration names code outside this package.
 
     Nothing is written before the networks and the environments have been created, so an invalid configuration leaves
     the folder unchanged.
@@ -83,6 +85,7 @@ def train(
     with locked(run.path if is_first() else None):
         if is_first() and not overwrite:
             run.check_unused()
+        _check_initial_policy(config, trust_remote_code)
         return _run(config, run, None, on_progress, make_algorithm)
 
 
@@ -93,6 +96,7 @@ def resume(
     make_algorithm: MakeAlgorithm = _named_algorithm,
     num_learners: int | Literal["auto"] | None = None,
     device: DeviceName | None = None,
+    trust_remote_code: bool = False,
 ) -> Path:
     """Continue a run that was interrupted or killed from its latest checkpoint, and return its folder.
 
@@ -103,6 +107,7 @@ def resume(
         make_algorithm: as in `train`.
         num_learners: number of processes that train together, as in `TrainConfig`; None keeps the run's own value.
         device: device of the networks, as in `TrainConfig`; None keeps the run's own value.
+        trust_remote_code: continue a run whose configuration names code outside this package.
 
     Under `torchrun`, all machines must see the folder.
 
@@ -117,7 +122,8 @@ def resume(
     run = RunFolder(Path(folder))
     with locked(run.path if is_first() else None):
         checkpoint = run.checkpoints.latest()
-        config = load_config(run.path / CONFIG)
+        config = load_config(run.path / CONFIG, trust_remote_code)
+        _check_initial_policy(config, trust_remote_code)
         position = read_position(checkpoint)
         if position.agent_steps != position.updates * config.steps_per_update:
             raise FormatError(checkpoint, f"not a checkpoint of the run that {CONFIG} describes")
@@ -232,9 +238,15 @@ def _synchronize(learner: Learner, done: int = 0) -> int:
     return done
 
 
+def _check_initial_policy(config: TrainConfig, trust_remote_code: bool) -> None:
+    """Raise `FormatError` if the initial policy names code without `trust_remote_code`."""
+    if config.initial_policy is not None:
+        policy_config(config.initial_policy, trust_remote_code)
+
+
 def _start_from(policy: str, temperature: float, algorithm: Algorithm) -> None:
     """Start from a trained policy."""
-    network = load_policy(policy).network
+    network = load_policy(policy, trust_remote_code=True).network  # has been checked at the start of the run
     if temperature != 1:
         if not isinstance(network, Actor):
             raise ValueError(f"initial_temperature={temperature}: expected 1, since the initial policy has no logits")
