@@ -37,10 +37,16 @@ RenderMode = Literal["human", "rgb_array", "ansi"]
 HeadingName = Literal["random", "east"]
 DEFAULT_MAP = "empty-8-8"
 """The map if no map, scenario or source is given."""
+FIRST_EVALUATION_SEED = 1_000_000
+"""First seed of evaluations. Training uses smaller seeds and, when it is resumed, seeds from `FIRST_RESUMED_SEED`."""
+FIRST_RESUMED_SEED = 2**31
+"""First seed of training that is resumed, larger than those of evaluations and validations."""
 DEFAULT_NUM_AGENTS = 4
 """The number of agents if nothing else determines it."""
 NAMED_PARTS = ("channels", "features", "reward", "source")
 """The fields that may name code, as `package.module:name`."""
+MAX_WHOLE = 2**30
+"""Maximum of the fields that are whole numbers, except bytes."""
 _OBJECT_ALLOWED = ("initial_heading",)  # fields that need not be a name
 
 
@@ -134,9 +140,9 @@ class EnvConfig:
             _check_whole(name, getattr(self, name), least=1)
         for name in ("num_neighbors", "neighbor_radius"):
             _check_whole(name, getattr(self, name), least=0)
-        for name in ("num_agents", "distance_bytes"):
+        for name, most in (("num_agents", MAX_WHOLE), ("distance_bytes", 2**62)):
             if getattr(self, name) is not None:
-                _check_whole(name, getattr(self, name), least=1)
+                _check_whole(name, getattr(self, name), 1, most)
         if self.resolved_source is not None:
             self._check_source(self.resolved_source)
         if self.goals == "alternating" and self.on_target != "restart":
@@ -244,9 +250,11 @@ def _scenario(value: Any) -> str | Path | Scenario | tuple[str | Path, ...] | No
     return several if isinstance(value, list) else value
 
 
-def _check_whole(name: str, value: object, least: int) -> None:
+def _check_whole(name: str, value: object, least: int, most: int = MAX_WHOLE) -> None:
     if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < least:
         raise ValueError(f"{name}={_shown(value)}: expected a whole number, {least} or more")
+    if value > most:
+        raise ValueError(f"{name}={_shown(value)}: expected at most {most}")
 
 
 def _pair(name: str, value: Any) -> tuple[int, int]:

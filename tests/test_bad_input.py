@@ -60,6 +60,11 @@ def refuses(error, message, make):
             ValueError,
             "edge_weights=1.5: expected a name, the path of a file, or a GuidanceGraph",
         ),
+        ({"max_steps": 2**31}, ValueError, "max_steps=2147483648: expected at most 1073741824"),
+        ({"max_steps": 10**30}, ValueError, "max_steps=1000000000000000000000000000000: expected at most 1073741824"),
+        ({"num_frames": 10**30}, ValueError, "num_frames=.*: expected at most 1073741824"),
+        ({"distance_bytes": 10**30}, ValueError, "distance_bytes=.*: expected at most 4611686018427387904"),
+        ({"view_size": (10**30, 1)}, ValueError, "view_size=.*: expected at most 1073741824"),
         ({"view_size": 5}, ValueError, "view_size=5: expected \\(height, width\\)"),
         ({"view_size": (0, 2)}, ValueError, "view_size=0: expected a whole number, 1 or more"),
         (

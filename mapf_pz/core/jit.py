@@ -30,6 +30,7 @@ logger = logging.getLogger(__name__)
 
 numba_config: Any = config  # its settings are made when it is loaded, unseen by type checkers
 _njit: Any = numba.njit  # its annotations lack the option `_nrt`
+_PROCESS = os.getpid()
 
 
 def jit(kernel: Kernel) -> Kernel:
@@ -59,12 +60,16 @@ class BatchKernel:
         self._parallel: Any = _compile(kernel, parallel=True)
 
     def __call__(self, num_threads: int, *arguments: Any) -> None:
-        """Run the kernel on `num_threads` threads."""
-        if num_threads == 1:
+        """Run the kernel on `num_threads` threads; in a forked process on one, since OpenMP's do not survive a fork."""
+        if num_threads == 1 or os.getpid() != _PROCESS:
             self._serial(*arguments)
-        else:
-            numba.set_num_threads(num_threads)
+            return
+        before = numba.get_num_threads()
+        numba.set_num_threads(num_threads)
+        try:
             self._parallel(*arguments)
+        finally:
+            numba.set_num_threads(before)
 
     def bind(self, num_threads: int, first: tuple[Any, ...], others: tuple[Any, ...]) -> BoundKernel:
         """Return the kernel with its first arguments `first`; `others` are examples of those that it is called with."""

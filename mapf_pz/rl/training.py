@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from tensordict import TensorDictBase
 
+from mapf_pz.config import FIRST_RESUMED_SEED
 from mapf_pz.errors import FormatError
 from mapf_pz.interrupts import interrupts_deferred
 from mapf_pz.io.atomic import naming
@@ -281,5 +282,7 @@ def _batches(
     left = config.num_updates - done
     if left <= 0:
         return nullcontext(iter(()))
-    seed = config.seed if done == 0 else int(np.random.SeedSequence([config.seed, done]).generate_state(1)[0])
+    seed = config.seed
+    if done:
+        seed = FIRST_RESUMED_SEED + int(np.random.SeedSequence([seed, done]).generate_state(1)[0]) % FIRST_RESUMED_SEED
     return algorithm.batches(seed + ranks.rank * algorithm.config.optimization.num_envs, left)

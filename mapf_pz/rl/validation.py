@@ -20,7 +20,7 @@ MEANS: dict[OnTarget, tuple[str, ...]] = {
 }
 """The reported means of episodes. Lifelong episodes are never solved, so their throughput is reported instead."""
 FIRST_SEED = 2_000_000
-"""First seed of the validation instances; training runs with much smaller seeds use other instances."""
+"""First seed of the validation instances; training uses other seeds."""
 
 
 class Validation:
