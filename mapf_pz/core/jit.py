@@ -165,7 +165,7 @@ def _writable(folder: Path) -> Path:
 
 
 def _private_folder() -> Path:
-    """Return the user's own temporary folder, which nobody else can write to: what is in it will be executed."""
+    """Return the user's own temporary folder, which other users cannot write to: what is in it will be executed."""
     folder = Path(tempfile.gettempdir()) / f"mapf_pz-{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)
     found = folder.lstat()

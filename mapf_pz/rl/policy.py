@@ -242,7 +242,7 @@ def load_policy(
         temperature: temperature of the sampling, 0 or more; below 1, likely actions are sampled more often. None: the
             temperature at which the policy acted in its training, `Algorithm.acting_temperature`.
         trust_remote_code: load a policy whose configuration names code outside this package
-            (`package.module:name`), which is imported, and thus run.
+            (`package.module:name`), which importing runs.
 
     Raises:
         FileNotFoundError: There is no such policy.
