@@ -37,14 +37,8 @@ RenderMode = Literal["human", "rgb_array", "ansi"]
 HeadingName = Literal["random", "east"]
 DEFAULT_MAP = "empty-8-8"
 """The map if no map, scenario or source is given."""
-FIRST_EVALUATION_SEED = 1_000_000
-"""First seed of evaluations. Training uses smaller seeds and, when it is resumed, seeds from `FIRST_RESUMED_SEED`."""
-FIRST_RESUMED_SEED = 2**31
-"""First seed of training that is resumed, larger than those of evaluations and validations."""
 DEFAULT_NUM_AGENTS = 4
 """The number of agents if nothing else determines it."""
-NAMED_PARTS = ("channels", "features", "reward", "source")
-"""The fields that may name code, as `package.module:name`."""
 MAX_WHOLE = 2**30
 """Maximum of the fields that are whole numbers, except bytes."""
 _OBJECT_ALLOWED = ("initial_heading",)  # fields that need not be a name

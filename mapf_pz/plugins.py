@@ -12,6 +12,8 @@ from mapf_pz.errors import FormatError
 from mapf_pz.suggest import closest
 
 Part = TypeVar("Part")
+NAMED_PARTS = ("channels", "features", "reward", "source")
+"""The fields of `EnvConfig` that may name code, as `package.module:name`."""
 
 
 def resolve(field: str, given: object, known: Mapping[str, Part], kind: type[Part]) -> Part:

@@ -20,6 +20,7 @@ ORDER = [
     "lazy",
     "suggest",
     "version",
+    "seeds",
     "actions",
     "arrays",
     "errors",

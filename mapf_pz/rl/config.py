@@ -11,7 +11,7 @@ from pydantic import ConfigDict, PlainSerializer, PlainValidator
 from tyro.conf import arg
 
 from mapf_pz.action_modes import ActionMode
-from mapf_pz.config import DEFAULT_NUM_AGENTS, FIRST_EVALUATION_SEED, EnvConfig
+from mapf_pz.config import DEFAULT_NUM_AGENTS, EnvConfig
 from mapf_pz.instance import InstanceSource
 from mapf_pz.instances.configured import goals_per_agent, make_source
 from mapf_pz.instances.mixture import MapMixture
@@ -25,6 +25,7 @@ from mapf_pz.rl.algorithm_config import (
 )
 from mapf_pz.rl.checks import check_counts, check_names, check_part, check_positive
 from mapf_pz.rl.saved_env import dump_env, load_env
+from mapf_pz.seeds import FIRST_EVALUATION_SEED
 
 __all__ = [
     "OBSERVATION_FIELDS",

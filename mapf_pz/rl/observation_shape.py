@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from mapf_pz.observation import ObservationLayout
 from mapf_pz.rl.config import TaskConfig
@@ -31,3 +34,17 @@ class ObservationShape:
         """Return the shapes of `number` concatenated observations."""
         channels, height, width = self.image
         return ObservationShape((number * channels, height, width), number * self.features, self.actions)
+
+
+def shapes_of(observation: Any) -> Any:
+    """Return the shape of an observation, or the shapes of its entries by name."""
+    if isinstance(observation, dict):
+        return {name: np.shape(part) for name, part in observation.items()}
+    return np.shape(observation)
+
+
+def described(shapes: Any) -> str:
+    """Return shapes as text for messages."""
+    if isinstance(shapes, dict):
+        return "a Dict of " + ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+    return f"an image {shapes}"

@@ -23,7 +23,7 @@ from mapf_pz.rl.batched_network import BatchedNetwork, Memory, Seen
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
 from mapf_pz.rl.learned_batch import LearnedBatch
-from mapf_pz.rl.observation_shape import ObservationShape
+from mapf_pz.rl.observation_shape import ObservationShape, described, shapes_of
 from mapf_pz.simulator import Simulator
 
 Infos: TypeAlias = "Mapping[str, Mapping[str, Any]]"
@@ -127,7 +127,7 @@ class LearnedPolicy:
             expected = {"image": self._shape.image, "features": (self._shape.features,)}
         if shapes != expected:
             raise ValueError(
-                f"observation of {agent!r}: this policy observes {_described(expected)}, got {_described(shapes)}; "
+                f"observation of {agent!r}: this policy observes {described(expected)}, got {described(shapes)}; "
                 "mapf_pz.evaluation.make_env(policy, ...) makes an environment for it"
             )
 
@@ -152,7 +152,7 @@ class LearnedPolicy:
     def _seen(self, observations: dict[str, Any], infos: Infos | None) -> Seen:
         """Return the observations of one episode as arrays."""
         for agent, observation in observations.items():
-            self.check(agent, _shapes(observation))
+            self.check(agent, shapes_of(observation))
         values = list(observations.values())
         if self._shape.features:
             image, features = (_stack([value[name] for value in values]) for name in ("image", "features"))
@@ -294,19 +294,6 @@ def _network(config: TrainConfig, weights: dict[str, Tensor]) -> nn.Module:
         network = algorithm_of(config.algorithm).make_network(config)
     network.load_state_dict(weights, assign=True)
     return network
-
-
-def _shapes(observation: Any) -> Any:
-    """Return the shape of an observation, or the shapes of its entries by name."""
-    if isinstance(observation, dict):
-        return {name: np.shape(part) for name, part in observation.items()}
-    return np.shape(observation)
-
-
-def _described(shapes: Any) -> str:
-    if isinstance(shapes, dict):
-        return "a Dict of " + ", ".join(f"{name} {shape}" for name, shape in shapes.items())
-    return f"an image {shapes}"
 
 
 def _stack(arrays: list[np.ndarray]) -> Tensor:

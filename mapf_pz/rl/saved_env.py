@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, cre
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from mapf_pz.config import NAMED_PARTS, EnvConfig, HeadingName
+from mapf_pz.config import EnvConfig, HeadingName
 from mapf_pz.core.reward import RewardConfig
 from mapf_pz.errors import FormatError
 from mapf_pz.guidance import GuidanceGraph
@@ -26,7 +26,7 @@ from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances.configured import make_source
 from mapf_pz.instances.sources import FixedMap, FixedScenario, InstanceList, SourceMixture
 from mapf_pz.instances.warehouse import WarehouseTasks
-from mapf_pz.plugins import check_trusted
+from mapf_pz.plugins import NAMED_PARTS, check_trusted
 
 OBJECT_FIELDS = ("map", "scenario", "edge_weights", "source")
 """The fields of `EnvConfig` that may hold an object, which is saved in a separate file."""

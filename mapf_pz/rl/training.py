@@ -14,7 +14,6 @@ import numpy as np
 import torch
 from tensordict import TensorDictBase
 
-from mapf_pz.config import FIRST_RESUMED_SEED
 from mapf_pz.errors import FormatError
 from mapf_pz.interrupts import interrupts_deferred
 from mapf_pz.io.atomic import naming
@@ -33,6 +32,7 @@ from mapf_pz.rl.policy import load_policy, policy_config
 from mapf_pz.rl.ranks import Ranks
 from mapf_pz.rl.run import RunFolder
 from mapf_pz.rl.updates import updates
+from mapf_pz.seeds import FIRST_RESUMED_SEED
 
 LOGGER = logging.getLogger(__name__)
 

@@ -12,6 +12,7 @@ from mapf_pz.rl.algorithm import Algorithm
 from mapf_pz.rl.collect import MakeEnv
 from mapf_pz.rl.config import TaskConfig, TrainConfig
 from mapf_pz.rl.ranks import Ranks
+from mapf_pz.seeds import FIRST_VALIDATION_SEED
 
 MEANS: dict[OnTarget, tuple[str, ...]] = {
     "nothing": ("CSR", "ISR", "return"),
@@ -19,8 +20,6 @@ MEANS: dict[OnTarget, tuple[str, ...]] = {
     "restart": ("throughput", "return"),
 }
 """The reported means of episodes. Lifelong episodes are never solved, so their throughput is reported instead."""
-FIRST_SEED = 2_000_000
-"""First seed of the validation instances; training uses other seeds."""
 
 
 class Validation:
@@ -31,7 +30,7 @@ class Validation:
         self._config = config
         self._ranks = ranks
         first, last = (config.validation_episodes * rank // ranks.size for rank in (ranks.rank, ranks.rank + 1))
-        self._seed, self._episodes = FIRST_SEED + first, last - first
+        self._seed, self._episodes = FIRST_VALIDATION_SEED + first, last - first
         self._algorithm = algorithm
         self._env: EnvBase | None = None
         self._due = config.validation_interval
