@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 import tyro
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
@@ -36,6 +37,7 @@ def make_env() -> CentralizedEnv:
 
 def main(example: Example) -> None:
     """Train and evaluate the policy."""
+    torch.set_num_threads(1)  # several threads are slower for a network this small, above all where cores are busy
     envs = make_vec_env(make_env, n_envs=8, seed=example.seed)
     model = PPO("MultiInputPolicy", envs, n_steps=128, batch_size=256, gamma=0.98, seed=example.seed, device="cpu")
     model.learn(example.steps)

@@ -56,7 +56,7 @@ def main(algorithm: str = "mappo", agent_steps: int = 200_000, output: Path = Pa
     model = ModelConfig(encoder="custom_parts:Pooled")
     config = TrainConfig(TaskConfig(env), algorithm, model, OptimizationConfig(num_envs=16), agent_steps=agent_steps)
     train(config, output)
-    print(load_policy(output).config.model.encoder)
+    print(load_policy(output, trust_remote_code=True).config.model.encoder)
 
 
 if __name__ == "__main__":

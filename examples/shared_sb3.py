@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import supersuit
+import torch
 import tyro
 from stable_baselines3 import PPO
 from stable_baselines3.common.utils import set_random_seed
@@ -42,6 +43,7 @@ def make_env() -> mapf_pz.MapfEnv:
 
 def main(example: Example) -> None:
     """Train and evaluate the policy."""
+    torch.set_num_threads(1)  # several threads are slower for a network this small, above all where cores are busy
     agents: Any = supersuit.pettingzoo_env_to_vec_env_v1(make_env())
     envs: Any = supersuit.concat_vec_envs_v1(agents, 8, base_class="stable_baselines3")
     envs.venv.reset(seed=example.seed)  # all eight are copies, which would otherwise generate the same instances

@@ -82,6 +82,7 @@ def make_loss(env: BatchedMapfEnv) -> ClipPPOLoss:
 
 def main(example: Example) -> float:
     """Train, and return the mean CSR of the episodes in the last ten batches."""
+    torch.set_num_threads(1)  # several threads are slower for a network this small, above all where cores are busy
     torch.manual_seed(example.seed)
     env = make_env()
     env.set_seed(example.seed)

@@ -126,7 +126,7 @@ def _command(name: str, words: list[str]) -> tuple[Callable[..., None], list[str
     """Return the function of a command, and its options; `train` accepts more than presets."""
     module, _, function = COMMANDS[name].function.partition(":")
     if name == "train" and words and words[0].endswith(".json"):  # a file with a configuration
-        return import_module(module).train_from(Path(words[0])), words[1:]
+        return import_module(module).train_from(Path(words[0]), "--trust-remote-code" in words), words[1:]
     if name == "train" and words and ":" in words[0]:  # package.module:Class, with the settings of `mappo`
         words = ["mappo", "--algorithm", *words]
     return getattr(import_module(module), function), words

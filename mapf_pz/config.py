@@ -39,6 +39,8 @@ DEFAULT_MAP = "empty-8-8"
 """The map if no map, scenario or source is given."""
 DEFAULT_NUM_AGENTS = 4
 """The number of agents if nothing else determines it."""
+MAX_WHOLE = 2**30
+"""Maximum of the fields that are whole numbers, except bytes."""
 _OBJECT_ALLOWED = ("initial_heading",)  # fields that need not be a name
 
 
@@ -73,7 +75,7 @@ class EnvConfig:
     """Sampled goals: `uniform` on the free cells, or `alternating` between the workstations and the endpoints of a
     warehouse, whose map is a `.json` file of GGO or a `.map` file with `E` and `S`; with `on_target='restart'` only."""
     view_size: tuple[int, int] = (5, 5)
-    """Height and width of each agent's view in cells, at most the map's size."""
+    """Height and width of each agent's view in cells; it may be larger than the map."""
     view: View | None = None
     """The agent's position in its view: `front` (at the bottom center, facing up) or `centered`. Default: `front`, or
     `centered` with cardinal actions."""
@@ -132,9 +134,9 @@ class EnvConfig:
             _check_whole(name, getattr(self, name), least=1)
         for name in ("num_neighbors", "neighbor_radius"):
             _check_whole(name, getattr(self, name), least=0)
-        for name in ("num_agents", "distance_bytes"):
+        for name, most in (("num_agents", MAX_WHOLE), ("distance_bytes", 2**62)):
             if getattr(self, name) is not None:
-                _check_whole(name, getattr(self, name), least=1)
+                _check_whole(name, getattr(self, name), 1, most)
         if self.resolved_source is not None:
             self._check_source(self.resolved_source)
         if self.goals == "alternating" and self.on_target != "restart":
@@ -242,9 +244,11 @@ def _scenario(value: Any) -> str | Path | Scenario | tuple[str | Path, ...] | No
     return several if isinstance(value, list) else value
 
 
-def _check_whole(name: str, value: object, least: int) -> None:
+def _check_whole(name: str, value: object, least: int, most: int = MAX_WHOLE) -> None:
     if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < least:
         raise ValueError(f"{name}={_shown(value)}: expected a whole number, {least} or more")
+    if value > most:
+        raise ValueError(f"{name}={_shown(value)}: expected at most {most}")
 
 
 def _pair(name: str, value: Any) -> tuple[int, int]:

@@ -19,6 +19,7 @@ from mapf_pz.config import EnvConfig
 from mapf_pz.global_state import STATE_PLANES, global_state
 from mapf_pz.infos import AgentInfo, Infos
 from mapf_pz.instance import Instance, Scenario
+from mapf_pz.render.modes import render_modes
 from mapf_pz.render.state import RenderState
 from mapf_pz.signatures import with_fields_of
 from mapf_pz.simulator import Simulator
@@ -46,7 +47,7 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
 
     metadata: dict[str, Any] = {  # noqa: RUF012 (PettingZoo declares it so)
         "name": "mapf_v0",
-        "render_modes": ["human", "rgb_array", "ansi"],
+        "render_modes": render_modes(),
         "render_fps": 4,
         "is_parallelizable": True,
     }
@@ -56,6 +57,7 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         self.config = config
         self.simulator = Simulator(config)
         self.render_mode = config.render_mode
+        self.metadata = self.metadata | {"render_modes": render_modes()}  # a display may have been chosen meanwhile
         self.possible_agents = [f"agent_{i}" for i in range(self.simulator.num_agents)]
         self._index = {agent: i for i, agent in enumerate(self.possible_agents)}
         self._set_agents([])

@@ -21,12 +21,10 @@ from mapf_pz.core.observation.layers import ViewShape, make_view_shape
 
 
 class ObservationLayout:
-    """The layout of one agent's observation. Raises `ValueError` for a view larger than the map."""
+    """The layout of one agent's observation."""
 
-    def __init__(self, config: EnvConfig, shape: tuple[int, int]) -> None:
-        """Arrange the channels and features of `config` for maps of `shape` (H, W)."""
-        if config.view_size[0] > shape[0] or config.view_size[1] > shape[1]:
-            raise ValueError(f"view_size={config.view_size}: expected at most the map's size, {shape}")
+    def __init__(self, config: EnvConfig) -> None:
+        """Arrange the channels and features of `config`."""
         self._config = config
         self.num_actions = len(CardinalAction if config.action_model == "cardinal" else Action)
         self.channels = tuple(map(channel_of, config.channels))

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import import_module
+from pathlib import Path
+from reprlib import repr as shortened
 from typing import Any, TypeVar
 
+from mapf_pz.errors import FormatError
 from mapf_pz.suggest import closest
 
 Part = TypeVar("Part")
+NAMED_PARTS = ("channels", "features", "reward", "source")
+"""The fields of `EnvConfig` that may name code, as `package.module:name`."""
 
 
 def resolve(field: str, given: object, known: Mapping[str, Part], kind: type[Part]) -> Part:
@@ -53,3 +58,24 @@ def import_subclass(field: str, path: str, base: type[Part]) -> type[Part]:
     if not isinstance(part, type) or not issubclass(part, base):
         raise ValueError(f"{field}={path!r}: expected a subclass of {base.__name__}, got {part!r}")
     return part
+
+
+def check_trusted(origin: str | Path, named: Mapping[str, object], trust_remote_code: bool) -> None:
+    """Raise `FormatError` if a file that is not trusted names code outside this package, which importing would run.
+
+    Args:
+        origin: The file.
+        named: The fields that may name code, each a name or a sequence of names; other values are ignored.
+        trust_remote_code: Whether the file is trusted.
+    """
+    for field, value in named.items():
+        for name in value if isinstance(value, (list, tuple)) else (value,):
+            if not trust_remote_code and isinstance(name, str) and _is_foreign(name):
+                advice = "if you trust it, pass trust_remote_code=True, or --trust-remote-code"
+                raise FormatError(origin, f"{field}={shortened(name)} names code that would run; {advice}")
+
+
+def _is_foreign(name: str) -> bool:
+    """Return whether a name has the form `package.module:name`, with another package than this one."""
+    module, colon, _ = name.partition(":")
+    return colon != "" and module.partition(".")[0] != "mapf_pz"

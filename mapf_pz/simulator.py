@@ -62,7 +62,7 @@ class Simulator:
         self.num_envs = num_envs
         self.num_agents = self.source.num_agents
         self.shape = self.source.shape
-        self.layout = ObservationLayout(config, self.shape)
+        self.layout = ObservationLayout(config)
         self.num_actions = self.layout.num_actions
         self.needs_cost_to_go = self.layout.needs_cost_to_go or config.reward_config.progress != 0
         self._reward_function = config.reward_function

@@ -288,7 +288,7 @@ def test_render_a_trained_policy(capsys, tmp_path, monkeypatch):
     policies = pytest.importorskip("mapf_pz.rl.policy")
     policy = Waits()
     (tmp_path / "run").mkdir()
-    known = {(str(tmp_path / "run"), 7, False, None): policy}
+    known = {(str(tmp_path / "run"), 7, False, None, False): policy}
     monkeypatch.setattr(policies, "load_policy", lambda *arguments: known[arguments])
     options = ["--policy", tmp_path / "run", "--seed", 7, "--max-steps", 4, "--num-agents", 2]
     status, out, err = run(capsys, "render", tmp_path / "a.gif", *options)
@@ -462,9 +462,9 @@ def test_benchmark_of_any_environment(capsys, monkeypatch):
 
 
 def test_benchmark_errors(capsys):
-    status, out, err = run(capsys, "benchmark", "--map", "empty-8-8", "--view-size", 9, 9)
+    status, out, err = run(capsys, "benchmark", "--map", "empty-8-8", "--view-size", 40_000, 40_000)
     assert (status, out) == (1, [])
-    assert err == ["mapf-pz benchmark: view_size=(9, 9): expected at most the map's size, (8, 8)"]
+    assert err == ["mapf-pz benchmark: view_size=(40000, 40000): too large for a map of (8, 8) cells"]
 
 
 def test_medians_and_ratios():

@@ -221,3 +221,17 @@ def test_the_site_has_all_commands(site):
 
 def test_the_site_has_no_python_files(site):
     assert not list(site.rglob("*.py"))
+
+
+def test_workflows_run_the_commands_of_the_project():
+    yaml = pytest.importorskip("yaml")
+    commands = {
+        file.name: [
+            step["run"]
+            for job in yaml.safe_load(file.read_text("utf-8"))["jobs"].values()
+            for step in job["steps"]
+            if "run" in step
+        ]
+        for file in (ROOT / ".github" / "workflows").iterdir()
+    }
+    assert commands == {"ci.yml": [".ci/run"], "docs.yml": ["make docs"]}

@@ -15,6 +15,23 @@ def run(name, *options):
     return done.stdout
 
 
+RUN_AND_COUNT = """
+import runpy, sys, torch
+torch.set_num_threads(2)
+sys.argv = sys.argv[1:]
+runpy.run_path(sys.argv[0], run_name="__main__")
+assert torch.get_num_threads() == 1
+"""
+
+
+def run_with_one_thread(name, *options):
+    """Run an example, which must set the number of torch's threads itself."""
+    command = [sys.executable, "-c", RUN_AND_COUNT, str(EXAMPLES / name), *options]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
 def test_random_agents():
     metrics = ast.literal_eval(run("random_agents.py"))
     assert metrics["ep_length"] == 100
@@ -46,7 +63,7 @@ def test_training(tmp_path, name, told):
 
 def test_own_torchrl_training():
     pytest.importorskip("torchrl")
-    *_, last = run("torchrl_ppo.py", "--batches", "20").splitlines()
+    *_, last = run_with_one_thread("torchrl_ppo.py", "--batches", "20").splitlines()
     assert float(last.removeprefix(" 163840 agent steps: CSR ")) > 0.5
 
 
@@ -60,7 +77,7 @@ def test_custom_parts(tmp_path, algorithm):
 
 def test_stable_baselines():
     pytest.importorskip("stable_baselines3")
-    assert "CSR on 2 unseen maps" in run("centralized_sb3.py", "--steps", "2048", "--episodes", "2")
+    assert "CSR on 2 unseen maps" in run_with_one_thread("centralized_sb3.py", "--steps", "2048", "--episodes", "2")
 
 
 def test_the_report_with_stable_baselines(tmp_path):
@@ -74,7 +91,7 @@ def test_the_report_with_stable_baselines(tmp_path):
 def test_a_shared_policy_of_stable_baselines():
     pytest.importorskip("stable_baselines3")
     pytest.importorskip("supersuit")
-    assert "CSR on 2 unseen maps" in run("shared_sb3.py", "--steps", "2048", "--episodes", "2")
+    assert "CSR on 2 unseen maps" in run_with_one_thread("shared_sb3.py", "--steps", "2048", "--episodes", "2")
 
 
 @pytest.mark.parametrize("mode", ["vector_entry_point", "sync", "async"])

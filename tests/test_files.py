@@ -18,6 +18,16 @@ def test_a_file_is_replaced_when_it_is_complete(tmp_path):
     assert list(tmp_path.iterdir()) == [file]
 
 
+def test_a_link_in_the_place_of_the_temporary_file_is_not_followed(tmp_path):
+    (other := tmp_path / "other").write_bytes(b"kept")
+    with replacing(tmp_path / "table.md") as beside:
+        pass
+    beside.symlink_to(other)
+    write_whole(tmp_path / "table.md", b"new")
+    assert (other.read_bytes(), (tmp_path / "table.md").read_bytes()) == (b"kept", b"new")
+    assert not (tmp_path / "table.md").is_symlink()
+
+
 @pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt()])
 def test_failures_change_nothing(tmp_path, error):
     file = tmp_path / "table.md"

@@ -163,8 +163,8 @@ def test_runs_with_custom_parts_are_saved_and_loaded(tmp_path, algorithm):
     config = replace(replace(TINY, task=changed(TINY.task, **OWN)), algorithm=algorithm)
     config = replace(config, model=replace(config.model, encoder=f"{HERE}:Flat"))
     train(config, tmp_path / "run")
-    assert load_config(tmp_path / "run" / "config.json") == config
-    policy = load_policy(tmp_path / "run")
+    assert load_config(tmp_path / "run" / "config.json", trust_remote_code=True) == config
+    policy = load_policy(tmp_path / "run", trust_remote_code=True)
     env = mapf_pz.parallel_env(**config.task.env_keywords())
     observations, _ = env.reset(seed=0)
     assert policy.act(observations).keys() == observations.keys()
@@ -178,10 +178,13 @@ def test_an_object_that_has_no_name_cannot_be_saved(tmp_path):
 
 def test_a_custom_algorithm_on_the_command_line(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "outside", sys.modules[HERE])
-    folder = str(tmp_path / "run")
-    words = ["train", "outside:HalfLoss", "--output", folder, "--agent-steps", "500", "--num-envs", "4"]
-    assert main([*words, "--steps-per-batch", "4", "--evaluate", "none", "--reward", "outside:moved"]) == 0
-    config = load_config(tmp_path / "run" / "config.json")
+    suite = tmp_path / "suite.json"
+    suite.write_text('{"tasks": [{"map": "empty-8-8", "num_agents": 2, "max_steps": 5, "episodes": 1}]}')
+    words = ["train", "outside:HalfLoss", "--output", tmp_path / "run", "--agent-steps", "500", "--num-envs", "4"]
+    words += ["--steps-per-batch", "4", "--evaluate", suite, "--reward", "outside:moved"]
+    assert main(list(map(str, words))) == 0  # what has been trained is trusted
+    assert (tmp_path / "run" / "episodes.csv").exists()
+    config = load_config(tmp_path / "run" / "config.json", trust_remote_code=True)
     assert (config.algorithm, config.task.env.reward) == ("outside:HalfLoss", "outside:moved")
     with (tmp_path / "run" / "progress.csv").open() as file:
         assert len(list(csv.DictReader(file))) >= 1

@@ -81,6 +81,7 @@ class CentralizedEnv(gymnasium.Env[TeamObservation, ArrayLike]):
         self._team_reward = team_reward_function(team_reward)
         self.env = ContinuousActions(env, action_mode)
         self.render_mode = self.env.render_mode
+        self.metadata = self.metadata | {"render_modes": self.env.metadata["render_modes"]}
         self._names = self.env.possible_agents
         space = self.env.observation_space(self._names[0])
         self.observation_space, self.action_space = team_spaces(space, len(self._names), self.env.num_actions)

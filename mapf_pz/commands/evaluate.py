@@ -35,6 +35,7 @@ from mapf_pz.instances import load_instances
 from mapf_pz.instances.configured import goals_per_agent
 from mapf_pz.interrupts import interruptible
 from mapf_pz.io.atomic import write_whole
+from mapf_pz.io.lock import locked
 
 TABLE_FILE = "evaluation.md"
 DEFAULT_AGENTS = 10
@@ -88,6 +89,8 @@ class EvaluateOptions:
     are reused; if these have changed, the command is refused."""
     overwrite: bool = False
     """Replace results in the folder of policies or tasks that have changed."""
+    trust_remote_code: bool = False
+    """Load policies and suite files that name code outside this package (`package.module:name`), and run that code."""
 
     def tasks(self) -> tuple[EvaluationTask, ...]:
         """Return the tasks that the options select."""
@@ -110,7 +113,8 @@ class EvaluateOptions:
 
     def _of_suites(self) -> list[EvaluationTask]:
         """Return the tasks of the suites with the given numbers of agents."""
-        tasks = [task for suite in self.suite or ("standard",) for task in load_suite(suite)]
+        suites = self.suite or ("standard",)
+        tasks = [task for suite in suites for task in load_suite(suite, self.trust_remote_code)]
         counts = sorted({task.num_agents for task in tasks})
         for count in self.agent_counts or ():
             if count not in counts:
@@ -168,12 +172,14 @@ def evaluate_policies(options: EvaluateOptions) -> None:
     # These small networks are several times slower with two threads. Set this before torch is imported.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     factories = {
-        options.label(name): policy_factory(name, options.policy_seed, options.deterministic) for name in options.policy
+        options.label(name): policy_factory(name, options.policy_seed, options.deterministic, options.trust_remote_code)
+        for name in options.policy
     }
     tasks = options.tasks()
     for task in tasks:
         _check_repetitions(task, factories)
-    report(factories, tasks, options.output, options.jobs, options.overwrite)
+    with locked(options.output):
+        report(factories, tasks, options.output, options.jobs, options.overwrite)
 
 
 def _check_repetitions(task: EvaluationTask, factories: Mapping[str, PolicyFactory]) -> None:

@@ -60,6 +60,8 @@ class ResumeGuidance:
     """Time budget in minutes, the final selection included. None: as configured."""
     jobs: int | str | None = None
     """Number of processes; `ray`: run on a Ray cluster. None: as configured."""
+    trust_remote_code: bool = False
+    """Load a configuration and a policy that name code outside this package, and run that code."""
 
 
 def evaluate_guidance(options: EvaluateGuidance) -> None:
@@ -90,10 +92,17 @@ def optimize_guidance(options: OptimizeGuidance) -> None:
 
 def resume_guidance(options: ResumeGuidance) -> None:
     """Continue the optimization in a folder."""
-    config = read_optimization(options.output)
+    config = read_optimization(options.output, options.trust_remote_code)
     if options.minutes is not None:
         config = replace(config, minutes=options.minutes)
-    _show(config, options.output, partial(resume, options.output, options.minutes, options.jobs))
+    run = partial(
+        resume,
+        options.output,
+        options.minutes,
+        options.jobs,
+        trust_remote_code=options.trust_remote_code,
+    )
+    _show(config, options.output, run)
 
 
 def _show(config: OptimizeConfig, output: Path, run: Callable[[Callable[[search.Progress], None]], Optimized]) -> None:

@@ -19,6 +19,7 @@ from mapf_pz.instances import MapMixture, generate_bundled, load_map, map_names,
 from mapf_pz.instances.archive import ARCHIVES
 from mapf_pz.instances.download import Show, cache_folder, download
 from mapf_pz.interrupts import interruptible
+from mapf_pz.io.lock import locked
 
 
 @dataclass(frozen=True)
@@ -91,12 +92,12 @@ def _generate(options: GenerateMaps) -> None:
         if value < least:
             raise ValueError(f"{name}={value}: expected {least} or more")
     source, rng = options.mixture.source(num_agents), np.random.default_rng(options.seed)
-    options.folder.mkdir(parents=True, exist_ok=True)
-    for number in range(1, options.number + 1):
-        instance = source.sample(rng)
-        file = options.folder / f"{number}-{instance.grid.name}.map"
-        write_map(instance.grid, file)
-        write_scenario(instance.scenario, replace(instance.grid, name=file.stem), file.with_suffix(".scen"))
+    with locked(options.folder):
+        for number in range(1, options.number + 1):
+            instance = source.sample(rng)
+            file = options.folder / f"{number}-{instance.grid.name}.map"
+            write_map(instance.grid, file)
+            write_scenario(instance.scenario, replace(instance.grid, name=file.stem), file.with_suffix(".scen"))
     print(f"{options.number} maps with scenarios written to {options.folder}")
 
 

@@ -45,11 +45,14 @@ class PlayOptions:
     """Policy of the other agents: `random`, a planner, or a trained policy."""
     seed: int = 0
     """Random seed of the first episode, which increases by one per episode."""
+    trust_remote_code: bool = False
+    """Load policies whose configurations name code outside this package (`package.module:name`), and run that code."""
 
 
 def play(options: PlayOptions) -> None:
     """Control agent 0 with the arrow keys. Each key press is one step."""
-    env, policy = policy_factory(options.policy, options.seed)(changed_keywords(options.env))
+    make = policy_factory(options.policy, options.seed, trust_remote_code=options.trust_remote_code)
+    env, policy = make(changed_keywords(options.env))
     inner = cast("MapfEnv", env.unwrapped)
     keys, window = KEYS[inner.config.action_model], Window("mapf-pz play", fps=60)
     seed, message, total = options.seed, HELP, 0.0

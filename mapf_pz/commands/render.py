@@ -42,6 +42,8 @@ class EpisodeOptions:
     """File of the League of Robot Runners problem of the plan, instead of a map."""
     fps: float = 4
     """Steps per second."""
+    trust_remote_code: bool = False
+    """Load policies whose configurations name code outside this package (`package.module:name`), and run that code."""
     viewer: bool = False
     """Write a page without an episode, which shows map, scenario and plan files that are dropped on it."""
 
@@ -81,7 +83,8 @@ def record_episode(env: AnyEnv, policy: Policy, seed: int, policy_name: str) -> 
 
 
 def _episode_recording(episode: EpisodeOptions, policy_name: str) -> Recording:
-    env, policy = policy_factory(policy_name, episode.seed)(changed_keywords(episode.env))
+    make = policy_factory(policy_name, episode.seed, trust_remote_code=episode.trust_remote_code)
+    env, policy = make(changed_keywords(episode.env))
     return record_episode(env, policy, episode.seed, policy_name)
 
 

@@ -9,6 +9,7 @@ from tyro.conf import Positional
 
 from mapf_pz.config import CollisionSystem, OnTarget
 from mapf_pz.evaluation.pogema import InPogema
+from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.evaluation.served_policy import replies
 
 
@@ -24,6 +25,8 @@ class ServeOptions:
     """What an agent does at its goal."""
     max_steps: int
     """Maximum number of steps per episode, POGEMA's `max_episode_steps`."""
+    trust_remote_code: bool = False
+    """Load policies whose configurations name code outside this package (`package.module:name`), and run that code."""
 
 
 def serve(options: ServeOptions) -> None:
@@ -33,7 +36,7 @@ def serve(options: ServeOptions) -> None:
     input ends. `examples/in_pogema.py` is a client.
     """
     policy = InPogema(
-        options.policy,
+        policy_factory(options.policy, trust_remote_code=options.trust_remote_code),
         collision_system=options.collision_system,
         on_target=options.on_target,
         max_steps=options.max_steps,

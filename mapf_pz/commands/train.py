@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +22,7 @@ from mapf_pz.evaluation import EvaluationTask, load_suite
 from mapf_pz.evaluation.policies import SHIELD_SUFFIX, policy_factory
 from mapf_pz.evaluation.results import EPISODES_FILE, discard
 from mapf_pz.interrupts import interruptible
+from mapf_pz.io.lock import locked
 from mapf_pz.rl.config import DeviceName, TrainConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
 from mapf_pz.rl.presets import PRESETS, SUMMARIES
@@ -51,6 +52,9 @@ class TrainOptions:
     """Replace the run that the folder holds."""
     seeds: tuple[int, ...] = ()
     """Train a run with each of these seeds, in subfolders of the output, and draw their learning curves."""
+    trust_remote_code: bool = False
+    """Read a configuration, an initial policy or a suite that is a file and names code outside this package
+    (`package.module:name`), and run that code."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,9 @@ class ResumeOptions:
     """Device of the networks; None: as the run was configured."""
     evaluate: str = "quickstart"
     """The suite to evaluate on afterwards, a name or a file; `none`: no evaluation and no episode."""
+    trust_remote_code: bool = False
+    """Continue a run whose configuration, or a suite file, names code outside this package (`package.module:name`), and
+    run that code."""
 
 
 if TYPE_CHECKING:
@@ -91,12 +98,13 @@ def train(run: Run) -> None:
             _train(run)
 
 
-def train_from(file: Path) -> Callable[[TrainOptions], None]:
+def train_from(file: Path, trust_remote_code: bool = False) -> Callable[[TrainOptions], None]:
     """Return the command that trains with the configuration in a file, in which options change fields.
 
-    Raises `FileNotFoundError` or `FormatError` if there is no such file, or if it is malformed.
+    Raises `FileNotFoundError` or `FormatError` if there is no such file, or if it is malformed or names code outside
+    this package without `trust_remote_code`.
     """
-    default = TrainOptions(load_config(file), Path("runs") / file.stem, evaluate="standard")
+    default = TrainOptions(load_config(file, trust_remote_code), Path("runs") / file.stem, evaluate="standard")
 
     def train_with(run: TrainOptions = default) -> None:
         train(run)
@@ -116,7 +124,9 @@ def _train_seeds(run: TrainOptions) -> None:
         print(f"seed {seed}")
         _train(replace(run, config=replace(run.config, seed=seed), output=folder, seeds=()))
     if is_first():
-        curves.draw_curves([curves.Run.read(folder) for folder in folders], CURVES, run.output / CURVE)
+        curves.draw_curves(
+            [curves.Run.read(folder, trust_remote_code=True) for folder in folders], CURVES, run.output / CURVE
+        )
         print(f"learning curves written to {run.output / CURVE}")
 
 
@@ -124,22 +134,29 @@ def _train(run: Run) -> None:
     from mapf_pz.rl.launch import is_first  # torch is loaded here, so that `--help` is quick
 
     config = _config_of(run)
-    tasks = () if run.evaluate == "none" else [_by_rules_of(config, task) for task in load_suite(run.evaluate)]
+    suite = () if run.evaluate == "none" else load_suite(run.evaluate, run.trust_remote_code)
+    tasks = [_by_rules_of(config, task) for task in suite]
     for task in tasks:
         _check_fits(config, task)
-    if isinstance(run, TrainOptions) and is_first() and not run.overwrite:
-        _check_no_evaluation(run.output)
     if not is_first():
         _train_policy(run, lambda _: None)
         return
+    with locked(run.output):
+        _train_and_evaluate(run, config, tasks)
+
+
+def _train_and_evaluate(run: Run, config: TrainConfig, tasks: Sequence[EvaluationTask]) -> None:
+    if isinstance(run, TrainOptions) and not run.overwrite:
+        _check_no_evaluation(run.output)
     _learn(run, config)
     print(f"policy, configuration and progress written to {run.output}")
     if not tasks:
         return
     discard(run.output)  # of the policy as it was before
     policy = f"{run.output}{SHIELD_SUFFIX if config.task.shield else ''}"
-    report({run.output.name: policy}, tasks, run.output)
-    env, policy = policy_factory(policy)(tasks[-1].env_keywords(0))
+    factory = policy_factory(policy, trust_remote_code=True)  # this command has run the code already
+    report({run.output.name: factory}, tasks, run.output)
+    env, policy = factory(tasks[-1].env_keywords(0))
     save_episode(env, policy, tasks[-1].seed, run.output / EPISODE_FILE, fps=8, policy_name=run.output.name)
 
 
@@ -147,7 +164,7 @@ def _config_of(run: Run) -> TrainConfig:
     """Return the configuration of the whole run."""
     if isinstance(run, TrainOptions):
         return run.config
-    config = load_config(run.output / CONFIG)
+    config = load_config(run.output / CONFIG, run.trust_remote_code)
     return config if run.agent_steps is None else replace(config, agent_steps=run.agent_steps)
 
 
@@ -196,9 +213,16 @@ def _train_policy(run: Run, show: Callable[[dict[str, float]], None]) -> None:
 
     logging.getLogger("torchrl").setLevel(logging.WARNING)  # it reports every buffer that it makes
     if isinstance(run, TrainOptions):
-        train(run.config, run.output, show, overwrite=run.overwrite)
+        train(run.config, run.output, show, overwrite=run.overwrite, trust_remote_code=run.trust_remote_code)
     else:
-        resume(run.output, run.agent_steps, show, num_learners=run.num_learners, device=run.device)
+        resume(
+            run.output,
+            run.agent_steps,
+            show,
+            num_learners=run.num_learners,
+            device=run.device,
+            trust_remote_code=run.trust_remote_code,
+        )
 
 
 @contextmanager

@@ -3,6 +3,8 @@
 Numba's own cache does not see that a callee in another file has changed, so the cache folder is named by a hash of all
 kernel files: any change to one of them compiles afresh. Nor does it tell kernels for one thread from those for several:
 these have a folder of their own.
+
+Without a writable folder for the cache, it is in a temporary folder of the user; without that, nothing is cached.
 """
 
 from __future__ import annotations
@@ -10,8 +12,12 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
+import stat
+import tempfile
+import warnings
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
+from multiprocessing import current_process
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -24,6 +30,7 @@ logger = logging.getLogger(__name__)
 
 numba_config: Any = config  # its settings are made when it is loaded, unseen by type checkers
 _njit: Any = numba.njit  # its annotations lack the option `_nrt`
+_PROCESS = os.getpid()
 
 
 def jit(kernel: Kernel) -> Kernel:
@@ -53,12 +60,16 @@ class BatchKernel:
         self._parallel: Any = _compile(kernel, parallel=True)
 
     def __call__(self, num_threads: int, *arguments: Any) -> None:
-        """Run the kernel on `num_threads` threads."""
-        if num_threads == 1:
+        """Run the kernel on `num_threads` threads; in a forked process on one, since OpenMP's do not survive a fork."""
+        if num_threads == 1 or os.getpid() != _PROCESS:
             self._serial(*arguments)
-        else:
-            numba.set_num_threads(num_threads)
+            return
+        before = numba.get_num_threads()
+        numba.set_num_threads(num_threads)
+        try:
             self._parallel(*arguments)
+        finally:
+            numba.set_num_threads(before)
 
     def bind(self, num_threads: int, first: tuple[Any, ...], others: tuple[Any, ...]) -> BoundKernel:
         """Return the kernel with its first arguments `first`; `others` are examples of those that it is called with."""
@@ -107,20 +118,60 @@ def _compile(kernel: Kernel, parallel: bool, forceinline: bool = False, nrt: boo
     """
     # Numba reads the folder when it decorates; the user's own setting is put back at once.
     previous = numba_config.CACHE_DIR
-    numba_config.CACHE_DIR = _cache_folder(previous, parallel)
+    root = _cache_root(previous)
+    numba_config.CACHE_DIR = "" if root is None else str(root / ("parallel" if parallel else "serial"))
     try:
         compiled = _njit(
-            kernel, cache=True, nogil=True, error_model="numpy", parallel=parallel, forceinline=forceinline, _nrt=nrt
+            kernel,
+            cache=root is not None,
+            nogil=True,
+            error_model="numpy",
+            parallel=parallel,
+            forceinline=forceinline,
+            _nrt=nrt,
         )
     finally:
         numba_config.CACHE_DIR = previous
     return compiled
 
 
-def _cache_folder(root: str, parallel: bool) -> str:
-    """Return the folder of these kernels: under Numba's cache folder if one is set, else under the user's."""
-    base = Path(root) if root else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return str(base / "mapf_pz" / _FINGERPRINT / ("parallel" if parallel else "serial"))
+@cache
+def _cache_root(setting: str) -> Path | None:
+    """Return the folder of the cache of these kernels; None if there is no folder to which the user can write.
+
+    It is in `setting`, Numba's cache folder, if one is set, otherwise in the user's cache. Warns of any other.
+    """
+    try:
+        base = Path(setting) if setting else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        return _writable(base / "mapf_pz" / _FINGERPRINT)
+    except (OSError, RuntimeError) as error:  # RuntimeError: the user has no home
+        reason = " ".join(str(error).split()).rstrip(".")
+    try:
+        folder = _writable(_private_folder() / _FINGERPRINT)
+        place = f"cached in {folder.parent}"
+    except OSError:
+        folder, place = None, "not cached"
+    if current_process().name == "MainProcess":  # in others, the warning would be repeated
+        advice = "set NUMBA_CACHE_DIR to a folder that you can write to"
+        warnings.warn(f"compiled kernels are {place}: {reason}; {advice}", RuntimeWarning, stacklevel=2)
+    return folder
+
+
+def _writable(folder: Path) -> Path:
+    """Create a folder if it is missing, and return it; raises `OSError` if no file can be created in it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryFile(dir=folder):
+        return folder
+
+
+def _private_folder() -> Path:
+    """Return the user's own temporary folder, which other users cannot write to: what is in it will be executed."""
+    folder = Path(tempfile.gettempdir()) / f"mapf_pz-{os.getuid()}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    found = folder.lstat()
+    if stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022:
+        return folder
+    return Path(tempfile.mkdtemp(prefix="mapf_pz-"))
 
 
 class _FirstCompilation(event.Listener):

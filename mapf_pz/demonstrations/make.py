@@ -13,6 +13,7 @@ from mapf_pz.demonstrations.demonstration import Demonstration, demonstrate
 from mapf_pz.demonstrations.folder import CARD_FILE, ShardJob, open_folder, shard_jobs
 from mapf_pz.demonstrations.shard import write_shard
 from mapf_pz.io.atomic import write_whole
+from mapf_pz.io.lock import locked
 from mapf_pz.planners import planner_of
 from mapf_pz.simulator import Simulator
 
@@ -54,17 +55,19 @@ def make_dataset(
         command: the command for the card; empty: none.
 
     Raises:
+        BlockingIOError: another process is writing to the folder.
         ValueError: a setting is invalid, or the folder contains a dataset with other settings.
         FileNotFoundError, FormatError: the file of a map or scenario is missing or malformed.
     """
     folder = Path(folder)
-    settings = open_folder(folder, config)
-    left = [job for job in shard_jobs(config) if not (folder / job.file).exists()]
-    show(len(left))
-    for number, shard in enumerate(run(make_shard, left), 1):
-        write_shard(folder / shard.file, shard.demonstrations, shard.shape, shard.num_agents)
-        show(len(left) - number)
-    write_whole(folder / CARD_FILE, card(folder, settings, config, command).encode())
+    with locked(folder):
+        settings = open_folder(folder, config)
+        left = [job for job in shard_jobs(config) if not (folder / job.file).exists()]
+        show(len(left))
+        for number, shard in enumerate(run(make_shard, left), 1):
+            write_shard(folder / shard.file, shard.demonstrations, shard.shape, shard.num_agents)
+            show(len(left) - number)
+        write_whole(folder / CARD_FILE, card(folder, settings, config, command).encode())
 
 
 def make_shard(job: ShardJob) -> FinishedShard:

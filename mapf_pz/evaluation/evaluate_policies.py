@@ -14,6 +14,7 @@ from mapf_pz.evaluation.policies import factory_for, policy_factory
 from mapf_pz.evaluation.results import Episode, Results
 from mapf_pz.evaluation.suite import load_suite
 from mapf_pz.evaluation.task import EvaluationTask
+from mapf_pz.io.lock import locked
 
 EPISODES_PER_JOB = 8
 """Minimum number of episodes that a process runs per job."""
@@ -37,6 +38,7 @@ def evaluate(
     jobs: int | str = 1,
     show: Callable[[Episode | None, int], None] = lambda episode, left: None,
     overwrite: bool = False,
+    trust_remote_code: bool = False,
 ) -> list[Episode]:
     """Run policies in all episodes of a suite, and return the episodes. All policies get the same seeds.
 
@@ -50,43 +52,47 @@ def evaluate(
         jobs: number of processes, or `ray`: see `run_jobs`. Results do not depend on it, apart from the times.
         show: called with each finished episode (at first with None), and the number of remaining episodes.
         overwrite: replace results in `output` that have other identities than the policies and tasks of the same names.
+        trust_remote_code: whether policies given by name, and the suite file, may name code outside this package.
 
     Raises:
         ValueError: a policy or suite is unknown, they are incompatible, two tasks have the same label, or the folder
             contains results of the same names with other identities.
+        BlockingIOError: another process is writing to the folder.
         TypeError: an object is not a policy.
         FileNotFoundError, FormatError: a file of the suite is missing or malformed.
     """
     if isinstance(policies, str):
         policies = [policies]
     named = policies if isinstance(policies, Mapping) else {name: name for name in policies}
-    factories = {name: _factory(policy) for name, policy in named.items()}
-    tasks = load_suite(suite) if isinstance(suite, (str, Path)) else tuple(suite)
+    factories = {name: _factory(policy, trust_remote_code) for name, policy in named.items()}
+    tasks = load_suite(suite, trust_remote_code) if isinstance(suite, (str, Path)) else tuple(suite)
     _check_names(tasks)
-    results = Results() if output is None else Results(Path(output), Identities.of(factories, tasks), overwrite)
-    done = results.done()
-    pending = [
-        Job(name, factory, task, episodes)
-        for task in tasks
-        for name, factory in factories.items()
-        for episodes in _in_chunks(
-            [e for e in range(task.episodes) if _key(name, task, e) not in done], _episodes_per_job(factory, task)
-        )
-    ]
-    left = sum(len(job.episodes) for job in pending)
-    show(None, left)
-    for episodes in run_jobs(_run, pending, jobs):
-        for episode in episodes:
-            results.add(episode)
-            left -= 1
-            show(episode, left)
+    folder = None if output is None else Path(output)
+    with locked(folder):
+        results = Results() if folder is None else Results(folder, Identities.of(factories, tasks), overwrite)
+        done = results.done()
+        pending = [
+            Job(name, factory, task, episodes)
+            for task in tasks
+            for name, factory in factories.items()
+            for episodes in _in_chunks(
+                [e for e in range(task.episodes) if _key(name, task, e) not in done], _episodes_per_job(factory, task)
+            )
+        ]
+        left = sum(len(job.episodes) for job in pending)
+        show(None, left)
+        for episodes in run_jobs(_run, pending, jobs):
+            for episode in episodes:
+                results.add(episode)
+                left -= 1
+                show(episode, left)
     found = {episode.key: episode for episode in results.episodes}
     return [found[_key(name, task, e)] for task in tasks for name in factories for e in range(task.episodes)]
 
 
-def _factory(policy: PolicyFactory | Policy | str) -> PolicyFactory:
+def _factory(policy: PolicyFactory | Policy | str, trust_remote_code: bool) -> PolicyFactory:
     if isinstance(policy, str):
-        return policy_factory(policy)
+        return policy_factory(policy, trust_remote_code=trust_remote_code)
     if callable(policy) and not isinstance(policy, type) and not hasattr(policy, "act"):
         return policy
     return factory_for(cast("Policy", policy))

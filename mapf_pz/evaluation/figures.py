@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import count
 from pathlib import Path
 from typing import Literal
 
@@ -15,6 +16,7 @@ from mapf_pz.evaluation.published import PublishedEpisode
 from mapf_pz.evaluation.report import SOLVED, grouped
 from mapf_pz.evaluation.results import Episode
 from mapf_pz.io.atomic import replacing
+from mapf_pz.io.printable import printable
 
 FigureFormat = Literal["png", "pdf", "svg"]
 LABELS = {
@@ -62,6 +64,7 @@ def _draw(
     format: FigureFormat,
     published: Sequence[PublishedEpisode],
 ) -> Iterator[Path]:
+    names = _file_names(by_task)
     for task_name, metrics in by_task.items():
         shown = [name for name in LABELS if name in metrics]
         if not shown or max(len(points) for points in metrics[shown[0]].values()) < 2:
@@ -74,11 +77,20 @@ def _draw(
         handles = {label: line for lines, labels in legends for line, label in zip(lines, labels, strict=True)}
         figure.legend(handles.values(), handles, fontsize=8, loc="outside lower center", ncols=len(shown) + 1)
         figure.suptitle(_escaped(task_name))
-        name = "".join(char if char.isalnum() else "-" for char in task_name)
-        file = folder / f"{name}.{format}"
+        file = folder / f"{names[task_name]}.{format}"
         with replacing(file) as temporary:
             figure.savefig(temporary, format=format, dpi=110)
         yield file
+
+
+def _file_names(tasks: Iterable[str]) -> dict[str, str]:
+    """Return a file name for each task, without punctuation; those that would be the same are numbered."""
+    names: dict[str, str] = {}
+    for task in tasks:
+        base = "".join(char if char.isalnum() else "-" for char in task)
+        candidates = (base if number == 1 else f"{base}-{number}" for number in count(1))
+        names[task] = next(name for name in candidates if name not in names.values())
+    return names
 
 
 def _published_points(published: Sequence[PublishedEpisode], metric: str, lifelong: bool) -> dict[str, Points]:
@@ -92,8 +104,8 @@ def _published_points(published: Sequence[PublishedEpisode], metric: str, lifelo
 
 
 def _escaped(name: str) -> str:
-    """Escape text for matplotlib, which shows text between two `$` as a formula."""
-    return name.replace("$", r"\$")
+    """Escape text for matplotlib, which shows text between two `$` as a formula, and repeats it in comments of SVG."""
+    return printable(name).replace("$", r"\$")
 
 
 def _draw_panel(panel: Axes, metric: str, lines: dict[str, Points], published: dict[str, Points]) -> None:

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from mapf_pz.evaluation.report import COLUMNS, Estimate, SummaryTable, summaries
 from mapf_pz.evaluation.results import Episode
+from mapf_pz.io.printable import to_cell
 
 TableFormat = Literal["markdown", "latex", "csv"]
 _LATEX = {
@@ -78,7 +79,7 @@ def comma_separated(table: SummaryTable) -> str:
     for each in table.rows:
         found = [each.estimates.get(name) for name in table.columns]
         values = [number for e in found for number in (("", "", "") if e is None else (e.mean, e.low, e.high))]
-        out.writerow([each.task, each.num_agents, each.policy, each.episodes, *values])
+        out.writerow([to_cell(each.task), each.num_agents, to_cell(each.policy), each.episodes, *values])
     return text.getvalue()
 
 

@@ -43,9 +43,9 @@ _REWARDS = {
 def pogema_keywords(config: object) -> dict[str, Any]:
     """Return the keywords of `parallel_env` for an environment with the rules of a POGEMA environment.
 
-    The observation has the channels `view` and `goal` with a view of `2 * obs_radius + 1` rows and columns, as many of
-    them as fit into the map, and the feature `goal_vector`; with the types `POMAPF` and `MAPF` also `location`. The
-    seed is not a keyword: pass it to `reset`.
+    The observation has the channels `view` and `goal` with a view of `2 * obs_radius + 1` rows and columns, and the
+    feature `goal_vector`; with the types `POMAPF` and `MAPF` also `location`. The seed is not a keyword: pass it to
+    `reset`.
 
     Args:
         config: POGEMA's `GridConfig`, or a mapping of its fields to values.
@@ -69,7 +69,7 @@ def pogema_keywords(config: object) -> dict[str, Any]:
     return {
         **rules,
         **instances,
-        "view_size": tuple(min(size, length - 1 + length % 2) for length in _shape(instances)),
+        "view_size": (size, size),
         "channels": ("view", "goal"),
         "features": ("goal_vector", *location),
         "reward": _REWARDS[fields["on_target"]],
@@ -104,7 +104,3 @@ def _parse_map(drawn: Any) -> tuple[Bools, dict[str, tuple[int, int]]]:
     rows = [list(row) for row in drawn.split()]
     marks = {mark: (row, col) for row, cells in enumerate(rows) for col, mark in enumerate(cells) if mark.isalpha()}
     return np.array(rows) != "#", marks
-
-
-def _shape(instances: Mapping[str, Any]) -> tuple[int, int]:
-    return instances["source"].shape if "source" in instances else instances["map"].shape

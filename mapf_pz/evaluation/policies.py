@@ -26,7 +26,9 @@ _TRAINED_OPTIONS = {"temperature": None}
 _SHIELD_OPTIONS = {"patience": PATIENCE, "depth": DEPTH}
 
 
-def policy_factory(name: str, seed: int = 0, deterministic: bool = False) -> PolicyFactory:
+def policy_factory(
+    name: str, seed: int = 0, deterministic: bool = False, trust_remote_code: bool = False
+) -> PolicyFactory:
     """Return a factory for the environment and the policy of this name.
 
     Args:
@@ -35,6 +37,7 @@ def policy_factory(name: str, seed: int = 0, deterministic: bool = False) -> Pol
             options, such as `mappo:temperature=0.5` or `mappo+pibt:patience=2,temperature=0.5`.
         seed: random seed of the policy in every episode.
         deterministic: whether a trained policy takes the most likely action instead of sampling one.
+        trust_remote_code: whether the configuration of a trained policy may name code outside this package.
 
     Raises `ValueError` for an unknown name, and for an unknown or invalid option.
     """
@@ -43,10 +46,10 @@ def policy_factory(name: str, seed: int = 0, deterministic: bool = False) -> Pol
         return PlannerFactory(name, seed)
     if name == "random":
         return RandomFactory(seed)
-    return _factory_of_trained(name, seed, deterministic)
+    return _factory_of_trained(name, seed, deterministic, trust_remote_code)
 
 
-def _factory_of_trained(name: str, seed: int, deterministic: bool) -> PolicyFactory:
+def _factory_of_trained(name: str, seed: int, deterministic: bool, trust_remote_code: bool) -> PolicyFactory:
     """Return a factory for a trained policy by its name; raises as `policy_factory`."""
     shielded, options = name, ""
     if not _is_known(name.removesuffix(SHIELD_SUFFIX)):  # the name of a folder may have a colon
@@ -63,7 +66,7 @@ def _factory_of_trained(name: str, seed: int, deterministic: bool) -> PolicyFact
         )
     allowed = _TRAINED_OPTIONS | (_SHIELD_OPTIONS if shielded != trained else {})
     chosen = allowed | parse_options(shielded, allowed, options)
-    return TrainedFactory(trained, seed, deterministic, chosen.pop("temperature"), chosen)
+    return TrainedFactory(trained, seed, deterministic, chosen.pop("temperature"), chosen, trust_remote_code)
 
 
 def _is_known(trained: str) -> bool:
@@ -143,6 +146,8 @@ class TrainedFactory:
     """Temperature of the sampling; None: that of its training."""
     shield_options: dict[str, Any]
     """Options of the safety layer that executes its preferences; empty: there is none."""
+    trust_remote_code: bool = False
+    """Whether its configuration may name code outside this package."""
     in_batches = True
     """Whether the policy acts in several episodes at the same time."""
 
@@ -166,7 +171,7 @@ class TrainedFactory:
         """Return the environment and the policy; raises `ValueError` if the policy needs another action model."""
         from mapf_pz.rl.policy import load_policy  # import torch only when it is needed
 
-        policy = load_policy(self.name, self.seed, self.deterministic, self.temperature)
+        policy = load_policy(self.name, self.seed, self.deterministic, self.temperature, self.trust_remote_code)
         _check_actions(f"policy {self.name!r}", policy, keywords)
         env = make_env(policy, **keywords)
         return env, Shield(policy, env, **self.shield_options) if self.shield_options else policy

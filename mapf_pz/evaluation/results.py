@@ -13,6 +13,7 @@ from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.identity import IDENTITIES_FILE, Identities
 from mapf_pz.evaluation.task import task_label
 from mapf_pz.io.atomic import naming, write_whole
+from mapf_pz.io.printable import from_cell, to_cell
 from mapf_pz.io.text import read_text
 
 METRICS = (
@@ -136,7 +137,9 @@ def discard(folder: Path) -> None:
 
 
 def _row(episode: Episode) -> list[object]:
-    return [*episode.key, episode.instance, episode.seed, *(episode.metrics.get(name, "") for name in METRICS)]
+    policy, task, instance = map(to_cell, (episode.policy, episode.task, episode.instance))
+    metrics = (episode.metrics.get(name, "") for name in METRICS)
+    return [policy, task, episode.num_agents, episode.number, instance, episode.seed, *metrics]
 
 
 def _write_all(file: Path, episodes: Iterable[Episode]) -> None:
@@ -176,7 +179,7 @@ def _episode(row: list[str], line: int, file: Path) -> Episode:
     if len(row) != len(COLUMNS):
         raise FormatError(file, f"expected an episode of {len(COLUMNS)} values, got {len(row)}", line)
     try:
-        policy, task_name, num_agents, number, instance, seed, *values = row
+        policy, task_name, num_agents, number, instance, seed, *values = map(from_cell, row)
         named = zip(METRICS, values, strict=True)
         metrics = {name: float(value) for name, value in named if value}
         return Episode(policy, task_name, int(num_agents), int(number), metrics, instance, int(seed))

@@ -23,6 +23,7 @@ from mapf_pz.instances.library import benchmark_file
 from mapf_pz.instances.pogema import load_pogema
 from mapf_pz.io.json import MAX_NAME, MAX_NUMBER, JsonObject, is_whole, list_member, named_file, parse_object
 from mapf_pz.io.text import read_text
+from mapf_pz.plugins import NAMED_PARTS, check_trusted
 
 MAX_CELLS = 2**24
 """Maximum number of cells of a random map."""
@@ -67,12 +68,16 @@ def suite_names() -> list[str]:
     return sorted(file.stem for file in _bundled().glob("*.json"))
 
 
-def load_suite(suite: str | Path) -> tuple[EvaluationTask, ...]:
-    """Return the tasks of a suite: one of `suite_names()`, or the path of a `.json` file.
+def load_suite(suite: str | Path, trust_remote_code: bool = False) -> tuple[EvaluationTask, ...]:
+    """Return the tasks of a suite.
+
+    Args:
+        suite: one of `suite_names()`, or the path of a `.json` file.
+        trust_remote_code: whether the file may name code outside this package.
 
     Raises:
         FileNotFoundError: the file, or a file that it refers to, does not exist.
-        FormatError: the file, or a file that it refers to, is malformed.
+        FormatError: the file, or a file that it refers to, is malformed, or names code without `trust_remote_code`.
         ValueError: there is no suite of that name.
     """
     if str(suite).endswith(".json"):
@@ -84,7 +89,7 @@ def load_suite(suite: str | Path) -> tuple[EvaluationTask, ...]:
     data = parse_object(read_text(file), file)
     _check_keys(data, ("description", "tasks"), str(file))
     entries = list_member(data, "tasks", file, least=1)
-    tasks = [task for number, entry in enumerate(entries) for task in _tasks(entry, number, file)]
+    tasks = [task for number, entry in enumerate(entries) for task in _tasks(entry, number, file, trust_remote_code)]
     names = [task.label for task in tasks]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
@@ -92,10 +97,11 @@ def load_suite(suite: str | Path) -> tuple[EvaluationTask, ...]:
     return tuple(tasks)
 
 
-def _tasks(data: Any, number: int, file: Path) -> list[EvaluationTask]:
+def _tasks(data: Any, number: int, file: Path, trust_remote_code: bool) -> list[EvaluationTask]:
     """Return the tasks of an entry, one for each number of agents."""
     where = f"{file}: task {number}"
     entry = _entry(data, where)
+    check_trusted(where, {name: entry.env.get(name) for name in NAMED_PARTS}, trust_remote_code)
     make = next(make for kind, make in _KINDS.items() if getattr(entry, kind) is not None)
     counts = entry.num_agents if isinstance(entry.num_agents, list) else [entry.num_agents or 0]
     try:

@@ -9,6 +9,7 @@ from typing import Any
 from mapf_pz.config import EnvConfig
 from mapf_pz.instance import Instance, InstanceSource
 from mapf_pz.instances import InstanceList
+from mapf_pz.seeds import FIRST_EVALUATION_SEED
 
 
 @dataclass(frozen=True)
@@ -28,8 +29,8 @@ class EvaluationTask:
     `map`, `scenario` nor `source` is allowed."""
     episodes: int = 0
     """Number of episodes. With the default of 0, it is the number of `instances`, or 256 if there are none."""
-    seed: int = 1_000_000
-    """Seed of episode 0; episode `e` has the seed `seed + e`. Training uses only smaller seeds."""
+    seed: int = FIRST_EVALUATION_SEED
+    """Seed of episode 0; episode `e` has the seed `seed + e`. Training does not use these seeds."""
     instances: tuple[Instance, ...] = ()
     """Fixed instances: episode `e` uses instance `e` modulo their number. If empty, the environment generates them."""
     instance_names: tuple[str, ...] = ()

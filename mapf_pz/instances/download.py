@@ -10,11 +10,14 @@ from typing import Any, TypeAlias
 
 from mapf_pz.instances.archive import Archive, unpack
 from mapf_pz.io.atomic import naming
+from mapf_pz.io.lock import locked
 
 CACHE_VARIABLE = "MAPF_PZ_CACHE"
 """Environment variable for the folder of downloaded data; overrides the user's cache."""
 TIMEOUT = 30.0
 """Seconds without data from the server after which the connection is considered lost."""
+MAX_BYTES = 2**30
+"""Maximum size of a download; larger ones are rejected."""
 PIECE = 2**16
 """Chunk size of downloads in bytes."""
 
@@ -41,6 +44,7 @@ def download(archives: Iterable[Archive], folder: Path, show: Show) -> int:
         Number of files unpacked; 0 if all of them existed already.
 
     Raises:
+        BlockingIOError: Another process is writing to the folder.
         ConnectionError: The server cannot be reached, or the connection was lost.
         OSError: The server does not have the file, or it cannot be written.
         ValueError: The checksum of an archive is wrong; the archive is deleted.
@@ -49,11 +53,12 @@ def download(archives: Iterable[Archive], folder: Path, show: Show) -> int:
     import pooch
 
     written = 0
-    for archive in archives:
-        # Typed as Any, since pooch annotates downloaders with the wrong parameter names.
-        resuming: Any = _Resuming(show)
-        file = Path(pooch.retrieve(archive.url, archive.sha256, archive.name, folder, downloader=resuming))
-        written += unpack(file, file.parent)
+    with locked(folder):
+        for archive in archives:
+            # Typed as Any, since pooch annotates downloaders with the wrong parameter names.
+            resuming: Any = _Resuming(show)
+            file = Path(pooch.retrieve(archive.url, archive.sha256, archive.name, folder, downloader=resuming))
+            written += unpack(file, file.parent)
     return written
 
 
@@ -91,12 +96,21 @@ class _Resuming:
                 size = 0
             length = response.headers.get("Content-Length")
             total = None if length is None else size + int(length)
+            _check_size(url, total or 0, part)
             with part.open("ab" if size else "wb") as file:
                 try:
                     for chunk in response.iter_content(PIECE):
+                        _check_size(url, size + len(chunk), part)
                         with naming(part):
                             size += file.write(chunk)
                         self._show(name, size, total)
                 except requests.RequestException:
                     advice = "run the same command again to resume"
                     raise ConnectionError(f"{url}: the connection was cut after {size:,} bytes; {advice}") from None
+
+
+def _check_size(url: str, size: int, part: Path) -> None:
+    """Raise `OSError` for a download of more than `MAX_BYTES`, and delete what has been received."""
+    if size > MAX_BYTES:
+        part.unlink(missing_ok=True)
+        raise OSError(f"{url}: expected at most {MAX_BYTES:,} bytes, the server sends more")

@@ -15,6 +15,9 @@ def replacing(file: Path) -> Generator[Path]:
     """
     temporary = file.with_name(f".{file.stem}.new{file.suffix}")
     try:
+        # A new file, since a link that someone else has made there would be followed.
+        temporary.unlink(missing_ok=True)
+        temporary.touch(exist_ok=False)
         yield temporary
         temporary.replace(file)
     except OSError as error:

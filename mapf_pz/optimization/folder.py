@@ -114,16 +114,17 @@ class OptimizationFolder:
         save_pictures(self.path, graph, self._grid, self._rows)
 
 
-def read_optimization(path: Path) -> OptimizeConfig:
+def read_optimization(path: Path, trust_remote_code: bool = False) -> OptimizeConfig:
     """Return the configuration of the optimization in a folder.
 
     Raises:
         FileNotFoundError: The folder holds no optimization.
-        FormatError: The configuration is malformed.
+        FormatError: The configuration is malformed, or names code outside this package without `trust_remote_code`.
     """
     if not (path / HISTORY_FILE).exists():
         raise FileNotFoundError(f"{str(path)!r} holds no optimization to resume")
-    return read_config(_ADAPTER, path / CONFIG)
+    config = read_config(_ADAPTER, path / CONFIG, trust_remote_code)
+    return replace(config, task=replace(config.task, trust_remote_code=trust_remote_code))
 
 
 def _read_history(file: Path) -> list[Progress]:

@@ -12,6 +12,7 @@ import numpy as np
 from mapf_pz.evaluation.parallel import job_runner
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.guidance.library import guidance_graph
+from mapf_pz.io.lock import locked
 from mapf_pz.optimization.candidate import Candidate
 from mapf_pz.optimization.config import OptimizeConfig
 from mapf_pz.optimization.folder import OptimizationFolder, read_optimization
@@ -58,9 +59,11 @@ def optimize(
         The best graph. Uniform and crisscross weights and those of the task compete, too.
 
     Raises:
+        BlockingIOError: Another process is writing to the folder.
         FileExistsError: The folder holds an optimization.
     """
-    return _optimize(config, None if output is None else OptimizationFolder.create(output, config), on_progress)
+    with locked(output):
+        return _optimize(config, None if output is None else OptimizationFolder.create(output, config), on_progress)
 
 
 def resume(
@@ -68,6 +71,7 @@ def resume(
     minutes: float | None = None,
     jobs: int | str | None = None,
     on_progress: Callable[[Progress], object] = lambda progress: None,
+    trust_remote_code: bool = False,
 ) -> Optimized:
     """Continue the optimization in a folder with its configuration and candidates, for another time budget.
 
@@ -76,17 +80,20 @@ def resume(
         minutes: Time budget in minutes. None: as configured.
         jobs: Number of processes, or `ray`. None: as configured.
         on_progress: Is called after each round of simulations.
+        trust_remote_code: Whether the configuration and the policy may name code outside this package.
 
     Returns:
         The best graph, as from `optimize`.
 
     Raises:
+        BlockingIOError: Another process is writing to the folder.
         FileNotFoundError: The folder holds no optimization.
-        FormatError: One of its files is malformed.
+        FormatError: One of its files is malformed, or names such code without `trust_remote_code`.
     """
     changes = {name: value for name, value in (("minutes", minutes), ("jobs", jobs)) if value is not None}
-    config = replace(read_optimization(folder), **changes)
-    return _optimize(config, OptimizationFolder.open(folder, config), on_progress)
+    with locked(folder):
+        config = replace(read_optimization(folder, trust_remote_code), **changes)
+        return _optimize(config, OptimizationFolder.open(folder, config), on_progress)
 
 
 def _optimize(

@@ -38,16 +38,16 @@ def simulate(task: GuidanceTask, graph: GuidanceGraph, seed: int, num_steps: int
     """
     config = task.with_graph(graph, num_steps)
     usage = Usage.empty(graph.shape)
-    simulator = (_plan if task.is_planner else _roll_out)(task.planner, config, seed, usage)
+    simulator = (_plan if task.is_planner else _roll_out)(task, config, seed, usage)
     return Simulation(_score(simulator), usage)
 
 
-def _plan(name: str, config: EnvConfig, seed: int, usage: Usage) -> Simulator:
+def _plan(task: GuidanceTask, config: EnvConfig, seed: int, usage: Usage) -> Simulator:
     """Let a planner act in a simulator, without observations."""
     simulator = Simulator(replace(config, **Planner.env_kwargs))
     simulator.reset(seeds={0: seed})
     simulator.prepare_cost_to_go(1 + _typical_goals(config, simulator.shape))
-    planner = planner_of(name, seed)
+    planner = planner_of(task.planner, seed)
     planner.compile(config.action_model)
     while not simulator.over[0]:
         simulator.step(planner.decide(simulator)[None])
@@ -60,9 +60,10 @@ def _typical_goals(config: EnvConfig, shape: tuple[int, int]) -> int:
     return 3 * config.max_steps // sum(shape) if config.on_target == "restart" else 0
 
 
-def _roll_out(name: str, config: EnvConfig, seed: int, usage: Usage) -> Simulator:
+def _roll_out(task: GuidanceTask, config: EnvConfig, seed: int, usage: Usage) -> Simulator:
     """Let a policy act on observations, with the settings that it requires."""
-    env, policy = policy_factory(name, seed)(changed_keywords(config))
+    make = policy_factory(task.planner, seed, trust_remote_code=task.trust_remote_code)
+    env, policy = make(changed_keywords(config))
     simulator = simulator_of(env)
 
     def count() -> None:

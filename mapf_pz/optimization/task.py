@@ -31,6 +31,8 @@ class GuidanceTask:
     """The environment. Its `edge_weights` compete with the graphs that are found."""
     planner: str = "pibt"
     """A planner or policy by name, as in `mapf-pz evaluate`."""
+    trust_remote_code: bool = False
+    """Load a policy whose configuration names code outside this package (`package.module:name`), and run that code."""
 
     def __post_init__(self) -> None:
         """Check that all episodes have one map."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from mapf_pz.arrays import Bools, Ints
 from mapf_pz.io.atomic import write_whole
+from mapf_pz.io.printable import printable
 from mapf_pz.render.frames import check_fps
 from mapf_pz.render.recording import Recording
 from mapf_pz.render.rgb import color_codes
@@ -41,7 +42,7 @@ def save_svg(recording: Recording, path: str | Path, fps: float = 4) -> None:
 def _lines(recording: Recording, fps: float) -> Iterator[str]:
     height, width = (CELL * side for side in recording.free.shape)
     yield f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}">'
-    yield f"<title>{html.escape(recording.heading)}</title><style>{STYLE}</style>"
+    yield f"<title>{html.escape(printable(recording.heading))}</title><style>{STYLE}</style>"
     yield f'<rect class="free" width="{width}" height="{height}"/>'
     yield f'<path class="obstacle" d="{"".join(_obstacles(recording.free))}"/>'
     timeline = _Timeline(recording.num_steps, fps)

@@ -79,7 +79,7 @@ class BatchedMapfEnv(EnvBase):
         self._dtype = OBSERVATION_DTYPES[config.observation_precision]
         num_agents = self.simulator.num_agents
         self.group_map = {"agents": [f"agent_{i}" for i in range(num_agents)]}
-        self._seed_next: int | None = None
+        self._seeds: dict[int, int] = {}  # of environments that have not been reset since they were seeded
         self._has_state, self._has_metrics = config.state, config.metrics
         self._make_specs(torch.Size([num_envs, num_agents]))
 
@@ -121,11 +121,7 @@ class BatchedMapfEnv(EnvBase):
         """Start new episodes in the environments selected by `_reset`, or in all of them without it."""
         mask = None if tensordict is None else tensordict.get("_reset", None)
         chosen = range(self.batch_size[0]) if mask is None else np.flatnonzero(mask.reshape(-1).cpu().numpy()).tolist()
-        seeds = None
-        if self._seed_next is not None:
-            seeds = {b: self._seed_next + b for b in range(self.batch_size[0])}
-            self._seed_next = None
-        self.simulator.reset(chosen, seeds)
+        self.simulator.reset(chosen, {b: self._seeds.pop(b) for b in chosen if b in self._seeds})
         terminated, truncated = torch.zeros(2, *self.batch_size, 1, dtype=torch.bool)
         return self._with_flags(self._observed(), terminated, truncated)
 
@@ -200,8 +196,8 @@ class BatchedMapfEnv(EnvBase):
         return to_device(TensorDict(entries, batch_size=batch, device=cpu), self.device)
 
     def _set_seed(self, seed: int | None) -> None:
-        """Seed the next reset: environment `b` with `seed + b`."""
-        self._seed_next = seed
+        """Seed the next reset of each environment: environment `b` with `seed + b`."""
+        self._seeds = {} if seed is None else {b: seed + b for b in range(self.batch_size[0])}
 
 
 _DONE = ("done", "terminated", "truncated")

@@ -98,7 +98,10 @@ class _LearnerAdapter(CheckpointAdapter):
         (path / TENSORS).write_bytes(save(component.tensors()))
 
     def load(self, component: Learner, path: Path, **_: Any) -> None:
-        component.restore(load_file(path / TENSORS))
+        tensors = load_file(path / TENSORS)
+        if not any(name.startswith("optimizer/") for name in tensors):
+            raise ValueError("expected the state of the optimizer")
+        component.restore(tensors)
 
 
 def _check_stored(file: Path) -> None:

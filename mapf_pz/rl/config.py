@@ -25,6 +25,7 @@ from mapf_pz.rl.algorithm_config import (
 )
 from mapf_pz.rl.checks import check_counts, check_names, check_part, check_positive
 from mapf_pz.rl.saved_env import SavedEnv
+from mapf_pz.seeds import FIRST_EVALUATION_SEED
 
 __all__ = [
     "OBSERVATION_FIELDS",
@@ -180,7 +181,8 @@ class TrainConfig:
     agent_steps: int = 2_000_000
     """Minimum length of the run in agent steps (the steps of all agents together); the last update is completed."""
     seed: int = 0
-    """Random seed of the instances, the initial weights and exploration."""
+    """Random seed of the instances, the initial weights and exploration. Environment k starts with the seed `seed + k`,
+    which must be below 1,000,000, where the seeds of evaluations start."""
     checkpoint_interval: int = 200_000
     """Agent steps between checkpoints; a run also writes one when it finishes or is interrupted."""
     validation_interval: int = 0
@@ -222,6 +224,9 @@ class TrainConfig:
         check_part("algorithm", self.algorithm, get_args(AlgorithmName))
         check_counts(self, 1, "agent_steps", "checkpoint_interval", "validation_episodes", "num_workers", "num_threads")
         check_counts(self, 0, "seed", "validation_interval")
+        if self.seed + self.optimization.num_envs > FIRST_EVALUATION_SEED:
+            most = FIRST_EVALUATION_SEED - self.optimization.num_envs
+            raise ValueError(f"seed={self.seed}: expected at most {most}, since evaluations use the following seeds")
         if self.ppo.kl_coeff and (
             self.initial_policy is None or self.model.recurrent or self.algorithm == "central-ppo"
         ):

@@ -11,8 +11,9 @@ from pydantic import BeforeValidator, TypeAdapter, ValidationError
 from mapf_pz.errors import FormatError
 from mapf_pz.io.atomic import write_whole
 from mapf_pz.io.text import read_text
+from mapf_pz.plugins import check_trusted
 from mapf_pz.rl.config import OptimizationConfig, TrainConfig
-from mapf_pz.rl.saved_env import OBJECT_FIELDS, complaint, object_file, object_files
+from mapf_pz.rl.saved_env import OBJECT_FIELDS, Origin, complaint, object_file, object_files
 
 Config = TypeVar("Config")
 
@@ -47,9 +48,14 @@ def save_config(folder: Path, config: TrainConfig) -> None:
     write_config_files(folder, config_files(config))
 
 
-def load_config(file: Path) -> TrainConfig:
-    """Read `config.json` and the files that it refers to; raises `FormatError` if one of them is malformed."""
-    return read_config(_ADAPTER, file)
+def load_config(file: Path, trust_remote_code: bool = False) -> TrainConfig:
+    """Read `config.json` and the files that it refers to.
+
+    Raises `FormatError` if one of them is malformed, or names code outside this package without `trust_remote_code`.
+    """
+    config = read_config(_ADAPTER, file, trust_remote_code)
+    check_trusted(file, {"algorithm": config.algorithm, "encoder": config.model.encoder}, trust_remote_code)
+    return config
 
 
 def write_config_files(folder: Path, files: dict[str, bytes]) -> None:
@@ -60,10 +66,10 @@ def write_config_files(folder: Path, files: dict[str, bytes]) -> None:
         (folder / name).unlink(missing_ok=True)
 
 
-def read_config(adapter: TypeAdapter[Config], file: Path) -> Config:
+def read_config(adapter: TypeAdapter[Config], file: Path, trust_remote_code: bool = False) -> Config:
     """Read a configuration from its JSON file and the files that it refers to; raises as `load_config`."""
     try:
-        return adapter.validate_json(read_text(file), context=file.parent)
+        return adapter.validate_json(read_text(file), context=Origin(file, trust_remote_code))
     except ValidationError as error:
         cause = error.errors()[0].get("ctx", {}).get("error")
         if isinstance(cause, FormatError):

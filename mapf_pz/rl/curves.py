@@ -43,18 +43,18 @@ class Run:
     """Its progress, one row or more."""
 
     @classmethod
-    def read(cls, folder: Path) -> Run:
+    def read(cls, folder: Path, trust_remote_code: bool = False) -> Run:
         """Return the run in a folder.
 
         Raises:
             FileNotFoundError: There is no run in the folder.
-            FormatError: One of its files is damaged.
+            FormatError: One of its files is damaged, or names code outside this package without `trust_remote_code`.
             ValueError: The run has no progress yet.
         """
         rows = read_progress(folder)
         if not rows:
             raise ValueError(f"{str(folder)!r}: expected a run with one update or more, got none")
-        return cls(folder.name, load_config(folder / CONFIG), rows)
+        return cls(folder.name, load_config(folder / CONFIG, trust_remote_code), rows)
 
     def curve(self, column: str) -> Points:
         """Return the running mean of a column, weighted by episodes.

@@ -54,6 +54,7 @@ class Learner(ABC):
 
         Raises `RuntimeError`, `LookupError` or `ValueError` if it belongs to other networks.
         """
+        self._check_types(tensors)
         modules: dict[str, dict[str, Tensor]] = {part: {} for part in self.modules}
         optimizer: dict[int, dict[str, Tensor]] = {}
         for name, tensor in tensors.items():
@@ -68,6 +69,23 @@ class Learner(ABC):
         groups = self.optimizer.state_dict()["param_groups"]
         self.optimizer.load_state_dict({"state": optimizer, "param_groups": groups})
         torch.set_rng_state(tensors["random"].clone())
+
+    def _check_types(self, tensors: Mapping[str, Tensor]) -> None:
+        """Raise `ValueError` for tensors of other types or sizes, which torch would convert."""
+        parameters = [parameter for group in self.optimizer.param_groups for parameter in group["params"]]
+        expected = {
+            f"{part}/{name}": tensor
+            for part, module in self.modules.items()
+            for name, tensor in module.state_dict().items()
+        }
+        for name, tensor in tensors.items():
+            if name.startswith("optimizer/"):
+                parameter = parameters[int(name.split("/")[1])]
+                fits = tensor.dtype == parameter.dtype and tensor.shape in ((), parameter.shape)
+            else:
+                fits = name not in expected or tensor.dtype == expected[name].dtype
+            if not fits:
+                raise ValueError(f"{name!r} has another type or size, {tensor.dtype} {tuple(tensor.shape)}")
 
     def compiled(self, module: nn.Module) -> Callable[..., Any]:
         """Return the module, compiled if the configuration has `compile`, with the same parameters.

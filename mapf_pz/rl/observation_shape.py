@@ -27,7 +27,7 @@ class ObservationShape:
     @classmethod
     def of_task(cls, task: TaskConfig) -> ObservationShape:
         """Return the shapes for a task."""
-        layout = ObservationLayout(task.env, task.env.view_size)
+        layout = ObservationLayout(task.env)
         return cls(layout.image_shape, layout.num_features, layout.num_actions, layout.own_feature("pose"))
 
     def stacked(self, number: int) -> ObservationShape:
@@ -44,7 +44,7 @@ def shapes_of(observation: Any) -> Any:
 
 
 def described(shapes: Any) -> str:
-    """Return the shapes of an observation as text."""
+    """Return shapes as text for messages."""
     if isinstance(shapes, dict):
         return "a Dict of " + ", ".join(f"{name} {shape}" for name, shape in shapes.items())
     return f"an image {shapes}"

@@ -235,7 +235,11 @@ def _bundled() -> Path:
 
 
 def load_policy(
-    policy: str | Path, seed: int = 0, deterministic: bool = False, temperature: float | None = None
+    policy: str | Path,
+    seed: int = 0,
+    deterministic: bool = False,
+    temperature: float | None = None,
+    trust_remote_code: bool = False,
 ) -> LearnedPolicy:
     """Load a trained policy.
 
@@ -245,20 +249,15 @@ def load_policy(
         deterministic: always take the most likely action, as with temperature 0.
         temperature: temperature of the sampling, 0 or more; below 1, likely actions are sampled more often. None: the
             temperature at which the policy acted in its training, `Algorithm.acting_temperature`.
+        trust_remote_code: load a policy whose configuration names code outside this package
+            (`package.module:name`), which importing runs.
 
     Raises:
         FileNotFoundError: There is no such policy.
-        FormatError: The files do not fit together.
+        FormatError: The files do not fit together, or name code without `trust_remote_code`.
         ValueError: The temperature is negative or not finite.
     """
-    folder = _bundled() / policy if policy in policy_names() else Path(policy)
-    if folder.suffix == ".safetensors":
-        folder = folder.parent
-    for file in (folder / CONFIG, folder / WEIGHTS):
-        if not file.is_file():
-            expected = f"expected the folder of a training run, or one of {', '.join(policy_names())}"
-            raise FileNotFoundError(f"policy {str(policy)!r}: no file {str(file)!r}; {expected}")
-    config = load_config(folder / CONFIG)
+    folder, config = _folder(policy), policy_config(policy, trust_remote_code)
     try:
         network = _network(config, load_file(folder / WEIGHTS))
     except _DAMAGE as error:
@@ -269,6 +268,24 @@ def load_policy(
     if temperature is None:
         temperature = algorithm.acting_temperature(config)
     return kind(network, config, seed, deterministic, temperature)
+
+
+def policy_config(policy: str | Path, trust_remote_code: bool = False) -> TrainConfig:
+    """Return the configuration of a trained policy's run; arguments and errors are those of `load_policy`."""
+    folder = _folder(policy)
+    for file in (folder / CONFIG, folder / WEIGHTS):
+        if not file.is_file():
+            expected = f"expected the folder of a training run, or one of {', '.join(policy_names())}"
+            raise FileNotFoundError(f"policy {str(policy)!r}: no file {str(file)!r}; {expected}")
+    return load_config(folder / CONFIG, trust_remote_code)
+
+
+def _folder(policy: str | Path) -> Path:
+    """Return the folder of a trained policy, which may not exist."""
+    folder = _bundled() / policy if policy in policy_names() else Path(policy)
+    if folder.suffix == ".safetensors":
+        folder = folder.parent
+    return folder
 
 
 def _network(config: TrainConfig, weights: dict[str, Tensor]) -> nn.Module:

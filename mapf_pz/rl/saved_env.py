@@ -10,7 +10,7 @@ import dataclasses
 import json
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import numpy as np
 from pydantic import (
@@ -34,6 +34,7 @@ from mapf_pz.instance import Grid, Instance, Scenario
 from mapf_pz.instances.configured import make_source
 from mapf_pz.instances.sources import FixedMap, FixedScenario, InstanceList, SourceMixture
 from mapf_pz.instances.warehouse import WarehouseTasks
+from mapf_pz.plugins import NAMED_PARTS, check_trusted
 
 OBJECT_FIELDS = ("map", "scenario", "edge_weights", "source")
 """The fields of `EnvConfig` that may hold an object, which is saved in a separate file."""
@@ -50,6 +51,15 @@ _DAMAGE = (
     *(SafetensorError, OSError, ValueError, TypeError, LookupError, AttributeError),
     *(OverflowError, RecursionError, MemoryError),
 )
+
+
+class Origin(NamedTuple):
+    """Where a configuration is read from."""
+
+    file: Path
+    """The file, in the folder of the objects' files."""
+    trust_remote_code: bool
+    """Whether it may name code outside this package."""
 
 
 class _StoredPath(BaseModel):
@@ -116,16 +126,20 @@ def _stored(name: str, value: Any) -> Any:
 
 
 def load_env(stored: Any, info: ValidationInfo) -> EnvConfig:
-    """Return the configuration; `info.context` is the folder of the objects' files, or None if there are none.
+    """Return the configuration; `info.context` is its `Origin`, or None if it is not read from a file.
 
-    Raises `ValueError` for invalid fields, and `FormatError` for damaged files.
+    Raises `ValueError` for invalid fields, and `FormatError` for damaged files and for code that is not trusted.
     """
     try:
         form = _stored_form().model_validate(stored)
     except ValidationError as error:
         raise ValueError(complaint(error)) from None
     fields = {name: getattr(form, name) for name in type(form).model_fields}
-    loaded = {name: _loaded(name, fields[name], info.context) for name in OBJECT_FIELDS}
+    origin: Origin | None = info.context
+    if origin is not None:
+        check_trusted(origin.file, {name: fields[name] for name in NAMED_PARTS}, origin.trust_remote_code)
+    folder = None if origin is None else origin.file.parent
+    loaded = {name: _loaded(name, fields[name], folder) for name in OBJECT_FIELDS}
     return EnvConfig(**fields | loaded)
 
 

@@ -17,6 +17,7 @@ from tensordict import TensorDictBase
 from mapf_pz.errors import FormatError
 from mapf_pz.interrupts import interrupts_deferred
 from mapf_pz.io.atomic import naming
+from mapf_pz.io.lock import locked
 from mapf_pz.machine import usable_cores
 from mapf_pz.rl.algorithm import Algorithm
 from mapf_pz.rl.algorithms import algorithm_of
@@ -27,10 +28,11 @@ from mapf_pz.rl.launch import connecting, is_first, launched_size, local_rank
 from mapf_pz.rl.learner import Learner
 from mapf_pz.rl.loggers import check_loggers
 from mapf_pz.rl.networks import Actor
-from mapf_pz.rl.policy import load_policy
+from mapf_pz.rl.policy import load_policy, policy_config
 from mapf_pz.rl.ranks import Ranks
 from mapf_pz.rl.run import RunFolder
 from mapf_pz.rl.updates import updates
+from mapf_pz.seeds import FIRST_RESUMED_SEED
 
 LOGGER = logging.getLogger(__name__)
 
@@ -48,6 +50,7 @@ def train(
     on_progress: Progress | None = None,
     make_algorithm: MakeAlgorithm = _named_algorithm,
     overwrite: bool = False,
+    trust_remote_code: bool = False,
 ) -> Path:
     """Train a policy, and return the folder that holds the policy, its configuration and its progress.
 
@@ -58,6 +61,7 @@ def train(
         make_algorithm: creates the algorithm, if it is not the one named by the configuration; `load_policy` always
             uses the network of the named algorithm.
         overwrite: replace an existing run in `output`.
+        trust_remote_code: load an `initial_policy` whose configuration names code outside this package.
 
     Nothing is written before the networks and the environments have been created, so an invalid configuration leaves
     the folder unchanged.
@@ -69,6 +73,7 @@ def train(
     function, and only rank 0 uses `output` and calls `on_progress`.
 
     Raises:
+        BlockingIOError: Another process is writing to the folder.
         ChildProcessError: Another learner has ended, for example because it was killed; `resume` continues.
         ConnectionError: The same under `torchrun`.
         FileExistsError: The folder holds a run, and `overwrite` is False.
@@ -78,9 +83,11 @@ def train(
         ValueError: The configuration is not valid, or there is no GPU for `device="cuda"`.
     """
     run = RunFolder(Path(output))
-    if is_first() and not overwrite:
-        run.check_unused()
-    return _run(config, run, None, on_progress, make_algorithm)
+    with locked(run.path if is_first() else None):
+        if is_first() and not overwrite:
+            run.check_unused()
+        _check_initial_policy(config, trust_remote_code)
+        return _run(config, run, None, on_progress, make_algorithm)
 
 
 def resume(
@@ -90,6 +97,7 @@ def resume(
     make_algorithm: MakeAlgorithm = _named_algorithm,
     num_learners: int | Literal["auto"] | None = None,
     device: DeviceName | None = None,
+    trust_remote_code: bool = False,
 ) -> Path:
     """Continue a run that was interrupted or killed from its latest checkpoint, and return its folder.
 
@@ -100,33 +108,37 @@ def resume(
         make_algorithm: as in `train`.
         num_learners: number of processes that train together, as in `TrainConfig`; None keeps the run's own value.
         device: device of the networks, as in `TrainConfig`; None keeps the run's own value.
+        trust_remote_code: continue a run whose configuration names code outside this package.
 
     Under `torchrun`, all machines must see the folder.
 
     Checkpoints do not contain the environments: these start new episodes, with seeds that the run has not used before.
 
     Raises:
+        BlockingIOError: Another process is writing to the folder.
         FileNotFoundError: The folder has no configuration, no progress or no checkpoint.
         FormatError: One of them is damaged, or they do not belong together.
         ValueError: The run is already longer than `agent_steps`.
     """
     run = RunFolder(Path(folder))
-    checkpoint = run.checkpoints.latest()
-    config = load_config(run.path / CONFIG)
-    position = read_position(checkpoint)
-    if position.agent_steps != position.updates * config.steps_per_update:
-        raise FormatError(checkpoint, f"not a checkpoint of the run that {CONFIG} describes")
-    if agent_steps is not None:
-        if agent_steps < position.agent_steps:
-            raise ValueError(
-                f"agent_steps={agent_steps}: the run in {str(folder)!r} has already reached {position.agent_steps}"
-            )
-        config = replace(config, agent_steps=agent_steps)
-    if num_learners is not None:
-        config = replace(config, num_learners=num_learners)
-    if device is not None:
-        config = replace(config, device=device)
-    return _run(config, run, checkpoint, on_progress, make_algorithm)
+    with locked(run.path if is_first() else None):
+        checkpoint = run.checkpoints.latest()
+        config = load_config(run.path / CONFIG, trust_remote_code)
+        _check_initial_policy(config, trust_remote_code)
+        position = read_position(checkpoint)
+        if position.agent_steps != position.updates * config.steps_per_update:
+            raise FormatError(checkpoint, f"not a checkpoint of the run that {CONFIG} describes")
+        if agent_steps is not None:
+            if agent_steps < position.agent_steps:
+                raise ValueError(
+                    f"agent_steps={agent_steps}: the run in {str(folder)!r} has already reached {position.agent_steps}"
+                )
+            config = replace(config, agent_steps=agent_steps)
+        if num_learners is not None:
+            config = replace(config, num_learners=num_learners)
+        if device is not None:
+            config = replace(config, device=device)
+        return _run(config, run, checkpoint, on_progress, make_algorithm)
 
 
 def _run(
@@ -227,9 +239,15 @@ def _synchronize(learner: Learner, done: int = 0) -> int:
     return done
 
 
+def _check_initial_policy(config: TrainConfig, trust_remote_code: bool) -> None:
+    """Raise `FormatError` if the initial policy names code without `trust_remote_code`."""
+    if config.initial_policy is not None:
+        policy_config(config.initial_policy, trust_remote_code)
+
+
 def _start_from(policy: str, temperature: float, algorithm: Algorithm) -> None:
     """Start from a trained policy."""
-    network = load_policy(policy).network
+    network = load_policy(policy, trust_remote_code=True).network  # has been checked at the start of the run
     if temperature != 1:
         if not isinstance(network, Actor):
             raise ValueError(f"initial_temperature={temperature}: expected 1, since the initial policy has no logits")
@@ -264,5 +282,7 @@ def _batches(
     left = config.num_updates - done
     if left <= 0:
         return nullcontext(iter(()))
-    seed = config.seed if done == 0 else int(np.random.SeedSequence([config.seed, done]).generate_state(1)[0])
+    seed = config.seed
+    if done:
+        seed = FIRST_RESUMED_SEED + int(np.random.SeedSequence([seed, done]).generate_state(1)[0]) % FIRST_RESUMED_SEED
     return algorithm.batches(seed + ranks.rank * algorithm.config.optimization.num_envs, left)

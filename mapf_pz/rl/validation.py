@@ -11,9 +11,7 @@ from mapf_pz.rl.collect import MakeEnv
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.episodes import LAST_STEP, MEANS, episode_means
 from mapf_pz.rl.ranks import Ranks
-
-FIRST_SEED = 2_000_000
-"""First seed of the validation instances; training runs with much smaller seeds use other instances."""
+from mapf_pz.seeds import FIRST_VALIDATION_SEED
 
 
 class Validation:
@@ -24,7 +22,7 @@ class Validation:
         self._config = config
         self._ranks = ranks
         first, last = (config.validation_episodes * rank // ranks.size for rank in (ranks.rank, ranks.rank + 1))
-        self._seed, self._episodes = FIRST_SEED + first, last - first
+        self._seed, self._episodes = FIRST_VALIDATION_SEED + first, last - first
         self._algorithm = algorithm
         self._env: EnvBase | None = None
         self._due = config.validation_interval

@@ -273,6 +273,31 @@ def test_each_feature_alone(feature):
     observe_alone(channels=("goal",), features=(feature,))
 
 
+@pytest.mark.parametrize(
+    ("shape", "view_size"), [((3, 10), (5, 5)), ((4, 3), (11, 9)), ((1, 6), (4, 30)), ((5, 2), (2, 12))]
+)
+@pytest.mark.parametrize("view", ["front", "centered"])
+@pytest.mark.parametrize("action_model", ["rotate", "cardinal"])
+def test_views_larger_than_the_map(shape, view_size, view, action_model):
+    """Cells outside the map are obstacles."""
+    rng = np.random.default_rng(9)
+    config = EnvConfig(
+        source=Disorder(rng, shape, 3, num_maps=2, density=0.1),
+        max_steps=5,
+        action_model=action_model,
+        view_size=view_size,
+        view="centered" if action_model == "cardinal" else view,
+        see_through_walls=view == "front",
+        channels=tuple(CHANNELS),
+        features=tuple(FEATURES),
+        edge_weights=any_weights(rng, shape),
+    )
+    lockstep = Lockstep(config, num_envs=2, seed=9)
+    for _ in range(8):
+        lockstep.compare_observations()
+        lockstep.step()
+
+
 def observe_alone(**keywords):
     source = Disorder(np.random.default_rng(5), (5, 5), 8, num_maps=2)
     lockstep = Lockstep(EnvConfig(source=source, max_steps=5, **keywords), num_envs=2, seed=5)

@@ -1,3 +1,5 @@
+from xml.etree import ElementTree
+
 import pytest
 
 from mapf_pz.evaluation import Episode
@@ -43,6 +45,18 @@ def test_policies_of_one_number_of_agents_have_no_figure(tmp_path):
 def test_a_policy_with_fewer_numbers_of_agents(tmp_path):
     tried = episodes("maze", [4], "random", CSR=1.0) + episodes("maze", [4, 8], "pibt", CSR=1.0)
     assert len(draw_figures(tried, tmp_path)) == 1
+
+
+def test_figures_of_similar_names_are_separate_files(tmp_path):
+    tried = [episode for name in ("a b", "a-b", "a-b-2", "a/b") for episode in episodes(name, [1, 2], "x", CSR=1.0)]
+    drawn = draw_figures(tried, tmp_path)
+    assert [file.name for file in drawn] == ["a-b.png", "a-b-2.png", "a-b-2-2.png", "a-b-3.png"]
+    assert all(file.exists() for file in drawn)
+
+
+def test_control_characters_in_names_leave_figures_valid(tmp_path):
+    (file,) = draw_figures(episodes("maze\x07\x1b", [1, 2], "pibt\x00\ud800", CSR=1.0), tmp_path, "svg")
+    ElementTree.parse(file)
 
 
 def test_names_are_no_formulas(tmp_path):

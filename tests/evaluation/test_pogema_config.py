@@ -18,7 +18,7 @@ def test_the_defaults_are_those_of_pogema():
     config = env.config
     assert (config.action_model, config.collision_system, config.on_target) == ("cardinal", "priority", "finish")
     assert (config.max_steps, len(env.possible_agents), env.grid.shape) == (64, 1, (8, 8))
-    assert config.view_size == (7, 7)  # POGEMA's 11 x 11 does not fit into the map
+    assert config.view_size == (11, 11)
     assert (config.channels, config.features) == (("view", "goal"), ("goal_vector",))
 
 

@@ -174,6 +174,11 @@ def test_csv_has_numbers():
     assert last[4:] == ["", "", "", "0.123456", "0.123456", "0.123456"]
 
 
+def test_cells_of_csv_are_no_formulas():
+    text = comma_separated(summaries([Episode("=cmd", "@maze", 4, 0, {"CSR": 1.0})], ["CSR"]))
+    assert list(csv.reader(text.splitlines()))[1][:3] == ["'@maze", "4", "'=cmd"]
+
+
 def test_the_terminal_shows_what_the_table_has():
     text = shown(EPISODES)
     assert "mean [95 % interval]" in text

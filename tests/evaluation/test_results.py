@@ -159,13 +159,14 @@ def test_policies_can_be_added(tmp_path):
     assert [episode for episode in both if episode.policy == "right"] == first
 
 
-@pytest.mark.parametrize("name", ["a,b", 'say "go"', "line\u2028separator", "a\nb", "Straße"])
+@pytest.mark.parametrize("name", ["a,b", 'say "go"', "line\u2028separator", "a\nb", "Straße", "=1+1", "'=", "@x"])
 def test_names_come_back_as_they_were(tmp_path, name):
     results = Results(tmp_path)
     episodes = [Episode(name, "drawn", 1, number, {"CSR": 0.1 + number, "runtime": 1e-300}) for number in range(3)]
     for episode in episodes:
         results.add(episode)
     assert Results(tmp_path).episodes == episodes
+    assert not any(row["policy"][0] in "=+-@" for row in rows(tmp_path))  # which spreadsheets evaluate
 
 
 def test_the_folder_is_a_file(tmp_path):

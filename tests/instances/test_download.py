@@ -49,7 +49,7 @@ class Server:
     def __init__(self):
         self.contents = dict(CONTENTS)
         self.requests = []
-        self.knows_ranges = True
+        self.knows_ranges = self.tells_size = True
         self.cut_after = None
         owner = self
 
@@ -78,7 +78,8 @@ class Server:
             return
         rest = content[first:]
         handler.send_response(206 if first else 200)
-        handler.send_header("Content-Length", str(len(rest)))
+        if self.tells_size:
+            handler.send_header("Content-Length", str(len(rest)))
         handler.end_headers()
         handler.wfile.write(rest[: self.cut_after])
 
@@ -207,6 +208,15 @@ def test_an_interrupted_download_resumes(server, tmp_path, knows_ranges):
     assert {total for _, _, total in shown} == {size}
     assert server.requests == [("maps.zip", 0), ("maps.zip", PIECE)]
     assert files(tmp_path) == ["maps.zip", "maps/tiny.map"]
+
+
+@pytest.mark.parametrize("tells_size", [True, False])
+def test_a_download_that_is_too_large_is_cut(server, tmp_path, monkeypatch, tells_size):
+    monkeypatch.setattr("mapf_pz.instances.download.MAX_BYTES", PIECE + 1)
+    server.tells_size = tells_size
+    with pytest.raises(OSError, match=r"maps.zip: expected at most 65,537 bytes, the server sends more$"):
+        fetch(server, tmp_path)
+    assert files(tmp_path) == []
 
 
 def test_a_part_with_nothing_missing(server, tmp_path):

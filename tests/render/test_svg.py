@@ -35,6 +35,11 @@ def test_the_map(tmp_path):
     assert root.find(f"{SVG}title").text == "a <b>title</b>"
 
 
+def test_control_characters_in_names_leave_the_file_valid(tmp_path):
+    root = saved(tmp_path, replace(RECORDING, title="bell\x07 \ud800 tab\t"))
+    assert "bell? ? tab" in root.find(f"{SVG}title").text
+
+
 def test_agents_are_where_they_were_recorded(tmp_path):
     root = saved(tmp_path)
     for agent, group in enumerate(groups(root, "circle")):

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 import torch
+from tensordict import TensorDict
 from torchrl.envs import MarlGroupMapType, PettingZooWrapper, check_env_specs
 
 import mapf_pz
@@ -105,6 +106,19 @@ def test_partial_reset_leaves_the_others_alone():
     after = env.simulator.state
     assert after.time.tolist() == [3, 0, 3]
     assert np.array_equal(before[[0, 2]], after.agents[[0, 2]])
+
+
+def test_a_partial_first_reset_keeps_the_seeds_of_the_others():
+    def reset(*masks):
+        env = BatchedMapfEnv(3, num_agents=4, map="random-12-12-15")
+        env.set_seed(5)
+        for mask in masks:
+            env.reset(TensorDict({"_reset": torch.tensor(mask)[:, None]}, [3]))
+        return env.simulator.agents["cell"].tolist()
+
+    together = reset([True] * 3)
+    assert reset([False, True, False], [True, False, True]) == together
+    assert reset([False, True, False], [True, True, True])[1] != together[1]  # has its second episode
 
 
 def test_last_observation_before_a_reset_is_the_true_one():

@@ -265,9 +265,32 @@ def of_other_networks(file):
     checkpoints.save(learner, Position(3, 576, 0.0))
 
 
+def saved_as(file, tensors):
+    learner, checkpoints = make_learner(), Checkpoints(file.parent.parent)
+    kept = learner.tensors()
+    learner.tensors = lambda: tensors(kept)
+    file.unlink()
+    checkpoints.save(learner, Position(3, 576, 0.0))
+
+
+def of_whole_numbers(file):
+    saved_as(file, lambda kept: {name: t.to(torch.int8) if "loss/" in name else t for name, t in kept.items()})
+
+
+def with_moments_of_half_precision(file):
+    saved_as(file, lambda kept: {name: t.half() if "optimizer/" in name else t for name, t in kept.items()})
+
+
+def without_its_optimizer(file):
+    saved_as(file, lambda kept: {name: t for name, t in kept.items() if "optimizer/" not in name})
+
+
 @pytest.mark.parametrize(
     "damage",
     [
+        of_whole_numbers,
+        with_moments_of_half_precision,
+        without_its_optimizer,
         truncated,
         with_a_flipped_bit,
         empty,

@@ -15,7 +15,8 @@ from mapf_pz.rl.config import TaskConfig
 from mapf_pz.rl.episodes import EpisodesByStart
 from mapf_pz.rl.policy import SharedPolicy
 from mapf_pz.rl.ranks import Ranks
-from mapf_pz.rl.validation import FIRST_SEED, Validation
+from mapf_pz.rl.validation import Validation
+from mapf_pz.seeds import FIRST_VALIDATION_SEED
 from tests.helpers.small_run import TINY, changed
 
 
@@ -28,7 +29,7 @@ def test_validation_counts_the_first_episode_of_each_environment():
     algorithm.network.head[-1].bias.data[CardinalAction.RIGHT] = 50
     env = mapf_pz.parallel_env(**task.env_keywords())
     solved = []
-    for seed in range(FIRST_SEED, FIRST_SEED + 40):
+    for seed in range(FIRST_VALIDATION_SEED, FIRST_VALIDATION_SEED + 40):
         env.reset(seed=seed)
         solved.append(env.goals[0, 1] > env.positions[0, 1])
     found = Validation(algorithm, config, Ranks()).measure()

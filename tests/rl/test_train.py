@@ -390,3 +390,10 @@ def test_automatic_precision_depends_on_the_instructions_of_the_cpu(monkeypatch,
     with learner.autocast():
         product = torch.ones(2, 2) @ torch.ones(2, 2)
     assert product.dtype == (torch.bfloat16 if has_instructions else torch.float32)
+
+
+def test_training_never_uses_the_seeds_of_evaluations():
+    num_envs = TINY.optimization.num_envs
+    assert dataclasses.replace(TINY, seed=1_000_000 - num_envs).seed + num_envs == EvaluationTask.seed
+    with pytest.raises(ValueError, match="seed=999997: expected at most 999996, since evaluations use the following"):
+        dataclasses.replace(TINY, seed=1_000_001 - num_envs)

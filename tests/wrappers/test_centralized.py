@@ -11,6 +11,7 @@ import mapf_pz
 from mapf_pz.actions import Action
 from mapf_pz.environment import env as aec_env
 from mapf_pz.instance import Scenario
+from mapf_pz.render.modes import DISPLAY_VARIABLES
 from mapf_pz.wrappers import ACTION_MODES, CentralizedEnv, ContinuousActions
 
 CORRIDOR = ".....\n.....\n.....\n.....\n.....\n"
@@ -65,6 +66,18 @@ def test_gymnasium_make(render_mode):
     assert isinstance(env.render(), {None: type(None), "rgb_array": np.ndarray, "ansi": str}[render_mode])
     assert env.render_mode == render_mode
     env.close()
+
+
+def test_gymnasium_check_without_a_display(monkeypatch):
+    for variable in DISPLAY_VARIABLES:
+        monkeypatch.delenv(variable, raising=False)
+    env = gymnasium.make("mapf_pz:Mapf-Centralized-v0").unwrapped
+    assert env.metadata["render_modes"] == ["rgb_array", "ansi"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env)
+    monkeypatch.setenv("DISPLAY", ":0")
+    assert "human" in mapf_pz.parallel_env().metadata["render_modes"]
 
 
 # SB3 takes any three-dimensional Box for a picture of bytes; the policies that are no CNN flatten it.

@@ -77,8 +77,12 @@ def allocate_layers(
 ) -> MapLayers:
     """Make room for maps of `shape` (H, W), and number their places.
 
-    `with_edges`: edges are observed; `unit_weights`: all of their weights are 1.
+    `with_edges`: edges are observed; `unit_weights`: all of their weights are 1. Raises `ValueError` if the maps with
+    their margins have too many cells to be numbered.
     """
+    padded_cells = (max(shape) + view_shape.height) * (max(shape) + view_shape.width) * view_shape.num_turns
+    if padded_cells > np.iinfo(np.int32).max:
+        raise ValueError(f"view_size={view_shape.height, view_shape.width}: too large for a map of {shape} cells")
     map_rows, map_cols = np.indices(shape).reshape(2, -1)
     stride, places, size = [], [], 0
     for up in Heading if view_shape.num_turns > 1 else (Heading.NORTH,):
