@@ -131,12 +131,12 @@ class EnvConfig:
         if not self.channels:
             raise ValueError(f"channels: expected at least one of {', '.join(CHANNELS)}")
         for name in ("max_steps", "num_last_actions", "num_frames"):
-            _check_whole(name, getattr(self, name), least=1)
+            check_whole(name, getattr(self, name), least=1)
         for name in ("num_neighbors", "neighbor_radius"):
-            _check_whole(name, getattr(self, name), least=0)
+            check_whole(name, getattr(self, name), least=0)
         for name, most in (("num_agents", MAX_WHOLE), ("distance_bytes", 2**62)):
             if getattr(self, name) is not None:
-                _check_whole(name, getattr(self, name), 1, most)
+                check_whole(name, getattr(self, name), 1, most)
         if self.resolved_source is not None:
             self._check_source(self.resolved_source)
         if self.goals == "alternating" and self.on_target != "restart":
@@ -244,7 +244,8 @@ def _scenario(value: Any) -> str | Path | Scenario | tuple[str | Path, ...] | No
     return several if isinstance(value, list) else value
 
 
-def _check_whole(name: str, value: object, least: int, most: int = MAX_WHOLE) -> None:
+def check_whole(name: str, value: object, least: int, most: int = MAX_WHOLE) -> None:
+    """Raise `ValueError` unless the value called `name` is a whole number from `least` to `most`."""
     if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < least:
         raise ValueError(f"{name}={_shown(value)}: expected a whole number, {least} or more")
     if value > most:
@@ -256,8 +257,8 @@ def _pair(name: str, value: Any) -> tuple[int, int]:
         height, width = value
     except (TypeError, ValueError):
         raise ValueError(f"{name}={_shown(value)}: expected (height, width)") from None
-    _check_whole(name, height, least=1)
-    _check_whole(name, width, least=1)
+    check_whole(name, height, least=1)
+    check_whole(name, width, least=1)
     return int(height), int(width)
 
 

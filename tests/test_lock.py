@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from mapf_pz.cli import main
+from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.io.lock import LOCK_FILE, locked
 
 HOLD = """
@@ -50,6 +51,18 @@ def test_commands_refuse_the_folder_of_another_process(holder, capsys):
         assert f"{folder}: another process is writing to this folder" in error, command
         assert error.count("\n") == 1, command
     assert {file.name for file in folder.iterdir()} == {LOCK_FILE, "config.json"}
+
+
+def test_an_evaluation_of_another_process_keeps_its_rows(holder):
+    _, folder = holder
+    tasks = [EvaluationTask("empty", 2, {"map": "empty-8-8", "max_steps": 3}, episodes=1)]
+    evaluate({"mine": "pibt"}, tasks, folder.with_name("evaluated"))
+    for file in folder.with_name("evaluated").iterdir():
+        file.rename(folder / file.name)
+    before = {file: file.read_bytes() for file in folder.iterdir()}
+    with pytest.raises(BlockingIOError, match=str(folder)):
+        evaluate({"mine": "random"}, tasks, folder, overwrite=True)  # whose rows would replace them
+    assert {file: file.read_bytes() for file in folder.iterdir()} == before
 
 
 def test_a_lock_ends_with_its_process(holder):

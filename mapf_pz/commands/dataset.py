@@ -66,7 +66,8 @@ class MakeOptions:
     solved_only: bool = DatasetConfig.solved_only
     """Whether episodes that end while an agent is not at its goal are omitted; does not apply to lifelong episodes."""
     seed: int = DatasetConfig.seed
-    """Random seed. Episode k of the dataset has the seed `seed + k`; evaluations use seeds from 1,000,000."""
+    """Random seed. Episode k of the dataset has the seed `seed + k`, which must be below 1,000,000, where the seeds of
+    evaluations start."""
     license: str = DatasetConfig.license
     """License of the dataset, for its card."""
     jobs: int | Literal["ray"] = 1

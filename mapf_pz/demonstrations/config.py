@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-from mapf_pz.config import DEFAULT_NUM_AGENTS, EnvConfig
+from mapf_pz.config import DEFAULT_NUM_AGENTS, EnvConfig, check_whole
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instance import InstanceSource
 from mapf_pz.instances.configured import goals_per_agent, make_source
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.planners import Planner, planner_of
+from mapf_pz.seeds import FIRST_EVALUATION_SEED
 
 RULES = ("action_model", "collision_system", "on_target", "max_steps", "edge_weights")
 """The keywords of the environment that are stored with the demonstrations."""
@@ -36,7 +37,8 @@ class DatasetConfig:
     solved_only: bool = True
     """Whether episodes that end while an agent is not at its goal are omitted; does not apply to lifelong episodes."""
     seed: int = 0
-    """Random seed. Episode k of the dataset has the seed `seed + k`; evaluations use seeds from 1,000,000."""
+    """Random seed. Episode k of the dataset has the seed `seed + k`, which must be below 1,000,000, where the seeds of
+    evaluations start."""
     license: str = "MIT"
     """License of the dataset, for its card."""
 
@@ -48,9 +50,10 @@ class DatasetConfig:
         numbers = [("num_agents", number) for number in self.num_agents or ()]
         numbers += [("episodes", self.episodes), ("shard_size", self.shard_size), ("seed", self.seed)]
         for name, number in numbers:
-            least = 0 if name == "seed" else 1
-            if number < least:
-                raise ValueError(f"{name}={number}: expected a whole number, {least} or more")
+            check_whole(name, number, least=0 if name == "seed" else 1)
+        if self.seed + self.episodes > FIRST_EVALUATION_SEED:
+            most = FIRST_EVALUATION_SEED - self.episodes
+            raise ValueError(f"seed={self.seed}: expected at most {most}, since evaluations use the following seeds")
         weights = self.env.edge_weights
         if isinstance(weights, GuidanceGraph) or weights == "random":
             raise ValueError("edge_weights: expected a name or a file, since guidance graphs are not stored")

@@ -6,8 +6,8 @@ Source: github.com/Cognitive-AI-Systems/pogema-benchmark, one row per episode in
 from __future__ import annotations
 
 import csv
-from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -86,8 +86,41 @@ def impossible_episodes(
         instances: the instances by map name and seed.
         max_steps: time limit of the episodes.
     """
-    bounds: dict[tuple[InstanceKey, bool], Floats] = {}
+    return [episode for episode, possible in _compared(episodes, instances, max_steps) if not possible]
+
+
+def check_possible(
+    episodes: Iterable[PublishedEpisode], instances: Mapping[InstanceKey, Instance], max_steps: int
+) -> list[PublishedEpisode]:
+    """Return the impossible episodes; raise `ValueError` if their fraction exceeds `TOLERATED`.
+
+    The fraction is that of the episodes with a matching instance, for each algorithm and number of agents. The
+    arguments are those of `impossible_episodes`.
+    """
     found: list[PublishedEpisode] = []
+    groups: dict[tuple[bool, str, int], list[PublishedEpisode]] = defaultdict(list)
+    totals: Counter[tuple[bool, str, int]] = Counter()
+    for episode, possible in _compared(episodes, instances, max_steps):
+        group = episode.lifelong, episode.algorithm, episode.num_agents
+        totals[group] += 1
+        if not possible:
+            found.append(episode)
+            groups[group].append(episode)
+    for group, members in groups.items():
+        if len(members) > TOLERATED * totals[group]:
+            examples = "; ".join(map(str, members[:3]))
+            raise ValueError(
+                f"published results of {group[1]} with {group[2]} agents are impossible on these instances in "
+                f"{len(members)} of {totals[group]} episodes ({examples}): the instances are not those of the results"
+            )
+    return found
+
+
+def _compared(
+    episodes: Iterable[PublishedEpisode], instances: Mapping[InstanceKey, Instance], max_steps: int
+) -> Iterator[tuple[PublishedEpisode, bool]]:
+    """Yield each episode that has a matching instance, and whether its result is possible."""
+    bounds: dict[tuple[InstanceKey, bool], Floats] = {}
     for episode in episodes:
         instance, name = instances.get(episode.instance), "avg_throughput" if episode.lifelong else "SoC"
         if instance is None or instance.num_agents < episode.num_agents or name not in episode.metrics:
@@ -96,31 +129,7 @@ def impossible_episodes(
         if key not in bounds:
             bounds[key] = _bounds(instance, episode.lifelong, max_steps)
         bound, value = bounds[key][episode.num_agents - 1], episode.metrics[name]
-        if value * max_steps > bound + 1e-6 if episode.lifelong else value < bound:
-            found.append(episode)
-    return found
-
-
-def check_possible(
-    episodes: Sequence[PublishedEpisode], instances: Mapping[InstanceKey, Instance], max_steps: int
-) -> list[PublishedEpisode]:
-    """Return the impossible episodes; raise `ValueError` if their fraction exceeds `TOLERATED`.
-
-    The fraction is computed for each algorithm and number of agents. The arguments are those of `impossible_episodes`.
-    """
-    found = impossible_episodes(episodes, instances, max_steps)
-    counts: dict[tuple[bool, str, int], list[PublishedEpisode]] = defaultdict(list)
-    for episode in found:
-        counts[episode.lifelong, episode.algorithm, episode.num_agents].append(episode)
-    for group, members in counts.items():
-        total = sum((episode.lifelong, episode.algorithm, episode.num_agents) == group for episode in episodes)
-        if len(members) > TOLERATED * total:
-            examples = "; ".join(map(str, members[:3]))
-            raise ValueError(
-                f"published results of {group[1]} with {group[2]} agents are impossible on these instances in "
-                f"{len(members)} of {total} episodes ({examples}): the instances are not those of the results"
-            )
-    return found
+        yield episode, value * max_steps <= bound + 1e-6 if episode.lifelong else value >= bound
 
 
 def _bounds(instance: Instance, lifelong: bool, max_steps: int) -> Floats:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from mapf_pz.config import EnvConfig
+from mapf_pz.config import EnvConfig, check_whole
 from mapf_pz.instance import Instance, InstanceSource
 from mapf_pz.instances import InstanceList
 from mapf_pz.seeds import FIRST_EVALUATION_SEED
@@ -16,8 +16,8 @@ from mapf_pz.seeds import FIRST_EVALUATION_SEED
 class EvaluationTask:
     """Episodes with the same settings, numbered from 0.
 
-    Raises `ValueError` if `keywords` or `instances` have another number of agents than `num_agents`, or if there are
-    other numbers of instances and of names.
+    Raises `ValueError` if `num_agents`, `episodes` or `seed` is not a whole number, if `keywords` or `instances` have
+    another number of agents than `num_agents`, or if there are other numbers of instances and of names.
     """
 
     name: str
@@ -42,7 +42,9 @@ class EvaluationTask:
     `best_ratio`; None: not known. Empty: none is known."""
 
     def __post_init__(self) -> None:
-        """Check that all parts agree on the number of agents, and resolve the number of episodes."""
+        """Check the numbers and that all parts agree on that of agents; resolve the number of episodes."""
+        for name, least in (("num_agents", 1), ("episodes", 0), ("seed", 0)):
+            check_whole(f"task {self.name!r}: {name}", getattr(self, name), least)
         if self.instance_names and len(self.instance_names) != len(self.instances):
             expected = f"task {self.name!r}: {len(self.instances)} instances"
             raise ValueError(f"{expected}, but {len(self.instance_names)} names of instances")

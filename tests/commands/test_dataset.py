@@ -69,6 +69,10 @@ def test_a_map(capsys, tmp_path):
     [
         (["--planner", "best"], "mapf-pz dataset: planner 'best': expected one of"),
         (["--episodes", "0"], "mapf-pz dataset: episodes=0: expected a whole number, 1 or more"),
+        (
+            ["--seed", "999990", "--episodes", "11"],
+            "mapf-pz dataset: seed=999990: expected at most 999989, since evaluations use the following seeds",
+        ),
         (["--map", "none"], "mapf-pz dataset: "),
         (["--edge-weights", "random"], "mapf-pz dataset: edge_weights: expected a name or a file"),
         (["--jobs", "0"], "mapf-pz dataset: jobs=0: expected"),

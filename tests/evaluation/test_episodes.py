@@ -1,4 +1,5 @@
 import os
+import re
 from collections import Counter
 
 import numpy as np
@@ -75,6 +76,21 @@ def test_the_number_of_agents_of_a_task():
 def test_contradictory_numbers_of_agents(parts, origin):
     with pytest.raises(ValueError, match=rf"^task 'mine': num_agents=2, but {origin} has 3 agents$"):
         EvaluationTask("mine", 2, **parts)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "message"),
+    [
+        ({"num_agents": 2.5}, "num_agents=2.5: expected a whole number, 1 or more"),
+        ({"num_agents": 0}, "num_agents=0: expected a whole number, 1 or more"),
+        ({"episodes": 1.5}, "episodes=1.5: expected a whole number, 0 or more"),
+        ({"seed": -1}, "seed=-1: expected a whole number, 0 or more"),
+        ({"seed": True}, "seed=True: expected a whole number, 0 or more"),
+    ],
+)
+def test_numbers_are_whole(numbers, message):
+    with pytest.raises(ValueError, match=f"^task 'mine': {re.escape(message)}$"):
+        EvaluationTask("mine", **{"num_agents": 2, "keywords": {"map": "empty-8-8"}} | numbers)
 
 
 def test_each_instance_is_played_once_by_default():
