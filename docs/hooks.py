@@ -18,7 +18,7 @@ from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
-from mapf_pz.cli import COMMANDS, main
+from mapf_pz.commands.main import COMMANDS, main
 from mapf_pz.render.html import viewer_page
 
 LINK = re.compile(r"(?<!!)\[([^]]*)]\((\.\./[^)\s]*)\)")

@@ -51,7 +51,7 @@ def network_microseconds(name: str) -> float:
     import torch
 
     from mapf_pz.rl import load_policy
-    from mapf_pz.rl.observation_shape import ObservationShape
+    from mapf_pz.rl.networks.observation_shape import ObservationShape
 
     policy = load_policy(name)
     shape = ObservationShape.of_task(policy.config.task)

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 import mapf_pz
-from mapf_pz.cli import main
+from mapf_pz.commands.main import main
 from mapf_pz.environment import MapfEnv
 from mapf_pz.instances.sources import RandomObstacles
 from mapf_pz.render.gif import save_png

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from mapf_pz.config import EnvConfig, Goals
+from mapf_pz.simulator.config import EnvConfig, Goals
 from mapf_pz.guidance import GuidanceGraph, save_guidance
 from mapf_pz.guidance.library import guidance_graph
 from mapf_pz.optimization.config import OptimizeConfig

@@ -16,18 +16,18 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from mapf_pz.config import OnTarget
+from mapf_pz.simulator.config import OnTarget
 from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.evaluation.policies import SHIELD_SUFFIX
-from mapf_pz.evaluation.report import grouped
+from mapf_pz.evaluation.reports.report import grouped
 from mapf_pz.optimization.config import OptimizeConfig
 from mapf_pz.optimization.folder import GRAPH_FILE
 from mapf_pz.optimization.optimize import optimize
 from mapf_pz.optimization.task import LIFELONG, GuidanceTask
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.presets import PRESETS
-from mapf_pz.rl.progress import PROGRESS, read_progress
-from mapf_pz.rl.training import train
+from mapf_pz.rl.training.progress import PROGRESS, read_progress
+from mapf_pz.rl.training.train import train
 
 MAP, NUM_AGENTS = "random-16-16-20", 32
 POLICIES = ("pibt", "epibt", "lacam:anytime=False", "mappo-cardinal", "mappo-cardinal+pibt")

@@ -14,8 +14,8 @@ import numpy as np
 import tyro
 from scipy.special import stdtrit
 
-from mapf_pz.arrays import Floats
-from mapf_pz.evaluation.intervals import mean_interval
+from mapf_pz._internal.arrays import Floats
+from mapf_pz.evaluation.reports.intervals import mean_interval
 
 COUNTS = (8, 16, 32, 64, 128)
 SHARES = (0.5, 0.8, 0.9, 0.95, 0.98)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from playwright.sync_api import Page, sync_playwright
 
-from mapf_pz.cli import main
+from mapf_pz.commands.main import main
 
 EPISODE = "--policy pibt --map warehouse-20-40-10-2-2 --num-agents 1000 --max-steps 1000 --on-target restart"
 FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update")

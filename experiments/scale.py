@@ -13,8 +13,8 @@ import time
 import numpy as np
 import tyro
 
-from mapf_pz.config import ActionModel, EnvConfig
-from mapf_pz.instance import Grid, Instance, Scenario
+from mapf_pz.simulator.config import ActionModel, EnvConfig
+from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.instances import load_map
 from mapf_pz.instances.place import largest_component
 from mapf_pz.instances.sources import InstanceList

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from playwright.sync_api import sync_playwright
 
-from mapf_pz.cli import main
+from mapf_pz.commands.main import main
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 EPISODE = "--policy mappo --map random-24-24-20 --num-agents 40 --max-steps 256"

@@ -19,7 +19,7 @@ from experiments.reproduction import Variation
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl.config import ImitationConfig, TrainConfig
 from mapf_pz.rl.presets import PRESETS
-from mapf_pz.rl.training import train
+from mapf_pz.rl.training.train import train
 
 NUM_NEIGHBORS, RADII = (1, 2, 4), (3, 5, None)
 METRICS = ("CSR", "ISR", "return")

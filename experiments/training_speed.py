@@ -19,7 +19,7 @@ from mapf_pz.rl.config import (
     TrainConfig,
 )
 from mapf_pz.rl.presets import PRESETS
-from mapf_pz.rl.training import train
+from mapf_pz.rl.training.train import train
 
 SMALL, LARGE = (256, 64), (2048, 256)
 """Minibatch size and number of environments."""

@@ -12,7 +12,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 WORDS = ROOT / "docs" / "words.txt"
-TEXTS = ("*.md", "docs/**/*.md", "maps/*.md", "mapf_pz/rl/policies/*.md", "examples/notebooks/*.ipynb")
+TEXTS = ("*.md", "docs/**/*.md", "maps/*.md", "mapf_pz/rl/policies/bundled/*.md", "examples/notebooks/*.ipynb")
 PROGRAMS = ("mapf_pz/**/*.py", "wrappers/*.py", "experiments/*.py", "examples/*.py")
 """The files that are checked, as patterns below the repository's root: texts, and programs' comments and docstrings."""
 CODE = re.compile(r"^```.*?^```|`[^`\n]+`|\*\w[^*]*\*|\]\([^)]*\)|<!--.*?-->", re.M | re.S)

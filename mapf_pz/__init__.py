@@ -10,21 +10,21 @@ from typing import TYPE_CHECKING
 import gymnasium
 import pettingzoo
 
-from mapf_pz.lazy import lazy_attributes
+from mapf_pz._internal.lazy import lazy_attributes
 
 if TYPE_CHECKING:
-    from mapf_pz.actions import Action, CardinalAction, Heading
-    from mapf_pz.config import EnvConfig
-    from mapf_pz.core.observation.channels import Channel
-    from mapf_pz.core.observation.features import Feature
-    from mapf_pz.core.reward import RewardConfig
-    from mapf_pz.environment import MapfEnv, env, parallel_env
+    from mapf_pz.simulator.actions import Action, CardinalAction, Heading
+    from mapf_pz.simulator.config import EnvConfig
+    from mapf_pz.simulator.kernels.observation.channels import Channel
+    from mapf_pz.simulator.kernels.observation.features import Feature
+    from mapf_pz.simulator.kernels.reward import RewardConfig
+    from mapf_pz.environment.mapf_env import MapfEnv, env, parallel_env
     from mapf_pz.errors import FormatError
     from mapf_pz.guidance import GuidanceGraph
-    from mapf_pz.instance import Grid, Instance, InstanceSource, Scenario
-    from mapf_pz.recommended import RECOMMENDED
-    from mapf_pz.transition import Transition
-    from mapf_pz.version import __version__
+    from mapf_pz.instances.instance import Grid, Instance, InstanceSource, Scenario
+    from mapf_pz.simulator.recommended import RECOMMENDED
+    from mapf_pz.simulator.transition import Transition
+    from mapf_pz._internal.version import __version__
 
 _HOMES = {
     "RECOMMENDED": "recommended",
@@ -78,8 +78,8 @@ def __dir__() -> list[str]:
     return sorted([*globals(), *__all__])
 
 
-pettingzoo.register("parallel", "mapf_pz/Mapf-v0", entry_point="mapf_pz.environment:parallel_env")
-pettingzoo.register("aec", "mapf_pz/Mapf-v0", entry_point="mapf_pz.environment:env")
+pettingzoo.register("parallel", "mapf_pz/Mapf-v0", entry_point="mapf_pz.environment.mapf_env:parallel_env")
+pettingzoo.register("aec", "mapf_pz/Mapf-v0", entry_point="mapf_pz.environment.mapf_env:env")
 gymnasium.register(
     "Mapf-Centralized-v0",
     entry_point="mapf_pz.wrappers.centralized:centralized_env",

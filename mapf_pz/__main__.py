@@ -2,7 +2,7 @@
 
 import sys
 
-from mapf_pz.cli import main
+from mapf_pz.commands.main import main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from signal import Signals
 
-from mapf_pz.cli import main
+from mapf_pz.commands.main import main
 from mapf_pz.evaluation.results import COLUMNS, EPISODES_FILE
 from tests.evaluation.test_parallel import children_of, is_alive, wait_for
 
@@ -241,8 +241,8 @@ def changed(file: Path) -> tuple[int, int]:
 def updates_kept(folder: Path) -> int:
     """Return the number of updates of the latest checkpoint, or 0; checks that all checkpoints are readable."""
     from mapf_pz.rl import load_policy
-    from mapf_pz.rl.checkpoint import read_position
-    from mapf_pz.rl.policy import WEIGHTS
+    from mapf_pz.rl.training.checkpoint import read_position
+    from mapf_pz.rl.policies.policy import WEIGHTS
 
     if (folder / WEIGHTS).exists():
         load_policy(folder)

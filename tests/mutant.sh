@@ -39,7 +39,7 @@ package() {
 file=$(git diff --name-only)
 # Kernels, as plain Python.
 case $file in
-    mapf_pz/core/* | mapf_pz/metrics.py) NUMBA_DISABLE_JIT=1 rules; exit ;;
+    mapf_pz/simulator/kernels/* | mapf_pz/simulator/metrics.py) NUMBA_DISABLE_JIT=1 rules; exit ;;
     mapf_pz/planners/random.py) NUMBA_DISABLE_JIT=1 planners "(pibt or shield or refine) and not epibt" pibt shield; exit ;;
     mapf_pz/planners/pibt/*kernels.py) NUMBA_DISABLE_JIT=1 planners "(pibt or shield) and not epibt" pibt shield; exit ;;
     mapf_pz/planners/epibt/kernels.py) NUMBA_DISABLE_JIT=1 planners epibt epibt; exit ;;
@@ -55,7 +55,7 @@ case $file in
     mapf_pz/evaluation/*) package tests/evaluation tests/commands/test_evaluate.py ;;
     mapf_pz/instances/*) package tests/instances tests/test_bad_input.py tests/test_cli.py ;;
     mapf_pz/planners/*) package tests/planners tests/commands/test_solve.py ;;
-    mapf_pz/plans/*) package tests/plans tests/commands/test_validate.py ;;
+    mapf_pz/planners/plans/*) package tests/plans tests/commands/test_validate.py ;;
     mapf_pz/render/*) package tests/render tests/wrappers/test_record_episode.py tests/plans/test_record.py ;;
     wrappers/*) package tests/wrappers ;;
 esac

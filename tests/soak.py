@@ -15,7 +15,7 @@ from pathlib import Path
 import numba
 import numpy as np
 
-from mapf_pz.config import EnvConfig
+from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.instances import FixedMap, RandomObstacles
 from mapf_pz.simulator import Simulator
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from mapf_pz.guidance import GuidanceGraph
-from mapf_pz.instance import Grid, Instance, Scenario
-from mapf_pz.plans.plan import Plan
+from mapf_pz.instances.instance import Grid, Instance, Scenario
+from mapf_pz.planners.plans.plan import Plan
 
 GRID = Grid(np.ones((3, 3), bool))
 ONE = Scenario([[1, 0]], [[1, 1]])

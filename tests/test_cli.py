@@ -12,12 +12,12 @@ import pytest
 
 import mapf_pz
 from mapf_pz import cli
-from mapf_pz.benchmark import scaling
-from mapf_pz.benchmark.candidates import COPY, as_table
-from mapf_pz.benchmark.runs import Measurement, measure, timed
-from mapf_pz.benchmark.workload import Workload
-from mapf_pz.cli import COMMANDS, Command, main
-from mapf_pz.instance import Grid
+from mapf_pz.speed import scaling
+from mapf_pz.speed.candidates import COPY, as_table
+from mapf_pz.speed.runs import Measurement, measure, timed
+from mapf_pz.speed.workload import Workload
+from mapf_pz.commands.main import COMMANDS, Command, main
+from mapf_pz.instances.instance import Grid
 from mapf_pz.instances import load_map, map_names, place, write_map, write_scenario
 
 
@@ -95,14 +95,14 @@ def test_the_version_is_that_of_the_package(capsys):
 
 def test_the_help_of_training_needs_no_torch():
     command = "try: main(['train', '-h'])\nfinally: print({'torch'} & {*sys.modules})"
-    done = python("-c", f"import sys; from mapf_pz.cli import main\n{command}")
+    done = python("-c", f"import sys; from mapf_pz.commands.main import main\n{command}")
     assert done.stdout.splitlines()[-1] == "set()"
     assert "A first policy within minutes" in done.stdout
 
 
 def test_the_overview_loads_little():
     done = python(
-        "-c", "import sys; from mapf_pz.cli import main; main(['-h']); print({'torch', 'numba'} & {*sys.modules})"
+        "-c", "import sys; from mapf_pz.commands.main import main; main(['-h']); print({'torch', 'numba'} & {*sys.modules})"
     )
     assert (done.stdout.splitlines()[-1], done.stderr) == ("set()", "")
 
@@ -129,14 +129,14 @@ def test_errors_take_one_line(capsys, monkeypatch, error, message):
         raise error
 
     monkeypatch.setattr(cli, "fail", fail, raising=False)
-    monkeypatch.setitem(COMMANDS, "fail", Command("mapf_pz.cli:fail", "fails"))
+    monkeypatch.setitem(COMMANDS, "fail", Command("mapf_pz.commands.main:fail", "fails"))
     assert run(capsys, "fail") == (1, [], [f"mapf-pz fail: {message}"])
 
 
 @pytest.mark.filterwarnings("default")
 def test_warnings_take_one_line(capsys, monkeypatch):
     monkeypatch.setattr(cli, "warn", lambda: warnings.warn("half of it\nis missing", stacklevel=1), raising=False)
-    monkeypatch.setitem(COMMANDS, "warn", Command("mapf_pz.cli:warn", "warns"))
+    monkeypatch.setitem(COMMANDS, "warn", Command("mapf_pz.commands.main:warn", "warns"))
     assert run(capsys, "warn") == (0, [], ["mapf-pz warn: warning: half of it is missing"])
 
 
@@ -157,7 +157,7 @@ def test_internal_errors_have_a_traceback(monkeypatch):
         raise AttributeError("no such thing")
 
     monkeypatch.setattr(cli, "fail", fail, raising=False)
-    monkeypatch.setitem(COMMANDS, "fail", Command("mapf_pz.cli:fail", "fails"))
+    monkeypatch.setitem(COMMANDS, "fail", Command("mapf_pz.commands.main:fail", "fails"))
     with pytest.raises(AttributeError):
         main(["fail"])
 
@@ -167,7 +167,7 @@ def test_interrupt(capsys, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(cli, "fail", fail, raising=False)
-    monkeypatch.setitem(COMMANDS, "fail", Command("mapf_pz.cli:fail", "fails"))
+    monkeypatch.setitem(COMMANDS, "fail", Command("mapf_pz.commands.main:fail", "fails"))
     assert run(capsys, "fail") == (130, [], ["mapf-pz fail: interrupted"])
 
 
@@ -285,7 +285,7 @@ class Waits:
 
 def test_render_a_trained_policy(capsys, tmp_path, monkeypatch):
     pytest.importorskip("PIL")
-    policies = pytest.importorskip("mapf_pz.rl.policy")
+    policies = pytest.importorskip("mapf_pz.rl.policies.policy")
     policy = Waits()
     (tmp_path / "run").mkdir()
     known = {(str(tmp_path / "run"), 7, False, None, False): policy}
@@ -409,7 +409,7 @@ def test_benchmark(capsys):
 
 
 def test_benchmark_on_random_maps_without_torchrl(capsys, monkeypatch):
-    monkeypatch.setattr("mapf_pz.benchmark.candidates.find_spec", lambda name: None)
+    monkeypatch.setattr("mapf_pz.speed.candidates.find_spec", lambda name: None)
     status, out, err = run(capsys, "benchmark", *SMALL, "--num-threads", 2)
     assert (status, err) == (0, [])
     text = "\n".join(out)
@@ -456,7 +456,7 @@ def test_axes_change_one_thing():
 
 
 def test_benchmark_of_any_environment(capsys, monkeypatch):
-    monkeypatch.setattr("mapf_pz.benchmark.candidates.find_spec", lambda name: None)
+    monkeypatch.setattr("mapf_pz.speed.candidates.find_spec", lambda name: None)
     words = ["--on-target", "restart", "--channels", "view", "heuristic", "--map", "random-12-12-15", "--complete"]
     assert run(capsys, "benchmark", *SMALL, *words)[::2] == (0, [])
 
@@ -481,7 +481,7 @@ def test_medians_and_ratios():
 
 
 def test_a_process_clock_that_stands_still(monkeypatch):
-    monkeypatch.setattr("mapf_pz.benchmark.runs.time.process_time", lambda: 1.0)
+    monkeypatch.setattr("mapf_pz.speed.runs.time.process_time", lambda: 1.0)
     assert measure({"quick": timed(lambda: 1)}, seconds=0)["quick"].cpu_rate > 0
 
 
@@ -502,7 +502,7 @@ class pogema_v0:
 
 
 def test_beside_pogema(capsys, monkeypatch, tmp_path):
-    monkeypatch.setattr("mapf_pz.benchmark.candidates.find_spec", lambda name: None)
+    monkeypatch.setattr("mapf_pz.speed.candidates.find_spec", lambda name: None)
     words = [*SMALL, "--height", 7, "--width", 7, "--view-size", 3, 3, "--pogema", sys.executable]
     status, out, err = run(capsys, "benchmark", *words)
     assert (status, len(err)) == (1, 1)
@@ -573,10 +573,10 @@ def test_evaluate_reports_unknown_policies(capsys):
 COMPILE_TWO_KERNELS = """
 import sys
 import types
-from mapf_pz.core.jit import jit
-sys.modules["mapf_pz.core.fresh"] = sys.modules[__name__]
+from mapf_pz._internal.jit import jit
+sys.modules["mapf_pz.simulator.kernels.fresh"] = sys.modules[__name__]
 for number in range(2):
-    namespace = {"__name__": "mapf_pz.core.fresh"}
+    namespace = {"__name__": "mapf_pz.simulator.kernels.fresh"}
     kernel = types.FunctionType((lambda x: x + 1).__code__, namespace, f"kernel_{number}")
     jit(kernel)(1)
 """

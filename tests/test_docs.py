@@ -18,8 +18,8 @@ from pathlib import Path
 
 import pytest
 
-from mapf_pz.cli import COMMANDS, main
-from mapf_pz.config import EnvConfig
+from mapf_pz.commands.main import COMMANDS, main
+from mapf_pz.simulator.config import EnvConfig
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

@@ -4,7 +4,7 @@ import errno
 
 import pytest
 
-from mapf_pz.io.atomic import naming, replacing, write_whole
+from mapf_pz._internal.atomic import naming, replacing, write_whole
 
 
 def test_a_file_is_replaced_when_it_is_complete(tmp_path):

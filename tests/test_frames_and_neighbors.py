@@ -16,7 +16,7 @@ from mapf_pz.instances.sources import RandomObstacles
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.config import ModelConfig, OptimizationConfig, TaskConfig, TrainConfig
 from mapf_pz.rl.config_file import CONFIG, config_files, load_config
-from mapf_pz.rl.observation_shape import ObservationShape
+from mapf_pz.rl.networks.observation_shape import ObservationShape
 from mapf_pz.simulator import Simulator
 from mapf_pz.wrappers import CentralizedEnv, CentralizedVectorEnv, ContinuousActions, RecordEpisode
 from tests.helpers.small_run import changed

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from mapf_pz.interrupts import interruptible, interrupts_deferred, unheard_by_children
+from mapf_pz._internal.interrupts import interruptible, interrupts_deferred, unheard_by_children
 
 
 def send(*numbers):

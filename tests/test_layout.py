@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from mapf_pz.config import EnvConfig
+from mapf_pz.simulator.config import EnvConfig
 
 ROOT = Path(__file__).parents[1]
 TOP_FOLDERS = {"mapf_pz": ROOT / "mapf_pz", "mapf_pz.wrappers": ROOT / "wrappers", "mapf_pz.maps": ROOT / "maps"}
@@ -100,7 +100,7 @@ def part(name):
 
 
 def test_all_modules_are_found():
-    assert {"mapf_pz", "mapf_pz.environment", "mapf_pz.core.step", "mapf_pz.wrappers", "mapf_pz.maps"} <= MODULES.keys()
+    assert {"mapf_pz", "mapf_pz.environment", "mapf_pz.simulator.kernels.step", "mapf_pz.wrappers", "mapf_pz.maps"} <= MODULES.keys()
 
 
 def test_every_package_is_listed():
@@ -167,7 +167,7 @@ heavy = {"torch", "torchrl", "tensordict", "pygame", "numba", "matplotlib", "PIL
 own = {name for name in sys.modules if name.startswith("mapf_pz")}
 print(sorted(heavy & sys.modules.keys()), sorted(own))
 """
-    assert run(code) == "[] ['mapf_pz', 'mapf_pz.lazy']"
+    assert run(code) == "[] ['mapf_pz', 'mapf_pz._internal.lazy']"
 
 
 def test_the_environment_needs_no_torch():
@@ -197,7 +197,7 @@ def test_another_process_finds_compiled_code():
     code = """
 import mapf_pz, sys
 from numba.core.dispatcher import Dispatcher
-from mapf_pz.core.jit import BatchKernel
+from mapf_pz._internal.jit import BatchKernel
 env = mapf_pz.parallel_env(features=("time", "location"), channels=("view", "cost_to_go"))
 env.reset(seed=0)
 env.step(dict.fromkeys(env.agents, 0))

@@ -6,14 +6,14 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from mapf_pz.cli import main
+from mapf_pz.commands.main import main
 from mapf_pz.evaluation import EvaluationTask, evaluate
-from mapf_pz.io.lock import LOCK_FILE, locked
+from mapf_pz._internal.lock import LOCK_FILE, locked
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from mapf_pz.io.lock import locked
+from mapf_pz._internal.lock import locked
 with locked(Path(sys.argv[1])):
     print("locked", flush=True)
     sys.stdin.read()

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mapf_pz.config import EnvConfig
-from mapf_pz.instance import Scenario
+from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.instances.instance import Scenario
 from mapf_pz.instances import FixedScenario, load_map
 from mapf_pz.simulator import Simulator
 from tests.helpers.random_walk import intended

@@ -2,8 +2,8 @@ from math import inf, log1p, sqrt
 
 import pytest
 
-from mapf_pz.actions import Action, CardinalAction, Heading
-from mapf_pz.config import RewardConfig
+from mapf_pz.simulator.actions import Action, CardinalAction, Heading
+from mapf_pz.simulator.config import RewardConfig
 from tests.helpers.cases import CASES
 from tests.helpers.reference import Reference
 

@@ -10,7 +10,7 @@ pytest.importorskip("torchrl")
 
 from experiments import report
 from experiments.reproduction import Variation
-from mapf_pz.rl.algorithms import ALGORITHMS
+from mapf_pz.rl.algorithms.named import ALGORITHMS
 from tests.helpers.small_run import TINY
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import mapf_pz
-from mapf_pz.config import EnvConfig
+from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.wrappers import CentralizedVectorEnv
 from mapf_pz.wrappers.centralized import centralized_env
 

@@ -7,11 +7,11 @@ import sys
 
 import pytest
 
-from mapf_pz.cli import main
+from mapf_pz.commands.main import main
 from mapf_pz.evaluation import evaluate, load_suite
 from mapf_pz.rl import load_policy
-from mapf_pz.rl.policy import policy_names
-from mapf_pz.rl.progress import PROGRESS
+from mapf_pz.rl.policies.policy import policy_names
+from mapf_pz.rl.training.progress import PROGRESS
 
 IMPORTED = "it was imported"
 REFUSED = "names code that would run; if you trust it, pass trust_remote_code=True, or --trust-remote-code"
@@ -36,7 +36,7 @@ def stranger(tmp_path, monkeypatch):
 
 def copied(folder, field, name=NAME):
     """Copy a policy of the package, and name code in a field of its configuration."""
-    shutil.copytree(sys.modules["mapf_pz.rl.policy"]._bundled() / "mappo", folder)
+    shutil.copytree(sys.modules["mapf_pz.rl.policies.policy"]._bundled() / "mappo", folder)
     config = json.loads((folder / "config.json").read_text())
     FIELDS[field](config, name)
     (folder / "config.json").write_text(json.dumps(config))
@@ -62,8 +62,8 @@ def test_a_policy_that_names_code_is_refused(tmp_path, field):
 
 
 def test_code_of_the_package_may_be_named(tmp_path):
-    folder = copied(tmp_path / "run", "algorithm", "mapf_pz.rl.ppo:MAPPO")
-    assert load_policy(folder).config.algorithm == "mapf_pz.rl.ppo:MAPPO"
+    folder = copied(tmp_path / "run", "algorithm", "mapf_pz.rl.algorithms.ppo:MAPPO")
+    assert load_policy(folder).config.algorithm == "mapf_pz.rl.algorithms.ppo:MAPPO"
     with pytest.raises(ValueError, match="names code"):
         load_policy(copied(tmp_path / "other", "algorithm", "mapf_pz_more.rl.ppo:MAPPO"))
 

@@ -1,6 +1,6 @@
 """Wrappers of the environment."""
 
-from mapf_pz.action_modes import ACTION_MODES, ActionMode
+from mapf_pz.simulator.action_modes import ACTION_MODES, ActionMode
 from mapf_pz.wrappers.centralized import CentralizedEnv, TeamReward, centralized_env
 from mapf_pz.wrappers.centralized_vector import CentralizedVectorEnv
 from mapf_pz.wrappers.continuous_actions import ContinuousActions

@@ -9,7 +9,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from mapf_pz.environment import AgentInfo
+from mapf_pz.environment.mapf_env import AgentInfo
 from mapf_pz.wrappers.observation_wrapper import ObservationWrapper
 
 

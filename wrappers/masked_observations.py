@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium import spaces
 from pettingzoo import ParallelEnv
 
-from mapf_pz.environment import AgentInfo
+from mapf_pz.environment.mapf_env import AgentInfo
 from mapf_pz.wrappers.observation_wrapper import ObservationWrapper
 
 

@@ -9,7 +9,7 @@ from gymnasium import spaces
 from pettingzoo import ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper
 
-from mapf_pz.environment import AgentInfo, StepResult
+from mapf_pz.environment.mapf_env import AgentInfo, StepResult
 
 
 class ObservationWrapper(BaseParallelWrapper[str, Any, Any]):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper
 
-from mapf_pz.environment import AgentInfo, AgentObservation, MapfEnv, StepResult
+from mapf_pz.environment.mapf_env import AgentInfo, AgentObservation, MapfEnv, StepResult
 from mapf_pz.render.recording import Recording
 
 MAX_OBSERVED_BYTES = 2**23

@@ -1,1 +1,1 @@
-"""The commands of `mapf-pz`, one module each, which `mapf_pz.cli` loads."""
+"""The commands of `mapf-pz`, one module each, which `mapf_pz.commands.main` loads."""

@@ -9,10 +9,10 @@ from typing import Literal
 from rich.console import Console
 from rich.table import Table
 
-from mapf_pz.benchmark.candidates import candidate_table
-from mapf_pz.benchmark.scaling import scaling_table
-from mapf_pz.benchmark.startup import reset_table, startup_table
-from mapf_pz.benchmark.workload import Workload
+from mapf_pz.speed.candidates import candidate_table
+from mapf_pz.speed.scaling import scaling_table
+from mapf_pz.speed.startup import reset_table, startup_table
+from mapf_pz.speed.workload import Workload
 
 
 @dataclass(frozen=True)

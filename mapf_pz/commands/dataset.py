@@ -14,11 +14,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from tyro.conf import Positional, arg, subcommand
 
 from mapf_pz.commands.env_flags import EnvKeywords
-from mapf_pz.config import EnvConfig
-from mapf_pz.demonstrations import DatasetConfig, load_dataset, make_dataset
-from mapf_pz.evaluation.parallel import job_runner
+from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.rl.demonstrations import DatasetConfig, load_dataset, make_dataset
+from mapf_pz._internal.parallel import job_runner
 from mapf_pz.instances.mixture import MapMixture
-from mapf_pz.interrupts import interruptible
+from mapf_pz._internal.interrupts import interruptible
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def command_of(options: MakeOptions) -> str:
 
 
 def _export(options: ExportOptions) -> None:
-    from mapf_pz.rl.demonstrations import export_demonstrations  # import torch only when it is needed
+    from mapf_pz.rl.algorithms.dataset_batches import export_demonstrations  # import torch only when it is needed
 
     env = options.env.keywords | {"reward": options.reward_name}
     exported = export_demonstrations(load_dataset(options.dataset), options.output, env)

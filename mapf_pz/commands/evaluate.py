@@ -28,14 +28,14 @@ from mapf_pz.evaluation import (
 )
 from mapf_pz.evaluation.episodes import Policy, PolicyFactory, simulator_of
 from mapf_pz.evaluation.policies import is_trained
-from mapf_pz.evaluation.report import exhausted
+from mapf_pz.evaluation.reports.report import exhausted
 from mapf_pz.evaluation.tracker import known_cost
-from mapf_pz.instance import Scenario
+from mapf_pz.instances.instance import Scenario
 from mapf_pz.instances import load_instances
-from mapf_pz.instances.configured import goals_per_agent
-from mapf_pz.interrupts import interruptible
-from mapf_pz.io.atomic import write_whole
-from mapf_pz.io.lock import locked
+from mapf_pz.simulator.configured import goals_per_agent
+from mapf_pz._internal.interrupts import interruptible
+from mapf_pz._internal.atomic import write_whole
+from mapf_pz._internal.lock import locked
 
 TABLE_FILE = "evaluation.md"
 DEFAULT_AGENTS = 10
@@ -214,7 +214,7 @@ def report(
     if find_spec("matplotlib") is None:
         print("no figures: they require matplotlib, pip install 'mapf-pz[train]'")
         return
-    from mapf_pz.evaluation.figures import draw_figures
+    from mapf_pz.evaluation.reports.figures import draw_figures
 
     for file in draw_figures(episodes, output):
         print(f"figure written to {file}")

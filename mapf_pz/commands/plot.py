@@ -8,7 +8,7 @@ from typing import Literal
 
 from tyro.conf import Positional
 
-from mapf_pz.rl.curves import Run, draw_curves
+from mapf_pz.rl.training.curves import Run, draw_curves
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ from mapf_pz.commands.render import save_episode
 from mapf_pz.evaluation import EvaluationTask, load_suite
 from mapf_pz.evaluation.policies import SHIELD_SUFFIX, policy_factory
 from mapf_pz.evaluation.results import EPISODES_FILE, discard
-from mapf_pz.interrupts import interruptible
-from mapf_pz.io.lock import locked
+from mapf_pz._internal.interrupts import interruptible
+from mapf_pz._internal.lock import locked
 from mapf_pz.rl.config import DeviceName, TrainConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
 from mapf_pz.rl.presets import PRESETS, SUMMARIES
@@ -116,8 +116,8 @@ def train_from(file: Path, trust_remote_code: bool = False) -> Callable[[TrainOp
 def _train_seeds(run: TrainOptions) -> None:
     """Train with several seeds, in sequence."""
     from mapf_pz.rl import curves
-    from mapf_pz.rl.launch import is_first
-    from mapf_pz.rl.run import CURVE, CURVES
+    from mapf_pz.rl.training.launch import is_first
+    from mapf_pz.rl.training.run import CURVE, CURVES
 
     folders = [run.output / f"seed-{seed}" for seed in run.seeds]
     for seed, folder in zip(run.seeds, folders, strict=True):
@@ -131,7 +131,7 @@ def _train_seeds(run: TrainOptions) -> None:
 
 
 def _train(run: Run) -> None:
-    from mapf_pz.rl.launch import is_first  # torch is loaded here, so that `--help` is quick
+    from mapf_pz.rl.training.launch import is_first  # torch is loaded here, so that `--help` is quick
 
     config = _config_of(run)
     suite = () if run.evaluate == "none" else load_suite(run.evaluate, run.trust_remote_code)
@@ -175,7 +175,7 @@ def _by_rules_of(config: TrainConfig, task: EvaluationTask) -> EvaluationTask:
 
 def _check_fits(config: TrainConfig, evaluation: EvaluationTask) -> None:
     """Raise `ValueError` if the policy that `config` trains cannot act in the evaluation task."""
-    from mapf_pz.rl.algorithms import algorithm_of
+    from mapf_pz.rl.algorithms.named import algorithm_of
 
     action_model = config.task.env.action_model
     expected = evaluation.keywords.get("action_model", action_model)
@@ -209,7 +209,7 @@ def _learn(run: Run, config: TrainConfig) -> None:
 
 def _train_policy(run: Run, show: Callable[[dict[str, float]], None]) -> None:
     """Train or resume."""
-    from mapf_pz.rl.training import resume, train
+    from mapf_pz.rl.training.train import resume, train
 
     logging.getLogger("torchrl").setLevel(logging.WARNING)  # it reports every buffer that it makes
     if isinstance(run, TrainOptions):

@@ -9,8 +9,8 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from mapf_pz.commands.planfile import load_plan
-from mapf_pz.instance import Instance
-from mapf_pz.plans.plan import Plan, validate, violations
+from mapf_pz.instances.instance import Instance
+from mapf_pz.planners.plans.plan import Plan, validate, violations
 
 
 @dataclass(frozen=True)

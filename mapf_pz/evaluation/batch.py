@@ -10,12 +10,12 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from mapf_pz.arrays import Ints
-from mapf_pz.core.cost_tables import CACHE_BYTES
+from mapf_pz._internal.arrays import Ints
+from mapf_pz.simulator.kernels.cost_tables import CACHE_BYTES
 from mapf_pz.evaluation.measures import Measures, Metrics
 from mapf_pz.evaluation.task import EvaluationTask
 from mapf_pz.instances import InstanceList
-from mapf_pz.simulator import Observation, Simulator
+from mapf_pz.simulator.simulator import Observation, Simulator
 
 MAX_AGENTS = 256
 """Maximum number of agents of a batch, unless an episode alone has more. More agents are hardly faster."""

@@ -14,16 +14,16 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from mapf_pz.config import EnvConfig
-from mapf_pz.digest import NoDigestError, digest
+from mapf_pz.simulator.config import EnvConfig
+from mapf_pz._internal.digest import NoDigestError, digest
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.task import EvaluationTask
 from mapf_pz.guidance.library import guidance_file
-from mapf_pz.instances.configured import make_source
-from mapf_pz.io.atomic import write_whole
-from mapf_pz.io.json import JsonObject, parse_object
-from mapf_pz.io.text import read_text
-from mapf_pz.version import __version__
+from mapf_pz.simulator.configured import make_source
+from mapf_pz._internal.atomic import write_whole
+from mapf_pz._internal.json import JsonObject, parse_object
+from mapf_pz._internal.text import read_text
+from mapf_pz._internal.version import __version__
 
 Identity = Mapping[str, Any]
 """Named numbers, texts and digests, as JSON."""

@@ -1,4 +1,4 @@
-"""What an evaluation measures in an episode, in addition to the metrics of `mapf_pz.metrics`."""
+"""What an evaluation measures in an episode, in addition to the metrics of `mapf_pz.simulator.metrics`."""
 
 from __future__ import annotations
 

@@ -7,18 +7,18 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from mapf_pz.digest import digest
-from mapf_pz.environment import parallel_env
+from mapf_pz._internal.digest import digest
+from mapf_pz.environment.mapf_env import parallel_env
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.batch import BatchPolicy
 from mapf_pz.evaluation.episodes import AnyEnv, Policy, PolicyFactory, check_policy, make_env
 from mapf_pz.evaluation.random_policy import RandomPolicy
-from mapf_pz.io.json import parse_object
-from mapf_pz.io.text import read_text
+from mapf_pz._internal.json import parse_object
+from mapf_pz._internal.text import read_text
 from mapf_pz.planners import PLANNERS, Planner, Shield, planner_of
 from mapf_pz.planners.named import parse_options, planner_options
 from mapf_pz.planners.pibt.shield import DEPTH, PATIENCE
-from mapf_pz.suggest import closest
+from mapf_pz._internal.suggest import closest
 
 SHIELD_SUFFIX = "+pibt"
 """Suffix of a trained policy's name: PIBT executes its preferences without collisions."""
@@ -169,7 +169,7 @@ class TrainedFactory:
 
     def __call__(self, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:
         """Return the environment and the policy; raises `ValueError` if the policy needs another action model."""
-        from mapf_pz.rl.policy import load_policy  # import torch only when it is needed
+        from mapf_pz.rl.policies.policy import load_policy  # import torch only when it is needed
 
         policy = load_policy(self.name, self.seed, self.deterministic, self.temperature, self.trust_remote_code)
         _check_actions(f"policy {self.name!r}", policy, keywords)

@@ -12,9 +12,9 @@ from pathlib import Path
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.identity import IDENTITIES_FILE, Identities
 from mapf_pz.evaluation.task import task_label
-from mapf_pz.io.atomic import naming, write_whole
-from mapf_pz.io.printable import from_cell, to_cell
-from mapf_pz.io.text import read_text
+from mapf_pz._internal.atomic import naming, write_whole
+from mapf_pz._internal.printable import from_cell, to_cell
+from mapf_pz._internal.text import read_text
 
 METRICS = (
     "CSR",

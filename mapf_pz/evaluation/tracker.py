@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from mapf_pz.errors import FormatError
 from mapf_pz.instances.library import benchmark_file
-from mapf_pz.io.text import read_text
+from mapf_pz._internal.text import read_text
 
 _SCENARIO = re.compile(r"(.+)-(even|random)-(\d+)")
 _COLUMNS = ("scen_type", "type_id", "agents", "lower_cost", "solution_cost")

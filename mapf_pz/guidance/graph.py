@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mapf_pz.actions import Heading
-from mapf_pz.arrays import Bools, EqualByValue, Floats, Ints, frozen
+from mapf_pz.simulator.actions import Heading
+from mapf_pz._internal.arrays import Bools, EqualByValue, Floats, Ints, frozen
 from mapf_pz.guidance.edges import of_target, open_edges, opposite_edges
 
 LOW, HIGH = 0.1, 1.0

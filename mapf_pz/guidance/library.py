@@ -11,7 +11,7 @@ import numpy as np
 
 from mapf_pz.guidance.files import FORMATS, load_guidance
 from mapf_pz.guidance.graph import GuidanceGraph
-from mapf_pz.instance import Grid
+from mapf_pz.instances.instance import Grid
 
 EdgeWeights = str | Path | GuidanceGraph
 """A guidance graph, its file, or its name: one of `GENERATED` or of `guidance_names()`."""

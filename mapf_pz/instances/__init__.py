@@ -3,9 +3,9 @@
 from mapf_pz.instances.bundled import generate_bundled
 from mapf_pz.instances.library import load_map, load_scenario, map_names
 from mapf_pz.instances.load import load_instance, load_instances
-from mapf_pz.instances.lorr import LorrProblem, load_problem
+from mapf_pz.instances.files.lorr import LorrProblem, load_problem
 from mapf_pz.instances.mixture import MapMixture
-from mapf_pz.instances.movingai import (
+from mapf_pz.instances.files.movingai import (
     format_map,
     format_scenario,
     parse_map,
@@ -16,7 +16,7 @@ from mapf_pz.instances.movingai import (
     write_scenario,
 )
 from mapf_pz.instances.place import components, largest_component, place, place_on
-from mapf_pz.instances.pogema import load_pogema
+from mapf_pz.instances.files.pogema import load_pogema
 from mapf_pz.instances.sources import (
     FixedMap,
     FixedScenario,

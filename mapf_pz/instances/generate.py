@@ -7,8 +7,8 @@ from itertools import product
 
 import numpy as np
 
-from mapf_pz.arrays import Bools
-from mapf_pz.instance import Grid
+from mapf_pz._internal.arrays import Bools
+from mapf_pz.instances.instance import Grid
 
 Room = tuple[int, int]  # row and column in the grid of rooms
 Passage = tuple[Room, Room]

@@ -9,15 +9,15 @@ from importlib import resources
 from itertools import chain
 from pathlib import Path
 
-from mapf_pz.arrays import Bools
+from mapf_pz._internal.arrays import Bools
 from mapf_pz.errors import FormatError
-from mapf_pz.instance import Grid, Scenario
+from mapf_pz.instances.instance import Grid, Scenario
 from mapf_pz.instances.download import cache_folder
-from mapf_pz.instances.movingai import parse_cells, parse_map_name, read_map, read_scenario
-from mapf_pz.io.json import parse_object
-from mapf_pz.io.layout import PASSABLE, cells_of, layout_rows
-from mapf_pz.io.text import read_text
-from mapf_pz.suggest import closest
+from mapf_pz.instances.files.movingai import parse_cells, parse_map_name, read_map, read_scenario
+from mapf_pz._internal.json import parse_object
+from mapf_pz.instances.files.layout import PASSABLE, cells_of, layout_rows
+from mapf_pz._internal.text import read_text
+from mapf_pz._internal.suggest import closest
 
 LAYOUT_ENDING = ".json"
 """Extension of maps of guidance graph optimization (GGO)."""

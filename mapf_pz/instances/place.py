@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapf_pz.arrays import Bools, Ints
-from mapf_pz.core.jit import jit
-from mapf_pz.core.state import Array
-from mapf_pz.instance import Grid, Instance, Scenario
+from mapf_pz._internal.arrays import Bools, Ints
+from mapf_pz._internal.jit import jit
+from mapf_pz.simulator.kernels.state import Array
+from mapf_pz.instances.instance import Grid, Instance, Scenario
 
 
 def components(free: Bools) -> Ints:

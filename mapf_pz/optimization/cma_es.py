@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mapf_pz.arrays import Floats
+from mapf_pz._internal.arrays import Floats
 from mapf_pz.guidance import GuidanceGraph, open_edges
 from mapf_pz.optimization.candidate import Candidate
 from mapf_pz.optimization.feedback import iterate

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mapf_pz.machine import usable_cores
+from mapf_pz._internal.machine import usable_cores
 from mapf_pz.optimization.methods import METHODS
 from mapf_pz.optimization.task import GuidanceTask
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mapf_pz.evaluation.parallel import job_runner
+from mapf_pz._internal.parallel import job_runner
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.optimization.simulation import simulate
 from mapf_pz.optimization.task import GuidanceTask

@@ -12,13 +12,13 @@ from typing import get_type_hints
 import numpy as np
 from pydantic import TypeAdapter
 
-from mapf_pz.arrays import Floats
+from mapf_pz._internal.arrays import Floats
 from mapf_pz.errors import FormatError
 from mapf_pz.guidance import GuidanceGraph, save_guidance
-from mapf_pz.instance import Grid
-from mapf_pz.io.atomic import replacing
-from mapf_pz.io.npz import read_npz, write_npz
-from mapf_pz.io.text import read_text
+from mapf_pz.instances.instance import Grid
+from mapf_pz._internal.atomic import replacing
+from mapf_pz._internal.npz import read_npz, write_npz
+from mapf_pz._internal.text import read_text
 from mapf_pz.optimization.candidate import Candidate, Origin
 from mapf_pz.optimization.config import OptimizeConfig
 from mapf_pz.optimization.pictures import save_pictures
@@ -27,7 +27,7 @@ from mapf_pz.optimization.search import Progress
 from mapf_pz.optimization.update_model import UpdateModel
 from mapf_pz.optimization.usage import Usage
 from mapf_pz.rl.config_file import CONFIG, read_config, write_config_files
-from mapf_pz.rl.saved_env import object_files
+from mapf_pz.simulator.saved_config import object_files
 
 GRAPH_FILE, HISTORY_FILE, CANDIDATES_FILE = "guidance.json", "history.csv", "candidates.npz"
 MODEL_FILE = "model.npz"

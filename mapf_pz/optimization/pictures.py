@@ -7,8 +7,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from mapf_pz.guidance import GuidanceGraph
-from mapf_pz.instance import Grid
-from mapf_pz.io.atomic import replacing
+from mapf_pz.instances.instance import Grid
+from mapf_pz._internal.atomic import replacing
 from mapf_pz.optimization.search import Progress
 from mapf_pz.render.guidance import save_guidance_picture
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.arrays import Bools, Floats
+from mapf_pz._internal.arrays import Bools, Floats
 from mapf_pz.guidance import GuidanceGraph, open_edges
 from mapf_pz.guidance.edges import opposite_edges
 from mapf_pz.optimization.usage import Usage

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from mapf_pz.evaluation.parallel import RunJobs
+from mapf_pz._internal.parallel import RunJobs
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.optimization.candidate import Candidate, ranked
 from mapf_pz.optimization.simulation import Simulation, simulate

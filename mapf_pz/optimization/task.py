@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-from mapf_pz.config import EnvConfig
+from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.guidance import GuidanceGraph
-from mapf_pz.instance import Grid
-from mapf_pz.instances.configured import make_source
+from mapf_pz.instances.instance import Grid
+from mapf_pz.simulator.configured import make_source
 from mapf_pz.planners import PLANNERS
-from mapf_pz.rl.saved_env import SavedEnv
+from mapf_pz.simulator.saved_config import SavedEnv
 
 LIFELONG = EnvConfig(on_target="restart", max_steps=1000)
 """The protocol of Zhang et al., *Guidance Graph Optimization for Lifelong MAPF*, IJCAI 2024."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mapf_pz.arrays import Floats, Ints
-from mapf_pz.core.jit import jit
-from mapf_pz.core.state import Array
+from mapf_pz._internal.arrays import Floats, Ints
+from mapf_pz._internal.jit import jit
+from mapf_pz.simulator.kernels.state import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class Usage:
         return cls(np.zeros((4, *shape)), np.zeros(shape))
 
     def add(self, agents: Ints) -> None:
-        """Count the latest step of `agents` (N,), records of `mapf_pz.core.state.AGENT`."""
+        """Count the latest step of `agents` (N,), records of `mapf_pz.simulator.kernels.state.AGENT`."""
         _add(agents, self.waits.shape[1], self.moves.reshape(4, -1), self.waits.reshape(-1))
 
 

@@ -10,8 +10,8 @@ from mapf_pz.planners.pibt.shield import BatchShield, Shield
 from mapf_pz.planners.sipp.prioritized import PrioritizedSIPP
 from mapf_pz.planners.trace import Solution, Trace, write_trace
 from mapf_pz.planners.windowed.planner import WindowedLNS
-from mapf_pz.plans.plan import Plan, Violation, validate, violations
-from mapf_pz.plans.record import record_plan
+from mapf_pz.planners.plans.plan import Plan, Violation, validate, violations
+from mapf_pz.planners.plans.record import record_plan
 
 __all__ = [
     "CBS",

@@ -10,18 +10,18 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from mapf_pz.actions import Action, CardinalAction
-from mapf_pz.arrays import Ints
-from mapf_pz.config import ActionModel, EnvConfig
-from mapf_pz.environment import MapfEnv
+from mapf_pz.simulator.actions import Action, CardinalAction
+from mapf_pz._internal.arrays import Ints
+from mapf_pz.simulator.config import ActionModel, EnvConfig
+from mapf_pz.environment.mapf_env import MapfEnv
 from mapf_pz.guidance.library import EdgeWeights
-from mapf_pz.instance import Grid, Instance, Scenario
+from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.instances.sources import InstanceList
 from mapf_pz.planners.deadline import Clock, Deadline
 from mapf_pz.planners.problem import Path, Problem, problem_of
 from mapf_pz.planners.trace import Trace
-from mapf_pz.plans.plan import Plan
-from mapf_pz.simulator import Simulator
+from mapf_pz.planners.plans.plan import Plan
+from mapf_pz.simulator.simulator import Simulator
 
 
 class Planner(ABC):

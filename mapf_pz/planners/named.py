@@ -7,7 +7,7 @@ import inspect
 from collections.abc import Mapping
 from typing import Any
 
-from mapf_pz.environment import MapfEnv
+from mapf_pz.environment.mapf_env import MapfEnv
 from mapf_pz.planners.base import Planner
 from mapf_pz.planners.cbs.planner import CBS
 from mapf_pz.planners.epibt.planner import EPIBT

@@ -7,7 +7,7 @@ import io
 from pathlib import Path
 from typing import NamedTuple
 
-from mapf_pz.io.atomic import write_whole
+from mapf_pz._internal.atomic import write_whole
 from mapf_pz.planners.deadline import Clock
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapf_pz.arrays import Bools, Ints
+from mapf_pz._internal.arrays import Bools, Ints
 
 OBSTACLE, FREE, GOAL = "@", ".", "x"
 BY_HEADING, BY_HEADING_AT_GOAL = ">v<^", "ESWN"

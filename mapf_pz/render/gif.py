@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mapf_pz.io.atomic import replacing
+from mapf_pz._internal.atomic import replacing
 from mapf_pz.render.frames import check_fps, check_frames
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapf_pz.io.atomic import write_whole
+from mapf_pz._internal.atomic import write_whole
 from mapf_pz.render.rgb import color_codes
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def save_viewer(path: str | Path) -> None:
     """Write a page that shows a map, a scenario and a plan file, which its user drops on it.
 
     It is the page of `save_html` without an episode. It reads the files in the browser and sends nothing. Files: `.map`
-    and `.scen` of the MovingAI benchmark, and the plan files that `mapf_pz.plans.files.read_plan` reads, except for
+    and `.scen` of the MovingAI benchmark, and the plan files that `mapf_pz.planners.plans.files.read_plan` reads, except for
     paths in ticks.
 
     Args:

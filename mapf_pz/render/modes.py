@@ -6,7 +6,7 @@ import os
 import sys
 from importlib.util import find_spec
 
-from mapf_pz.config import RenderMode
+from mapf_pz.simulator.config import RenderMode
 
 DISPLAY_VARIABLES = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")
 """Environment variables of which one is set where a window can be opened, on systems other than macOS and Windows."""

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from mapf_pz.arrays import Bools, Floats, Ints
-from mapf_pz.config import CollisionSystem, Frame, View
+from mapf_pz._internal.arrays import Bools, Floats, Ints
+from mapf_pz.simulator.config import CollisionSystem, Frame, View
 from mapf_pz.render.html import html_page
 from mapf_pz.render.rgb import Canvas, Picture
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from mapf_pz.arrays import Bools, Ints
+from mapf_pz._internal.arrays import Bools, Ints
 
 
 class RenderState(NamedTuple):

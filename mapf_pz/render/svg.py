@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from mapf_pz.arrays import Bools, Ints
-from mapf_pz.io.atomic import write_whole
-from mapf_pz.io.printable import printable
+from mapf_pz._internal.arrays import Bools, Ints
+from mapf_pz._internal.atomic import write_whole
+from mapf_pz._internal.printable import printable
 from mapf_pz.render.frames import check_fps
 from mapf_pz.render.recording import Recording
 from mapf_pz.render.rgb import color_codes

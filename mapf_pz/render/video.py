@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapf_pz.io.atomic import replacing
+from mapf_pz._internal.atomic import replacing
 from mapf_pz.render.frames import check_fps, check_frames
 
 

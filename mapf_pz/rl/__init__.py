@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from mapf_pz.lazy import lazy_attributes
+from mapf_pz._internal.lazy import lazy_attributes
 
 if TYPE_CHECKING:
-    from mapf_pz.rl.batched_env import BatchedMapfEnv
-    from mapf_pz.rl.policy import LearnedPolicy, load_policy, policy_names
-    from mapf_pz.rl.training import resume, train
+    from mapf_pz.rl.environments.batched_env import BatchedMapfEnv
+    from mapf_pz.rl.policies.policy import LearnedPolicy, load_policy, policy_names
+    from mapf_pz.rl.training.train import resume, train
 
 _HOMES = {
     "BatchedMapfEnv": "batched_env",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mapf_pz.config import REWARDS, EnvConfig
+from mapf_pz.simulator.config import REWARDS, EnvConfig
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl.config import (
     TRAINING_ENV,

@@ -3,8 +3,8 @@ import shlex
 import numpy as np
 import pytest
 
-from mapf_pz.cli import main
-from mapf_pz.demonstrations import load_dataset
+from mapf_pz.commands.main import main
+from mapf_pz.rl.demonstrations import load_dataset
 
 SMALL = ["--planner", "pibt", "--num-agents", "2", "3", "--episodes", "5", "--shard-size", "3", "--max-steps", "60"]
 MAPS = ["--maps", "random", "room", "--height", "8", "10", "--width", "8", "--seed", "4", "--no-solved-only"]

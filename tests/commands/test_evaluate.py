@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from mapf_pz.cli import main
+from mapf_pz.commands.main import main
 from mapf_pz.evaluation.results import COLUMNS
 from mapf_pz.instances import load_map, place, write_scenario
 from tests.evaluation.test_parallel import children_of, is_alive, wait_for

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from mapf_pz.cli import main
+from mapf_pz.commands.main import main
 from mapf_pz.guidance import GuidanceGraph, load_guidance, save_moves
-from mapf_pz.instance import Grid
+from mapf_pz.instances.instance import Grid
 from mapf_pz.instances import write_map
 
 GRID = Grid(np.arange(12).reshape(3, 4) != 5, "hall")

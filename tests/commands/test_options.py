@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from mapf_pz.cli import main
+from mapf_pz.commands.main import main
 from mapf_pz.instances import load_map, place, write_scenario
 
 SEVERAL = {

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from mapf_pz.cli import main
+from mapf_pz.commands.main import main
 from mapf_pz.render.window import Window
 
 pytest.importorskip("pygame")

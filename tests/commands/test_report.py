@@ -1,6 +1,6 @@
 import pytest
 
-from mapf_pz.cli import main
+from mapf_pz.commands.main import main
 
 
 @pytest.fixture(scope="module")

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 import mapf_pz
-from mapf_pz.cli import main
+from mapf_pz.commands.main import main
 from mapf_pz.commands.solve import lower_bound
-from mapf_pz.config import EnvConfig
+from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.instances import load_instance
-from mapf_pz.instances.configured import sample_instance
+from mapf_pz.simulator.configured import sample_instance
 from mapf_pz.planners import PLANNERS, Plan, Planner
 from mapf_pz.planners.base import wait_action
 from tests.helpers.text_instances import drawn

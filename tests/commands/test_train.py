@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mapf_pz import Grid, Scenario
-from mapf_pz.cli import main
-from mapf_pz.config import REWARDS
+from mapf_pz.commands.main import main
+from mapf_pz.simulator.config import REWARDS
 from mapf_pz.instances import write_map, write_scenario
 
 pytest.importorskip("torchrl")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mapf_pz import Grid, GuidanceGraph
-from mapf_pz.cli import main
+from mapf_pz.commands.main import main
 from mapf_pz.instances import MapMixture, place, write_map, write_scenario
 from tests.instances.problem_files import write_lorr, write_pogema
 

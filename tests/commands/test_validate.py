@@ -3,11 +3,11 @@ import json
 import numpy as np
 import pytest
 
-from mapf_pz.cli import main
-from mapf_pz.instance import Grid, Instance, Scenario
+from mapf_pz.commands.main import main
+from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.instances import write_map, write_scenario
 from mapf_pz.planners import Plan
-from mapf_pz.plans.files import write_plan
+from mapf_pz.planners.plans.files import write_plan
 
 GRID = Grid(np.ones((2, 3), bool), "small")
 SCENARIO = Scenario([[0, 0], [1, 2]], [[0, 2], [1, 0]])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import mapf_pz
-from mapf_pz.instance import Grid, Instance, Scenario
+from mapf_pz.instances.instance import Grid, Instance, Scenario
 from tests.helpers.cases import CASES
 
 SYSTEMS = ("soft", "priority", "block_both")

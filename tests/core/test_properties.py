@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
-from mapf_pz.actions import HEADING_STEPS
-from mapf_pz.config import REWARDS, EnvConfig
-from mapf_pz.core.observation.channels import CHANNELS
-from mapf_pz.core.observation.features import FEATURES
+from mapf_pz.simulator.actions import HEADING_STEPS
+from mapf_pz.simulator.config import REWARDS, EnvConfig
+from mapf_pz.simulator.kernels.observation.channels import CHANNELS
+from mapf_pz.simulator.kernels.observation.features import FEATURES
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.simulator import Simulator
 

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mapf_pz.actions import CardinalAction
-from mapf_pz.config import EnvConfig
-from mapf_pz.instance import Grid, Instance, Scenario
+from mapf_pz.simulator.actions import CardinalAction
+from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.simulator import Simulator
 

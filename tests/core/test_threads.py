@@ -9,7 +9,7 @@ CODE = """
 import os
 import numba
 import numpy as np
-from mapf_pz.config import EnvConfig
+from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator import Simulator
 
 def seen(num_threads):

@@ -1,7 +1,7 @@
 """Small datasets for the tests."""
 
-from mapf_pz.config import EnvConfig
-from mapf_pz.demonstrations import DatasetConfig
+from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.rl.demonstrations import DatasetConfig
 from mapf_pz.instances.mixture import MapMixture
 
 MIXTURE = MapMixture(maps=("random", "maze"), height=(6, 8), width=8)

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapf_pz.config import EnvConfig
-from mapf_pz.demonstrations import Demonstration, load_dataset, make_dataset
-from mapf_pz.demonstrations.demonstration import METRICS
-from mapf_pz.demonstrations.shard import read_shard, write_shard
-from mapf_pz.instance import Grid, Instance
+from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.rl.demonstrations import Demonstration, load_dataset, make_dataset
+from mapf_pz.rl.demonstrations.demonstration import METRICS
+from mapf_pz.rl.demonstrations.shard import read_shard, write_shard
+from mapf_pz.instances.instance import Grid, Instance
 from mapf_pz.instances.place import place
-from mapf_pz.io.npz import read_npz, write_npz
+from mapf_pz._internal.npz import read_npz, write_npz
 from tests.demonstrations.small_dataset import small
 from tests.helpers.corrupt_files import Case, bounded, changed, fuzzed, outcome, refused
 from tests.helpers.text_instances import drawn
@@ -123,7 +123,7 @@ def test_a_shard_that_is_too_large_is_not_written(tmp_path, monkeypatch):
     file = tmp_path / "shard.npz"
     instance = drawn("a.A")
     demonstrations = [Demonstration(instance, np.zeros((500, 1), np.uint8))]
-    monkeypatch.setattr("mapf_pz.demonstrations.shard.MAX_FILE_BYTES", 2000)
+    monkeypatch.setattr("mapf_pz.rl.demonstrations.shard.MAX_FILE_BYTES", 2000)
     write_shard(file, demonstrations, (1, 3), 1)
     with pytest.raises(ValueError, match="expected a smaller shard_size"):
         write_shard(file, demonstrations * 4, (1, 3), 1)

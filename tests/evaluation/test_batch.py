@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pettingzoo.utils import BaseParallelWrapper
 
-from mapf_pz.actions import CardinalAction
+from mapf_pz.simulator.actions import CardinalAction
 from mapf_pz.evaluation import EvaluationTask, evaluate, policy_factory, rollout
 from mapf_pz.evaluation import batch as batches
 from mapf_pz.evaluation.batch import MAX_AGENTS, BatchPolicy, batch_of

@@ -7,8 +7,8 @@ from mapf_pz.evaluation import Episode
 pytest.importorskip("matplotlib")
 Image = pytest.importorskip("PIL.Image")
 
-from mapf_pz.evaluation.figures import draw_figures  # noqa: E402
-from mapf_pz.evaluation.published import PublishedEpisode  # noqa: E402
+from mapf_pz.evaluation.reports.figures import draw_figures  # noqa: E402
+from mapf_pz.evaluation.reports.published import PublishedEpisode  # noqa: E402
 
 
 def episodes(task_name, counts, *names, **metrics):

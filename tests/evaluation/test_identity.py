@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mapf_pz.cli import main
-from mapf_pz.digest import NoDigestError, digest
+from mapf_pz.commands.main import main
+from mapf_pz._internal.digest import NoDigestError, digest
 from mapf_pz.evaluation import EvaluationTask, evaluate, identity
 from mapf_pz.evaluation.identity import IDENTITIES_FILE, NOT_DECIDING, Identities, code_digest, policy_identity
 from mapf_pz.evaluation.results import Results, discard
 from mapf_pz.guidance import GuidanceGraph
-from mapf_pz.instance import Instance, Scenario
+from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.instances import RandomMaps, RandomObstacles, generate, load_map, place, write_scenario
 from tests.evaluation.test_episodes import Right
 from tests.evaluation.test_results import TASKS, untimed
@@ -65,7 +65,7 @@ def test_other_weights(tmp_path):
     safetensors = pytest.importorskip("safetensors.torch")
     pytest.importorskip("torchrl")
     from mapf_pz.rl import load_policy
-    from mapf_pz.rl.policy import _bundled
+    from mapf_pz.rl.policies.policy import _bundled
 
     shutil.copytree(_bundled() / "mappo-cardinal", tmp_path / "mine")
     policies = {"mine": str(tmp_path / "mine"), "pibt": "pibt"}

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from mapf_pz.evaluation.parallel import run_jobs
+from mapf_pz._internal.parallel import run_jobs
 
 
 def squared(number):

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 import mapf_pz
-from mapf_pz.actions import CardinalAction as Do
+from mapf_pz.simulator.actions import CardinalAction as Do
 from mapf_pz.evaluation import EvaluationTask, evaluate
-from mapf_pz.evaluation.pogema import FromPogema, InPogema, pogema_policy
+from mapf_pz.evaluation.pogema.pogema import FromPogema, InPogema, pogema_policy
 from mapf_pz.evaluation.policies import factory_for
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import Planner

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import mapf_pz
-from mapf_pz.evaluation.pogema_config import pogema_keywords
+from mapf_pz.evaluation.pogema.config import pogema_keywords
 
 
 def env_of(config, **keywords):

@@ -5,9 +5,9 @@ from rich.console import Console
 
 from experiments.interval_coverage import coverage, distributions
 from mapf_pz.evaluation import Episode, markdown_table, terminal_table
-from mapf_pz.evaluation.formats import cells, comma_separated, latex
-from mapf_pz.evaluation.intervals import difference_interval, interval, mean_interval, wilson
-from mapf_pz.evaluation.report import differences, exhausted, grouped, summaries
+from mapf_pz.evaluation.reports.formats import cells, comma_separated, latex
+from mapf_pz.evaluation.reports.intervals import difference_interval, interval, mean_interval, wilson
+from mapf_pz.evaluation.reports.report import differences, exhausted, grouped, summaries
 
 
 def rows(episodes):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import mapf_pz
-from mapf_pz.evaluation.pogema import InPogema
-from mapf_pz.evaluation.served_policy import replies
+from mapf_pz.evaluation.pogema.pogema import InPogema
+from mapf_pz.evaluation.pogema.served_policy import replies
 from mapf_pz.instances import RandomObstacles
 
 RULES = {"collision_system": "soft", "on_target": "nothing", "max_steps": 40}

@@ -11,7 +11,7 @@ from mapf_pz.errors import FormatError
 from mapf_pz.evaluation import load_suite, suite_names
 from mapf_pz.evaluation.episodes import run_episodes
 from mapf_pz.evaluation.policies import factory_for
-from mapf_pz.instance import Grid, Scenario
+from mapf_pz.instances.instance import Grid, Scenario
 from mapf_pz.instances import write_map, write_scenario
 from tests.evaluation.test_episodes import Right
 

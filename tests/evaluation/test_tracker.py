@@ -5,11 +5,11 @@ import csv
 import numpy as np
 import pytest
 
-from mapf_pz.cli import main
+from mapf_pz.commands.main import main
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.evaluation.tracker import KnownCost, known_cost
-from mapf_pz.instance import Instance, Scenario
+from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.instances import load_map, write_scenario
 
 HEADER = '"scen_type","type_id","agents","lower_cost","lower_date","solution_cost","solution_date"\n'

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import mapf_pz
-from mapf_pz.cli import main
+from mapf_pz.commands.main import main
 from mapf_pz.guidance import GuidanceGraph, guidance_names, library, save_guidance
-from mapf_pz.instance import Grid
+from mapf_pz.instances.instance import Grid
 from mapf_pz.instances import RandomObstacles, load_instance, load_map, write_map
 from mapf_pz.planners import PIBT
 

@@ -21,7 +21,7 @@ from mapf_pz.guidance import (
     save_guidance,
     save_moves,
 )
-from mapf_pz.instance import Grid
+from mapf_pz.instances.instance import Grid
 
 FORMATS = [".json", ".csv", ".w", ".npz"]
 GRID = Grid([[True, True, False], [True, True, True]], "tiny")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mapf_pz.actions import Action, CardinalAction
+from mapf_pz.simulator.actions import Action, CardinalAction
 
 Cell = tuple[int, int]
 ARROWS = ">v<^"  # by heading

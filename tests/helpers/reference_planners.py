@@ -4,7 +4,7 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from mapf_pz.actions import CardinalAction
+from mapf_pz.simulator.actions import CardinalAction
 
 STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0))
 LETTERS = "FRLW"

@@ -6,8 +6,8 @@ import heapq
 from itertools import pairwise
 from math import inf, isfinite
 
-from mapf_pz.actions import Action, CardinalAction, Heading
-from mapf_pz.config import RewardConfig
+from mapf_pz.simulator.actions import Action, CardinalAction, Heading
+from mapf_pz.simulator.config import RewardConfig
 
 Cell = tuple[int, int]
 STEP: dict[int, Cell] = {Heading.EAST: (0, 1), Heading.SOUTH: (1, 0), Heading.WEST: (0, -1), Heading.NORTH: (-1, 0)}

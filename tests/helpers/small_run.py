@@ -3,7 +3,7 @@
 import csv
 import dataclasses
 
-from mapf_pz.config import EnvConfig
+from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.instances import MapMixture
 from mapf_pz.rl.config import ModelConfig, OptimizationConfig, TaskConfig, TrainConfig
 

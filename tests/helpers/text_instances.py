@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mapf_pz.instance import Grid, Instance, Scenario
+from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.planners.base import simulator_of
 from mapf_pz.planners.problem import problem_of
 

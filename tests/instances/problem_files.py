@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from mapf_pz.instance import Grid
+from mapf_pz.instances.instance import Grid
 from mapf_pz.instances import write_map
 
 

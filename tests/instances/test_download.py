@@ -13,12 +13,12 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 
-from mapf_pz.cli import main
+from mapf_pz.commands.main import main
 from mapf_pz.errors import FormatError
-from mapf_pz.instance import Grid, Scenario
+from mapf_pz.instances.instance import Grid, Scenario
 from mapf_pz.instances import archive as archives
 from mapf_pz.instances import format_map, format_scenario, load_map, load_scenario
-from mapf_pz.instances.archive import ARCHIVES, Archive, unpack
+from mapf_pz.instances.files.archive import ARCHIVES, Archive, unpack
 from mapf_pz.instances.download import PIECE, download
 
 GRID = Grid([[True, False, True], [True, True, True]], "tiny")

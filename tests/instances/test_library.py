@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mapf_pz.errors import FormatError
-from mapf_pz.instance import Grid, Scenario
+from mapf_pz.instances.instance import Grid, Scenario
 from mapf_pz.instances import load_map, load_scenario, map_names, write_map, write_scenario
 from mapf_pz.instances.bundled import BUNDLED
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
-from mapf_pz.instance import Grid, InstanceSource
+from mapf_pz.instances.instance import Grid, InstanceSource
 from mapf_pz.instances import MapMixture, RandomObstacles, components, load_map, write_map
 
 FAMILIES = ("random", "maze", "room", "warehouse")

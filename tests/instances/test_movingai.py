@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from mapf_pz.errors import FormatError
-from mapf_pz.instance import Grid, Scenario
+from mapf_pz.instances.instance import Grid, Scenario
 from mapf_pz.instances import (
     format_map,
     format_scenario,
@@ -18,7 +18,7 @@ from mapf_pz.instances import (
     write_map,
     write_scenario,
 )
-from mapf_pz.instances.octile import octile_distances
+from mapf_pz.instances.files.octile import octile_distances
 from tests.helpers.corrupt_files import near_misses
 
 MAP = "type octile\nheight 2\nwidth 3\nmap\n.@.\n...\n"
@@ -233,7 +233,7 @@ def test_files_that_are_not_text_are_refused_in_one_line(tmp_path, monkeypatch):
     assert message_of(read_map, "/dev/zero").endswith("expected a file, got a folder or device")
     file.write_bytes(b"type octile\nheight \xff\n")
     assert message_of(read_map, file) == f"{file}:2:8: expected UTF-8 text, got the byte 0xff"
-    monkeypatch.setattr("mapf_pz.io.text.MAX_FILE_BYTES", 10)
+    monkeypatch.setattr("mapf_pz._internal.text.MAX_FILE_BYTES", 10)
     assert message_of(read_scenario, file) == f"{file}: expected at most 10 bytes"
 
 

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mapf_pz.errors import FormatError
-from mapf_pz.evaluation.bounds import most_goals
+from mapf_pz.evaluation.reports.bounds import most_goals
 from mapf_pz.instances import InstanceList, load_pogema, pogema
 from tests.helpers.corrupt_files import near_misses
 

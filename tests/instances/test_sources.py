@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import mapf_pz
-from mapf_pz.instance import Grid, Instance, InstanceSource, Scenario
+from mapf_pz.instances.instance import Grid, Instance, InstanceSource, Scenario
 from mapf_pz.instances import (
     FixedMap,
     FixedScenario,

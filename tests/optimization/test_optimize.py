@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mapf_pz.cli import main
-from mapf_pz.config import EnvConfig
+from mapf_pz.commands.main import main
+from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.errors import FormatError
 from mapf_pz.guidance import GuidanceGraph, load_guidance
-from mapf_pz.instance import Grid
+from mapf_pz.instances.instance import Grid
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.optimization.candidate import Candidate, ranked
 from mapf_pz.optimization.config import OptimizeConfig

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from mapf_pz.config import EnvConfig
+from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.errors import FormatError
 from mapf_pz.guidance import open_edges
 from mapf_pz.guidance.edges import opposite_edges
-from mapf_pz.instance import Scenario
+from mapf_pz.instances.instance import Scenario
 from mapf_pz.optimization.rule import FeedbackRule, Traffic
 from mapf_pz.optimization.update_model import NUM_PARAMETERS, UpdateModel
 from mapf_pz.optimization.usage import Usage

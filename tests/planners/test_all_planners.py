@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
-from mapf_pz.instance import Grid, Instance, Scenario
+from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import PLANNERS, Plan, validate
 

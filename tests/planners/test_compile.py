@@ -15,19 +15,19 @@ from importlib import import_module
 import numpy as np
 
 import mapf_pz
-import mapf_pz.core
+import mapf_pz.simulator.kernels
 import mapf_pz.planners
 from mapf_pz.planners.lacam import search as lacam
-from mapf_pz.core.jit import BatchKernel
+from mapf_pz._internal.jit import BatchKernel
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import PLANNERS
-from mapf_pz.instance import Instance
+from mapf_pz.instances.instance import Instance
 
 name, model = {name!r}, {model!r}
 options = {{"time_limit": 0.2}} if name != "pibt" else {{}}
 modules = [
     import_module(module.name)
-    for package in (mapf_pz.core, mapf_pz.planners)
+    for package in (mapf_pz.simulator.kernels, mapf_pz.planners)
     for module in pkgutil.walk_packages(package.__path__, package.__name__ + ".")
 ]
 

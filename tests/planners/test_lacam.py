@@ -8,9 +8,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
-from mapf_pz.actions import HEADING_STEPS
+from mapf_pz.simulator.actions import HEADING_STEPS
 from mapf_pz.guidance import GuidanceGraph
-from mapf_pz.instance import Grid, Instance, Scenario
+from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.instances import RandomObstacles, generate, load_map, load_scenario
 from mapf_pz.instances.place import largest_component, place
 from mapf_pz.planners import validate

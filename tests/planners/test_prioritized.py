@@ -4,10 +4,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
-from mapf_pz.actions import Heading
-from mapf_pz.core.cost_lookup import num_headings
+from mapf_pz.simulator.actions import Heading
+from mapf_pz.simulator.kernels.cost_lookup import num_headings
 from mapf_pz.guidance import GuidanceGraph
-from mapf_pz.instance import Instance, Scenario
+from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.instances import RandomObstacles, read_map, read_scenario
 from mapf_pz.planners import Plan, validate
 from mapf_pz.planners.base import simulator_of

@@ -4,9 +4,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
-from mapf_pz.actions import Action, CardinalAction
-from mapf_pz.config import EnvConfig
-from mapf_pz.instance import Scenario
+from mapf_pz.simulator.actions import Action, CardinalAction
+from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.instances.instance import Scenario
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import EPIBT, BatchShield, Shield
 from mapf_pz.planners.base import simulator_of

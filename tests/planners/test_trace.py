@@ -5,7 +5,7 @@ import csv
 import pytest
 
 import mapf_pz
-from mapf_pz.cli import main
+from mapf_pz.commands.main import main
 from mapf_pz.instances import load_instance
 from mapf_pz.planners import PIBT, PLANNERS, LaCAM, PrioritizedSIPP, Trace
 

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
-from mapf_pz.config import EnvConfig
-from mapf_pz.core.cost_lookup import cost_at, num_headings
+from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.kernels.cost_lookup import cost_at, num_headings
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import PIBT, WindowedLNS
 from mapf_pz.planners.deadline import Deadline

@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mapf_pz.errors import FormatError
-from mapf_pz.instance import Grid, Instance, Scenario
+from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.planners import Plan
-from mapf_pz.plans.files import PlanMetadata, Selection, format_plan, parse_plan, read_plan, write_plan
-from mapf_pz.plans.plan import reached
+from mapf_pz.planners.plans.files import PlanMetadata, Selection, format_plan, parse_plan, read_plan, write_plan
+from mapf_pz.planners.plans.plan import reached
 from tests.helpers.corrupt_files import near_misses
 
 GRID = Grid(np.ones((3, 4), bool), "small")
@@ -395,7 +395,7 @@ def test_size_limits(text, message):
 def test_hostile_json(monkeypatch):
     assert message_of("{").startswith("p:1:2: expected JSON: ")
     assert message_of('{"a": ' + "[" * 50_000) == "p: expected JSON that is not nested deeply"
-    monkeypatch.setattr("mapf_pz.io.json.MAX_LISTS", 5)
+    monkeypatch.setattr("mapf_pz._internal.json.MAX_LISTS", 5)
     assert message_of(lorr()) == "p: expected at most 5 lists and objects"
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mapf_pz.guidance import GuidanceGraph
-from mapf_pz.instance import Grid
+from mapf_pz.instances.instance import Grid
 from mapf_pz.render.guidance import ARROW, HOT, preferences, save_guidance_picture
 from mapf_pz.render.rgb import FREE, OBSTACLE
 

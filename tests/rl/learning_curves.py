@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from mapf_pz.config import RewardConfig
+from mapf_pz.simulator.config import RewardConfig
 from mapf_pz.rl import train
 from mapf_pz.rl.config import ModelConfig, OptimizationConfig, PPOConfig, TaskConfig, TrainConfig
 from tests.helpers.small_run import changed

@@ -5,7 +5,7 @@ from torchrl.envs import TransformedEnv, check_env_specs
 
 import mapf_pz
 from mapf_pz.rl import BatchedMapfEnv
-from mapf_pz.rl.centralize import Centralize
+from mapf_pz.rl.environments.centralize import Centralize
 from mapf_pz.wrappers import CentralizedEnv
 
 

@@ -14,13 +14,13 @@ from torchrl.checkpoint import Checkpoint
 from torchrl.envs import Transform
 
 import mapf_pz
-from mapf_pz.cli import main
+from mapf_pz.commands.main import main
 from mapf_pz.rl import load_policy, train
-from mapf_pz.rl.algorithms import ALGORITHMS
-from mapf_pz.rl.checkpoint import Checkpoints, Position, read_position, restore
+from mapf_pz.rl.algorithms.named import ALGORITHMS
+from mapf_pz.rl.training.checkpoint import Checkpoints, Position, read_position, restore
 from mapf_pz.rl.config import ModelConfig
-from mapf_pz.rl.run import RunFolder
-from mapf_pz.rl.training import resume
+from mapf_pz.rl.training.run import RunFolder
+from mapf_pz.rl.training.train import resume
 from tests.helpers import small_run as tiny
 from tests.helpers.small_run import rows
 

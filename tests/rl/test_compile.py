@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 from mapf_pz.rl import train
-from mapf_pz.rl.algorithms import ALGORITHMS
+from mapf_pz.rl.algorithms.named import ALGORITHMS
 from mapf_pz.rl.config import ImitationConfig
 from tests.helpers.small_run import TINY, changed, rows
 

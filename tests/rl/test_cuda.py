@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from mapf_pz.rl import BatchedMapfEnv, load_policy, resume, train
-from mapf_pz.rl.algorithms import ALGORITHMS
-from mapf_pz.rl.collect import collecting
+from mapf_pz.rl.algorithms.named import ALGORITHMS
+from mapf_pz.rl.training.collect import collecting
 from mapf_pz.rl.config import CuriosityConfig, ImitationConfig
 from tests.helpers.small_run import TINY, changed, rows
 

@@ -9,9 +9,9 @@ from torchrl.envs.utils import check_env_specs
 
 from mapf_pz.planners import BatchShield
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
-from mapf_pz.rl.algorithms import ALGORITHMS
-from mapf_pz.rl.collect import MakeEnv
-from mapf_pz.rl.training import resume
+from mapf_pz.rl.algorithms.named import ALGORITHMS
+from mapf_pz.rl.training.collect import MakeEnv
+from mapf_pz.rl.training.train import resume
 from tests.helpers.small_run import TINY, changed, rows, untimed
 
 ONE_UPDATE = dataclasses.replace(TINY, agent_steps=192)

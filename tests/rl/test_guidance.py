@@ -10,7 +10,7 @@ from mapf_pz.evaluation import make_env
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances import load_map
 from mapf_pz.rl import load_policy, train
-from mapf_pz.rl.training import resume
+from mapf_pz.rl.training.train import resume
 from tests.helpers.small_run import TINY, changed
 
 GRAPH = GuidanceGraph.random(load_map("empty-8-8").free, np.random.default_rng(0))

@@ -7,14 +7,14 @@ import pytest
 import torch
 
 import mapf_pz
-from mapf_pz.config import EnvConfig
+from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import Shield
 from mapf_pz.rl import load_policy, policy_names
-from mapf_pz.rl.algorithms import algorithm_of
-from mapf_pz.rl.batched_network import MIN_ROWS, BatchedNetwork, Memory, Seen
-from mapf_pz.rl.observation_shape import ObservationShape
-from mapf_pz.rl.policy import SharedPolicy, TeamPolicy
+from mapf_pz.rl.algorithms.named import algorithm_of
+from mapf_pz.rl.networks.batched_network import MIN_ROWS, BatchedNetwork, Memory, Seen
+from mapf_pz.rl.networks.observation_shape import ObservationShape
+from mapf_pz.rl.policies.policy import SharedPolicy, TeamPolicy
 from mapf_pz.simulator import Simulator
 from tests.helpers.small_run import TINY, changed
 

@@ -7,9 +7,9 @@ import torch
 import mapf_pz
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.config import ModelConfig, OptimizationConfig, TrainConfig
-from mapf_pz.rl.encoders import IMAGE_LAYERS
-from mapf_pz.rl.networks import Actor, LocalCritic, TeamActor, TeamCritic, TeamValue
-from mapf_pz.rl.observation_shape import ObservationShape
+from mapf_pz.rl.networks.encoders import IMAGE_LAYERS
+from mapf_pz.rl.networks.actors import Actor, LocalCritic, TeamActor, TeamCritic, TeamValue
+from mapf_pz.rl.networks.observation_shape import ObservationShape
 from tests.helpers.small_run import TINY
 
 SIZES = [(1, 1), (3, 3), (5, 9), (7, 7), (11, 11), (20, 20), (2, 25)]

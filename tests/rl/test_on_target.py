@@ -7,14 +7,14 @@ import torch
 from torchrl.envs import Compose, TransformedEnv
 
 import mapf_pz
-from mapf_pz.cli import main
+from mapf_pz.commands.main import main
 from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
-from mapf_pz.rl.algorithms import ALGORITHMS
-from mapf_pz.rl.episodes import episode_means
-from mapf_pz.rl.ranks import Ranks
-from mapf_pz.rl.training import resume
-from mapf_pz.rl.validation import Validation
+from mapf_pz.rl.algorithms.named import ALGORITHMS
+from mapf_pz.rl.training.episodes import episode_means
+from mapf_pz.rl.training.ranks import Ranks
+from mapf_pz.rl.training.train import resume
+from mapf_pz.rl.training.validation import Validation
 from tests.helpers.small_run import TINY, changed, rows
 
 ALGORITHM_NAMES = ["mappo", "ippo", "central-ppo"]

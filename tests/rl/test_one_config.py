@@ -23,7 +23,7 @@ from mapf_pz.rl import config as rl_config
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.config import TaskConfig
 from mapf_pz.rl.config_file import CONFIG, load_config, save_config
-from mapf_pz.rl.training import resume
+from mapf_pz.rl.training.train import resume
 from tests.helpers.small_run import ENV_FIELDS, TINY, changed, rows
 
 GRID = Grid(np.ones((6, 6), np.bool_), "hall")

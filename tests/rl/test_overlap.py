@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from mapf_pz.rl import resume, train
-from mapf_pz.rl.algorithms import ALGORITHMS
+from mapf_pz.rl.algorithms.named import ALGORITHMS
 from tests.helpers.small_run import TINY, rows, untimed
 
 OVERLAP = dataclasses.replace(TINY, collector="processes", num_workers=1, overlap=True)

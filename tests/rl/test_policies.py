@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import mapf_pz
-from mapf_pz.cli import main
+from mapf_pz.commands.main import main
 from mapf_pz.commands.train import SUITES
 from mapf_pz.evaluation import EvaluationTask, load_suite, make_env, policy_factory
 from mapf_pz.evaluation.episodes import run_episodes

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from mapf_pz.rl.algorithms import ALGORITHMS
+from mapf_pz.rl.algorithms.named import ALGORITHMS
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.presets import PRESETS, SUMMARIES
 

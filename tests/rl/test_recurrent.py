@@ -9,8 +9,8 @@ from torchrl.modules import set_recurrent_mode
 
 import mapf_pz
 from mapf_pz.rl import BatchedMapfEnv, load_policy, resume, train
-from mapf_pz.rl.algorithms import ALGORITHMS
-from mapf_pz.rl.networks import RecurrentCore
+from mapf_pz.rl.algorithms.named import ALGORITHMS
+from mapf_pz.rl.networks.actors import RecurrentCore
 from tests.helpers import small_run as tiny
 
 TINY = dataclasses.replace(

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mapf_pz.cli import main
-from mapf_pz.instance import Grid
-from mapf_pz.instances.lorr import LorrProblem, load_problem
+from mapf_pz.commands.main import main
+from mapf_pz.instances.instance import Grid
+from mapf_pz.instances.files.lorr import LorrProblem, load_problem
 from mapf_pz.planners import EPIBT, PIBT, validate
-from mapf_pz.plans.files import read_plan
-from mapf_pz.plans.plan import reached
-from mapf_pz.scheduling import SCHEDULERS, run_problem
-from mapf_pz.scheduling.pool import NONE, TaskPool
+from mapf_pz.planners.plans.files import read_plan
+from mapf_pz.planners.plans.plan import reached
+from mapf_pz.planners.scheduling import SCHEDULERS, run_problem
+from mapf_pz.planners.scheduling.pool import NONE, TaskPool
 
 
 def problem_of(starts, tasks, reveal=1.5, free=None):

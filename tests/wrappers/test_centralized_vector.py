@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from mapf_pz.actions import Action
-from mapf_pz.config import RewardConfig
+from mapf_pz.simulator.actions import Action
+from mapf_pz.simulator.config import RewardConfig
 from mapf_pz.wrappers import CentralizedVectorEnv, centralized_env
 
 SMALL = {"map": ".....\n..@..\n.....\n", "num_agents": 3, "max_steps": 7, "view_size": (3, 3)}

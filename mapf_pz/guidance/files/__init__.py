@@ -9,7 +9,7 @@ from typing import NamedTuple
 from mapf_pz.guidance.files import ggo_csv, ggo_json, npz, wppl
 from mapf_pz.guidance.files.moves import load_moves, save_moves
 from mapf_pz.guidance.graph import GuidanceGraph
-from mapf_pz.instance import Grid
+from mapf_pz.instances.instance import Grid
 
 __all__ = ["FORMATS", "check_guidance_file", "load_guidance", "load_moves", "save_guidance", "save_moves"]
 

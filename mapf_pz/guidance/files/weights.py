@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mapf_pz.arrays import Bools, Floats
+from mapf_pz._internal.arrays import Bools, Floats
 from mapf_pz.errors import FormatError
-from mapf_pz.instance import Grid
+from mapf_pz.instances.instance import Grid
 
 GGO_HEADINGS = [0, 3, 2, 1]
 """The headings in the order of GGO's files: right, up, left, down."""

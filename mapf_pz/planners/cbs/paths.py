@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.core.jit import inlined, jit
-from mapf_pz.core.state import Array
+from mapf_pz._internal.jit import inlined, jit
+from mapf_pz.simulator.kernels.state import Array
 
 NO_PATH, FULL = -1, -2
 """Results of `search`: there is no path, or the rows of `Layers` are not enough."""

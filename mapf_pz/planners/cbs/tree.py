@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.arrays import Ints
-from mapf_pz.core.cost_lookup import num_headings
+from mapf_pz._internal.arrays import Ints
+from mapf_pz.simulator.kernels.cost_lookup import num_headings
 from mapf_pz.planners.cbs.conflicts import FIRST, RAISED, SECOND, STEP, SWAP, find_conflicts
 from mapf_pz.planners.cbs.joint import Group, JointSearch, distances
 from mapf_pz.planners.cbs.paths import ANY, FULL, NO_PATH, Agent, Others, allocate_layers, read_path, search

@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapf_pz.core.jit import jit
-from mapf_pz.core.state import WAIT_WEIGHT, Array, PlanningView
+from mapf_pz._internal.jit import jit
+from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, Array, PlanningView
 from mapf_pz.planners.epibt.search import mark, search
 from mapf_pz.planners.epibt.state import AHEAD, NONE, OPERATION_BITS, EpibtState, Operations
 from mapf_pz.planners.pibt.priority import priority_key, sort_by_key

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.actions import HEADING_STEPS, Action, CardinalAction, Heading
+from mapf_pz.simulator.actions import HEADING_STEPS, Action, CardinalAction, Heading
 from mapf_pz.planners.epibt.state import AHEAD, NONE, Operations
 
 

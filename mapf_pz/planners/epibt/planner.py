@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapf_pz.arrays import Ints
-from mapf_pz.core.jit import numba_config
-from mapf_pz.environment import MapfEnv
+from mapf_pz._internal.arrays import Ints
+from mapf_pz._internal.jit import numba_config
+from mapf_pz.environment.mapf_env import MapfEnv
 from mapf_pz.planners.base import StepPlanner
 from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.epibt.improve import cut_regions, improve
 from mapf_pz.planners.epibt.kernels import first_actions, plan
 from mapf_pz.planners.epibt.operations import operations
 from mapf_pz.planners.epibt.state import EpibtState, allocate_epibt
-from mapf_pz.simulator import Simulator
+from mapf_pz.simulator.simulator import Simulator
 
 BATCH_SIZE = 64
 """Number of agents per region that try to improve the plan in a round."""

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.core.state import Array, PlanningView
+from mapf_pz.simulator.kernels.state import Array, PlanningView
 from mapf_pz.planners.pibt.state import NO_AGENT
 
 NONE = -1

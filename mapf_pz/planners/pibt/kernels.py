@@ -11,10 +11,10 @@ causal PIBT of the League of Robot Runners).
 
 from __future__ import annotations
 
-from mapf_pz.actions import Action, CardinalAction
-from mapf_pz.core.cost_lookup import num_headings
-from mapf_pz.core.jit import jit
-from mapf_pz.core.state import Array, PlanningView
+from mapf_pz.simulator.actions import Action, CardinalAction
+from mapf_pz.simulator.kernels.cost_lookup import num_headings
+from mapf_pz._internal.jit import jit
+from mapf_pz.simulator.kernels.state import Array, PlanningView
 from mapf_pz.planners.pibt.preference import rank_choices
 from mapf_pz.planners.pibt.priority import prioritize
 from mapf_pz.planners.pibt.state import NO_AGENT, STAY, UNDECIDED, Options, PibtState

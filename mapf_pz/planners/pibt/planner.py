@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapf_pz.arrays import Ints
-from mapf_pz.environment import MapfEnv
+from mapf_pz._internal.arrays import Ints
+from mapf_pz.environment.mapf_env import MapfEnv
 from mapf_pz.planners.base import StepPlanner
 from mapf_pz.planners.pibt.kernels import plan
 from mapf_pz.planners.pibt.state import ELAPSED, LATE, NEAREST, Options, PibtState, allocate_pibt
-from mapf_pz.simulator import Simulator
+from mapf_pz.simulator.simulator import Simulator
 
 PRIORITIES = {"nearest": NEAREST, "elapsed": ELAPSED, "late": LATE}
 """The names of the priorities."""

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapf_pz.core.jit import jit
-from mapf_pz.core.state import Array, PlanningView
+from mapf_pz._internal.jit import jit
+from mapf_pz.simulator.kernels.state import Array, PlanningView
 from mapf_pz.planners.pibt.state import ELAPSED, LATE, PibtState, to_go
 
 COST_BOUND = 2.0**24

@@ -7,14 +7,14 @@ from typing import Any, Protocol, cast
 
 import numpy as np
 
-from mapf_pz.arrays import Floats, Ints
-from mapf_pz.environment import MapfEnv
+from mapf_pz._internal.arrays import Floats, Ints
+from mapf_pz.environment.mapf_env import MapfEnv
 from mapf_pz.planners.epibt.operations import operations
 from mapf_pz.planners.epibt.state import NONE, allocate_epibt
 from mapf_pz.planners.pibt.shield_kernels import Progress, choose_cardinal
 from mapf_pz.planners.pibt.shield_operations import Intentions, choose_rotating
 from mapf_pz.planners.pibt.state import PibtState, allocate_pibt
-from mapf_pz.simulator import Observation, Simulator
+from mapf_pz.simulator.simulator import Observation, Simulator
 
 PATIENCE = 4
 """Default number of steps without progress after which an agent ignores its preferences."""

@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.core.jit import jit
-from mapf_pz.core.state import Array, CostToGo, Distances, PlanningView, State, World
+from mapf_pz._internal.jit import jit
+from mapf_pz.simulator.kernels.state import Array, CostToGo, Distances, PlanningView, State, World
 from mapf_pz.planners.pibt.kernels import CARDINAL_ACTIONS, decide, write_cardinal
 from mapf_pz.planners.pibt.preference import rank_choices, sort_ranks
 from mapf_pz.planners.pibt.priority import prioritize

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.core.cost_lookup import cost_at
-from mapf_pz.core.jit import inlined
-from mapf_pz.core.state import Array, PlanningView
+from mapf_pz.simulator.kernels.cost_lookup import cost_at
+from mapf_pz._internal.jit import inlined
+from mapf_pz.simulator.kernels.state import Array, PlanningView
 from mapf_pz.planners.random import seeded
 
 NO_AGENT, UNDECIDED, STAY = -1, -1, 4

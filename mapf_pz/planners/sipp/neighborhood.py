@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.core.cost_lookup import num_headings, unpack_steps
-from mapf_pz.core.jit import jit
-from mapf_pz.core.state import Array
+from mapf_pz.simulator.kernels.cost_lookup import num_headings, unpack_steps
+from mapf_pz._internal.jit import jit
+from mapf_pz.simulator.kernels.state import Array
 from mapf_pz.planners.random import draw_below, seeded
 from mapf_pz.planners.sipp.reservations import FOREVER, NONE, Reservations, direction_after, last_visit
 from mapf_pz.planners.sipp.search import SippProblem

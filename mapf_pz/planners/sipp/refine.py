@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapf_pz.arrays import Ints
-from mapf_pz.core.cost_lookup import UNREACHABLE, num_headings
-from mapf_pz.core.cost_to_go import count_steps
+from mapf_pz._internal.arrays import Ints
+from mapf_pz.simulator.kernels.cost_lookup import UNREACHABLE, num_headings
+from mapf_pz.simulator.kernels.cost_to_go import count_steps
 from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.problem import Path, Problem
 from mapf_pz.planners.sipp.improve import allocate_lns, plan_and_improve

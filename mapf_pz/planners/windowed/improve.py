@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.core.jit import jit
-from mapf_pz.core.state import Array, PlanningView
+from mapf_pz._internal.jit import jit
+from mapf_pz.simulator.kernels.state import Array, PlanningView
 from mapf_pz.planners.pibt.state import NO_AGENT
 from mapf_pz.planners.random import draw_below, seeded
 from mapf_pz.planners.windowed.paths import Paths, colliding_agent, cost_of_path, occupy, release

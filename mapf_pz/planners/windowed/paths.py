@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.core.cost_lookup import num_headings
-from mapf_pz.core.jit import jit
-from mapf_pz.core.state import WAIT_WEIGHT, Array, PlanningView
+from mapf_pz.simulator.kernels.cost_lookup import num_headings
+from mapf_pz._internal.jit import jit
+from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, Array, PlanningView
 from mapf_pz.planners.pibt.state import NO_AGENT, to_go
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from mapf_pz.arrays import Ints
-from mapf_pz.core.cost_lookup import num_headings
-from mapf_pz.core.state import PlanningView
-from mapf_pz.environment import MapfEnv
+from mapf_pz._internal.arrays import Ints
+from mapf_pz.simulator.kernels.cost_lookup import num_headings
+from mapf_pz.simulator.kernels.state import PlanningView
+from mapf_pz.environment.mapf_env import MapfEnv
 from mapf_pz.planners.base import StepPlanner
 from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.problem import Path
@@ -15,7 +15,7 @@ from mapf_pz.planners.windowed.improve import Neighborhood, allocate_neighborhoo
 from mapf_pz.planners.windowed.paths import Paths, allocate_paths, continue_paths
 from mapf_pz.planners.windowed.rollout import Rollout, allocate_rollout, roll_out, take_rollout
 from mapf_pz.planners.windowed.search import SearchScratch, allocate_search
-from mapf_pz.simulator import Simulator
+from mapf_pz.simulator.simulator import Simulator
 
 BATCH_SIZE = 32
 """Number of attempts to improve the paths between two checks of the clock."""

@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.core.conflict import NO_MOVE, direction
-from mapf_pz.core.cost_lookup import num_headings, turned
-from mapf_pz.core.jit import jit
-from mapf_pz.core.state import Array, PlanningView
+from mapf_pz.simulator.kernels.conflict import NO_MOVE, direction
+from mapf_pz.simulator.kernels.cost_lookup import num_headings, turned
+from mapf_pz._internal.jit import jit
+from mapf_pz.simulator.kernels.state import Array, PlanningView
 from mapf_pz.planners.pibt.kernels import plan
 from mapf_pz.planners.pibt.state import NEAREST, NO_AGENT, UNDECIDED, Options, PibtState, allocate_pibt
 from mapf_pz.planners.random import draw_below

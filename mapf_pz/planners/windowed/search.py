@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.core.cost_lookup import cost_at, num_headings
-from mapf_pz.core.jit import jit, numba_config
-from mapf_pz.core.state import WAIT_WEIGHT, Array, PlanningView
+from mapf_pz.simulator.kernels.cost_lookup import cost_at, num_headings
+from mapf_pz._internal.jit import jit, numba_config
+from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, Array, PlanningView
 from mapf_pz.planners.pibt.state import NO_AGENT
 from mapf_pz.planners.windowed.paths import Paths, facing
 

@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
-from mapf_pz.core.cost_lookup import num_headings
-from mapf_pz.core.state import AGENT, PlanningView
+from mapf_pz.simulator.kernels.cost_lookup import num_headings
+from mapf_pz.simulator.kernels.state import AGENT, PlanningView
 from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.problem import Path, Problem
 from mapf_pz.planners.windowed.improve import allocate_neighborhood, improve

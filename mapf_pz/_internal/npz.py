@@ -1,0 +1,72 @@
+"""Untrusted `.npz` files: NumPy arrays in a zip archive, which are read up to a size limit and never unpickled."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+import zipfile
+import zlib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mapf_pz.errors import FormatError
+from mapf_pz._internal.atomic import write_whole
+from mapf_pz._internal.text import read_bytes
+
+MAX_ARRAY_BYTES = 2**29
+"""Maximum size of an array."""
+_MAGIC = b"\x93NUMPY\x01\x00"
+_HEADER = re.compile(
+    rb"\{'descr': '([<|][biufU]\d{1,4})', 'fortran_order': (True|False), 'shape': \((\d[\d, ]{0,60})?\), \}\s*"
+)
+_DAMAGE = (zipfile.BadZipFile, zlib.error, ValueError, LookupError, EOFError, OSError, RuntimeError, TypeError)
+
+
+def read_npz(path: str | Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
+    """Return the arrays of these names, of booleans, numbers or text.
+
+    Raises:
+        FileNotFoundError: The file does not exist.
+        FormatError: The file is malformed or too large, or an array is missing.
+    """
+    content = io.BytesIO(read_bytes(path))
+    try:
+        with zipfile.ZipFile(content) as archive:
+            return {name: _array(archive, name) for name in names}
+    except _DAMAGE as error:
+        reason = " ".join(str(error).split())
+        raise FormatError(path, f"expected an .npz file with the arrays {', '.join(names)}: {reason}") from None
+
+
+def write_npz(path: str | Path, arrays: Mapping[str, ArrayLike]) -> None:
+    """Write arrays by name; the file is replaced atomically."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w") as member:
+                np.lib.format.write_array(member, np.asarray(array), allow_pickle=False)
+    write_whole(Path(path), buffer.getvalue())
+
+
+def _array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
+    """Return an array, after checking its size and its header without evaluating it; raises one of `_DAMAGE`."""
+    member = archive.getinfo(f"{name}.npy")
+    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) or member.file_size > MAX_ARRAY_BYTES:
+        raise ValueError(f"array {name!r} is too large, or compressed by an unknown method")
+    with archive.open(member) as file:
+        content = file.read(member.file_size)
+    start = len(_MAGIC) + 2
+    end = start + int.from_bytes(content[start - 2 : start], "little")
+    header = _HEADER.fullmatch(content[start:end])
+    if not content.startswith(_MAGIC) or header is None:
+        raise ValueError(f"array {name!r} has an unknown header")
+    dtype, order, sides = np.dtype(header[1].decode()), "F" if header[2] == b"True" else "C", header[3] or b""
+    shape = tuple(int(side) for side in sides.split(b",") if side.strip())
+    if dtype.itemsize * math.prod(shape) != len(content) - end:
+        raise ValueError(f"array {name!r} is not of the size in its header")
+    return np.frombuffer(content, dtype, offset=end).reshape(shape, order=order)

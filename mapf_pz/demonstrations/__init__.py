@@ -1,9 +1,0 @@
-"""Demonstrations of planners: datasets for imitation learning and offline reinforcement learning."""
-
-from mapf_pz.demonstrations.config import DatasetConfig
-from mapf_pz.demonstrations.dataset import Dataset, load_dataset
-from mapf_pz.demonstrations.demonstration import Demonstration, demonstrate
-from mapf_pz.demonstrations.make import make_dataset
-from mapf_pz.demonstrations.replay import Batch
-
-__all__ = ["Batch", "Dataset", "DatasetConfig", "Demonstration", "demonstrate", "load_dataset", "make_dataset"]

@@ -1,0 +1,300 @@
+"""The PettingZoo environment: agent names, spaces and dictionaries on top of the simulator, which has the dynamics."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from typing import Any, SupportsIndex, TypeAlias
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+from pettingzoo import AECEnv, ParallelEnv
+from pettingzoo.utils import OrderEnforcingWrapper
+from pettingzoo.utils.conversions import parallel_to_aec_wrapper
+
+from mapf_pz.simulator.action_checks import check_agents, whole_numbers
+from mapf_pz._internal.arrays import Bools, Ints
+from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.global_state import STATE_PLANES, global_state
+from mapf_pz.environment.infos import AgentInfo, Infos
+from mapf_pz.instances.instance import Instance, Scenario
+from mapf_pz.render.modes import render_modes
+from mapf_pz.render.state import RenderState
+from mapf_pz._internal.signatures import with_fields_of
+from mapf_pz.simulator.simulator import Simulator
+
+AgentObservation: TypeAlias = "NDArray[np.float32] | dict[str, NDArray[np.float32]]"
+StepResult: TypeAlias = (
+    "tuple[dict[str, AgentObservation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, AgentInfo]]"
+)
+
+
+class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
+    """Multi-agent path finding: N agents on a grid map, each with its own goal.
+
+    | | |
+    | --- | --- |
+    | Import | `env = mapf_pz.parallel_env(...)`; the keywords are the fields of `EnvConfig` |
+    | Agents | `agent_0 ... agent_{N-1}` |
+    | Actions | `Discrete(4)`: forward, rotate left, rotate right, wait; or the 5 of `CardinalAction` |
+    | Observations | `Box(-1, 1, (K, h, w), float32)`; with `features`, `Dict(image=Box, features=Box(-1, 1, (F,)))` |
+    | Infos | `action_mask` (A,) int8, `at_goal`, `arrived`, `blocked`, `moved` (0 or 1), `arrivals` (a count) |
+    | State | `(7, H, W)` float32: obstacle, agent, heading (sine, cosine), goal, distance to go, time |
+
+    Version history: v0, the first.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 (PettingZoo declares it so)
+        "name": "mapf_v0",
+        "render_modes": render_modes(),
+        "render_fps": 4,
+        "is_parallelizable": True,
+    }
+
+    def __init__(self, config: EnvConfig) -> None:
+        """Create the environment; raises `ValueError` if configuration, map and scenario do not fit together."""
+        self.config = config
+        self.simulator = Simulator(config)
+        self.render_mode = config.render_mode
+        self.metadata = self.metadata | {"render_modes": render_modes()}  # a display may have been chosen meanwhile
+        self.possible_agents = [f"agent_{i}" for i in range(self.simulator.num_agents)]
+        self._index = {agent: i for i, agent in enumerate(self.possible_agents)}
+        self._set_agents([])
+        self._observation_space = self.simulator.layout.space()
+        self._action_space = spaces.Discrete(self.simulator.num_actions)
+        self.observation_spaces = dict.fromkeys(self.possible_agents, self._observation_space)
+        self.action_spaces: dict[str, spaces.Space[SupportsIndex]] = dict.fromkeys(
+            self.possible_agents, self._action_space
+        )
+        self.state_space = spaces.Box(-1, 1, (len(STATE_PLANES), *self.simulator.shape), np.float32)
+        self._was_reset = False
+        self._canvas: Any = None
+        self._window: Any = None
+
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
+        """Return the observation space of the agent; the same object for all agents and calls.
+
+        Raises `ValueError` for an unknown agent.
+        """
+        self._check_agent(agent)
+        return self._observation_space
+
+    def action_space(self, agent: str) -> spaces.Discrete:
+        """Return the action space of the agent; the same object for all agents and calls.
+
+        Raises `ValueError` for an unknown agent.
+        """
+        self._check_agent(agent)
+        return self._action_space
+
+    def _check_agent(self, agent: str) -> None:
+        if agent not in self._index:
+            raise ValueError(f"unknown agent {agent!r}: expected agent_0 to {self.possible_agents[-1]}")
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, AgentObservation], dict[str, AgentInfo]]:
+        """Start an episode, and return observations and infos.
+
+        Args:
+            seed: random seed that determines the episode; without a seed, every episode differs from the last.
+            options: `{"instance": Instance or Scenario}` sets the episode instead of sampling it. Other options are
+                ignored with a warning.
+
+        Raises `TypeError` for an instance of another type, and `ValueError` for one that does not fit the environment.
+        """
+        given = options or {}
+        if unknown := given.keys() - {"instance"}:  # not an error, since PettingZoo's API test passes one
+            warnings.warn(f"reset: ignored unknown options {sorted(unknown)}, expected 'instance'", stacklevel=2)
+        instance = given.get("instance")
+        if isinstance(instance, Scenario):
+            grid = self.simulator.source.grid or self.simulator.grid(0)
+            instance = Instance(grid, instance)
+        if instance is not None and not isinstance(instance, Instance):
+            raise TypeError(f"options['instance']: expected an Instance or a Scenario, got {type(instance).__name__}")
+        self._set_agents([])  # if the reset fails, there is no episode
+        self.simulator.reset(
+            seeds=None if seed is None else {0: seed}, instances=None if instance is None else {0: instance}
+        )
+        self._set_agents(self.possible_agents.copy())
+        self._was_reset = True
+        if self.render_mode == "human":
+            self.render()
+        return self._observe()
+
+    def _set_agents(self, agents: list[str]) -> None:
+        """Set which agents act from now on."""
+        self.agents = agents
+        self._rows = slice(None) if len(agents) == len(self.possible_agents) else [self._index[name] for name in agents]
+        self._no_flags = dict.fromkeys(agents, False)
+
+    def step(self, actions: Mapping[str, SupportsIndex]) -> StepResult:
+        """Take one step with an action for each of `self.agents`.
+
+        Returns observations, rewards, terminations, truncations and infos of the agents that acted. Raises
+        `ValueError` for missing actions, unknown agents or invalid actions, and `RuntimeError` before `reset()` and
+        after the end of the episode.
+        """
+        self._require_episode("step")
+        if not self.agents:
+            raise RuntimeError("the episode is over, call reset()")
+        self.simulator.step(self._numbers(actions))
+        observations, infos = self._observe()
+        agents, rows = self._agents, self._rows
+        rewards = dict(zip(self.agents, agents["reward"][rows].tolist(), strict=True))
+        terminated, truncated = agents["terminated"][rows].tolist(), agents["truncated"][rows].tolist()
+        terminations, truncations = self._flags(terminated), self._flags(truncated)
+        if any(terminated) or any(truncated):
+            self._set_agents([agent for agent in self.agents if not (terminations[agent] or truncations[agent])])
+        if self.render_mode == "human":
+            self.render()
+        return observations, rewards, terminations, truncations, infos
+
+    def _numbers(self, actions: Mapping[str, SupportsIndex]) -> Ints:
+        """Return the actions as (1, N) integers, with 0 for agents that have disappeared; raises `ValueError`."""
+        given = list(actions.values())
+        if list(actions) != self.agents:
+            if set(actions) != set(self.agents):
+                check_agents(actions, self.agents, self.possible_agents)
+            given = [actions[agent] for agent in self.agents]
+        numbers = whole_numbers(self.agents, given, self.simulator.num_actions)
+        if len(numbers) == len(self.possible_agents):
+            return numbers[None]
+        padded = np.zeros(len(self.possible_agents), np.int64)
+        padded[self._rows] = numbers
+        return padded[None]
+
+    @property
+    def _agents(self) -> NDArray[np.void]:
+        """The agents' records, (N,) AGENT."""
+        return self.simulator.agents[0]
+
+    def _flags(self, flags: list[bool]) -> dict[str, bool]:
+        """Return a dictionary of the flags of the agents that act; if all are False, a copy of one, which is faster."""
+        return dict(zip(self.agents, flags, strict=True)) if any(flags) else self._no_flags.copy()
+
+    def _observe(self) -> tuple[dict[str, AgentObservation], Infos]:
+        batch, rows = self.simulator.observe(), self._rows
+        observations: Any = batch.image[0][rows]
+        if self.simulator.layout.num_features:
+            pairs = zip(observations, batch.features[0][rows], strict=True)
+            observations = ({"image": image, "features": features} for image, features in pairs)
+        infos = Infos(self.agents, rows, self._agents, batch.action_mask[0])
+        return dict(zip(self.agents, observations, strict=True)), infos
+
+    def state(self) -> NDArray[np.float32]:
+        """Return the global state, (7, H, W) float32 in [-1, 1]; `STATE_PLANES` names its planes.
+
+        The distance to go is at the agent's cell, in units of `(H + W) * mean weight`, at most 1. Raises
+        `RuntimeError` before `reset()`.
+        """
+        self._require_episode("state")
+        return global_state(self.simulator)[0]
+
+    def metrics(self) -> dict[str, float]:
+        """Return the metrics of the episode up to now; see `mapf_pz.simulator.metrics.episode_metrics`.
+
+        Raises `RuntimeError` before `reset()`.
+        """
+        self._require_episode("metrics")
+        return self.simulator.metrics(0)
+
+    def _require_episode(self, method: str) -> None:
+        if not self._was_reset:
+            raise RuntimeError(f"call reset() before {method}()")
+
+    def render(self) -> NDArray[np.uint8] | str | None:
+        """Return an image, (rows, cols, 3) uint8, or text, depending on `render_mode`; None without a mode.
+
+        With `human`, the image is shown in a window instead, also after each reset and step, at most at `render_fps`.
+        """
+        if self.render_mode is None:
+            return None
+        free = self.simulator.grid(0).free
+        if self.render_mode == "ansi":
+            from mapf_pz.render import ansi
+
+            return ansi.draw(free, *self.render_state())
+        from mapf_pz.render.rgb import Canvas
+
+        if self._canvas is None or self._canvas.free is not free:
+            self._canvas = Canvas(free, self.simulator.num_agents)
+        image = self._canvas.draw(*self.render_state())
+        if self.render_mode == "rgb_array":
+            return image
+        if self._window is None:
+            from mapf_pz.render.window import Window
+
+            self._window = Window(self.simulator.grid(0).name or "mapf-pz", self.metadata["render_fps"])
+        self._window.show(image, f"step {self.step_count}")
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+    def render_state(self) -> RenderState:
+        """Return what is rendered, in copies."""
+        headings = self.headings if self.config.action_model == "rotate" else None
+        return RenderState(self.positions, headings, self.goals, self._agents["active"].copy())
+
+    @property
+    def positions(self) -> Ints:
+        """The agents' positions, (N, 2) int, [row, col]; a copy."""
+        return self.simulator.positions(0)
+
+    @property
+    def goals(self) -> Ints:
+        """The agents' current goals, (N, 2) int, [row, col]; a copy."""
+        return self.simulator.goals(0)
+
+    @property
+    def headings(self) -> Ints:
+        """The agents' headings, (N,) int, numbers of `Heading`; a copy."""
+        return self._agents["heading"].astype(np.int64)
+
+    @property
+    def grid(self) -> Bools:
+        """The map, (H, W) bool, True where a cell is free; read-only."""
+        return self.simulator.grid(0).free
+
+    @property
+    def step_count(self) -> int:
+        """Number of steps taken in this episode."""
+        return int(self.simulator.steps[0])
+
+
+@with_fields_of(EnvConfig)
+def parallel_env(**keywords: Any) -> MapfEnv:
+    """Create the environment; the keywords are the fields of `EnvConfig`, which documents them.
+
+    Raises:
+        TypeError: A keyword is unknown.
+        ValueError: A value is not allowed, or the values do not fit together.
+        FileNotFoundError: A file does not exist.
+        FormatError: A file is malformed.
+    """
+    return MapfEnv(EnvConfig.from_keywords(**keywords))
+
+
+class MapfAecEnv(parallel_to_aec_wrapper[str, AgentObservation, SupportsIndex]):
+    """The environment in PettingZoo's AEC form, in which agents act sequentially."""
+
+    def __init__(self, parallel: MapfEnv) -> None:
+        """Take turns in `parallel`, which steps when all agents have acted."""
+        # The annotation expects an environment that accepts None as an action, but only the AEC form does.
+        super().__init__(parallel)  # pyright: ignore[reportArgumentType]
+        self.metrics = parallel.metrics
+        """Method that returns the metrics of the episode up to the last complete step; see `MapfEnv.metrics`."""
+
+
+@with_fields_of(EnvConfig)
+def env(**keywords: Any) -> AECEnv[str, AgentObservation, SupportsIndex | None]:
+    """Create the environment in its AEC form, in which agents act sequentially; keywords as in `parallel_env`.
+
+    `metrics()` and the members of `unwrapped`, the `MapfEnv`, describe the last complete step.
+    """
+    return OrderEnforcingWrapper(MapfAecEnv(parallel_env(**keywords)))

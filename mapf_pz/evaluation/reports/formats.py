@@ -1,0 +1,102 @@
+"""Tables of summaries: for the terminal, in Markdown, LaTeX and CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Iterable, Sequence
+from typing import Literal
+
+from rich.markup import escape
+from rich.table import Table
+
+from mapf_pz.evaluation.reports.report import COLUMNS, Estimate, SummaryTable, summaries
+from mapf_pz.evaluation.results import Episode
+from mapf_pz._internal.printable import to_cell
+
+TableFormat = Literal["markdown", "latex", "csv"]
+_LATEX = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    **{char: f"\\{char}" for char in "&%$#_{}"},
+}
+
+
+def cells(table: SummaryTable) -> list[list[str]]:
+    """Return the header, and a row for each task and policy, with means and their 95 % intervals."""
+    body = [
+        [
+            row.task,
+            str(row.num_agents),
+            row.policy,
+            str(row.episodes),
+            *(_cell(row.estimates.get(n)) for n in table.columns),
+        ]
+        for row in table.rows
+    ]
+    return [["task", "agents", "policy", "episodes", *table.columns], *body]
+
+
+def terminal_table(episodes: Iterable[Episode]) -> Table:
+    """Return the table of episodes for a terminal."""
+    header, *body = cells(summaries(episodes))
+    table = Table(*header, title="mean [95 % interval]")
+    for row in body:
+        table.add_row(*map(escape, row))
+    return table
+
+
+def markdown_table(episodes: Iterable[Episode], columns: Sequence[str] = COLUMNS) -> str:
+    """Return the table of episodes in Markdown, with some of the columns `ALL_COLUMNS`."""
+    return markdown(summaries(episodes, columns))
+
+
+def markdown(table: SummaryTable) -> str:
+    """Return a table in Markdown."""
+    header, *body = cells(table)
+    lines = [header, ["---"] * len(header), *body]
+    return "".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines)
+
+
+def latex(table: SummaryTable) -> str:
+    """Return a `tabular` for the package booktabs; a rule separates the tasks."""
+    header, *body = cells(table)
+    lines = [f"\\begin{{tabular}}{{lrl{'r' * (len(header) - 3)}}}", r"\toprule", _latex_row(header), r"\midrule"]
+    for before, row in zip([None, *body], body, strict=False):
+        if before is not None and before[:2] != row[:2]:
+            lines.append(r"\midrule")
+        lines.append(_latex_row(row))
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+
+
+def comma_separated(table: SummaryTable) -> str:
+    """Return a table as CSV; each column has the mean and, in two more, the ends of its 95 % interval."""
+    text = io.StringIO(newline="")
+    out = csv.writer(text, lineterminator="\n")
+    ends = [part for name in table.columns for part in (name, f"{name} low", f"{name} high")]
+    out.writerow(["task", "num_agents", "policy", "episodes", *ends])
+    for each in table.rows:
+        found = [each.estimates.get(name) for name in table.columns]
+        values = [number for e in found for number in (("", "", "") if e is None else (e.mean, e.low, e.high))]
+        out.writerow([to_cell(each.task), each.num_agents, to_cell(each.policy), each.episodes, *values])
+    return text.getvalue()
+
+
+FORMATS: dict[TableFormat, Callable[[SummaryTable], str]] = {
+    "markdown": markdown,
+    "latex": latex,
+    "csv": comma_separated,
+}
+"""The functions that format tables, by name."""
+
+
+def _cell(estimate: Estimate | None) -> str:
+    if estimate is None:
+        return ""
+    mean, low, high = (f"{round(value, 9):.3g}" for value in (estimate.mean, estimate.low, estimate.high))
+    return mean if low == high else f"{mean} [{low}, {high}]"
+
+
+def _latex_row(cells: Sequence[str]) -> str:
+    return " & ".join("".join(_LATEX.get(char, char) for char in cell) for cell in cells) + r" \\"

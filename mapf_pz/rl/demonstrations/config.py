@@ -1,0 +1,77 @@
+"""The settings of a dataset of demonstrations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+from mapf_pz.simulator.config import DEFAULT_NUM_AGENTS, EnvConfig, check_whole
+from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.instances.instance import InstanceSource
+from mapf_pz.simulator.configured import goals_per_agent, make_source
+from mapf_pz.instances.mixture import MapMixture
+from mapf_pz.planners import Planner, planner_of
+from mapf_pz.simulator.seeds import FIRST_EVALUATION_SEED
+
+RULES = ("action_model", "collision_system", "on_target", "max_steps", "edge_weights")
+"""The keywords of the environment that are stored with the demonstrations."""
+
+
+@dataclass(frozen=True)
+class DatasetConfig:
+    """The planner and the episodes of a dataset. Raises `ValueError` for invalid values."""
+
+    planner: str = "lacam"
+    """Name of the planner, with options as in `lacam:time_limit=5`. Time limits are in seconds of CPU time."""
+    env: EnvConfig = field(default_factory=EnvConfig)
+    """The environment, of which the observations and the reward are ignored. If it has no map, scenario or source, its
+    episodes use the maps of `mixture`."""
+    mixture: MapMixture = field(default_factory=MapMixture)
+    """The maps, used if the environment has no map, scenario or source."""
+    num_agents: tuple[int, ...] | None = None
+    """Numbers of agents. None: that of the environment."""
+    episodes: int = 1000
+    """Number of episodes for each number of agents."""
+    shard_size: int = 100
+    """Number of episodes in a file, which one process makes."""
+    solved_only: bool = True
+    """Whether episodes that end while an agent is not at its goal are omitted; does not apply to lifelong episodes."""
+    seed: int = 0
+    """Random seed. Episode k of the dataset has the seed `seed + k`, which must be below 1,000,000, where the seeds of
+    evaluations start."""
+    license: str = "MIT"
+    """License of the dataset, for its card."""
+
+    def __post_init__(self) -> None:
+        """Check the planner, the numbers, and the guidance graph."""
+        planner_of(self.planner)
+        if self.num_agents == ():
+            raise ValueError("num_agents: expected at least one value, got none")
+        numbers = [("num_agents", number) for number in self.num_agents or ()]
+        numbers += [("episodes", self.episodes), ("shard_size", self.shard_size), ("seed", self.seed)]
+        for name, number in numbers:
+            check_whole(name, number, least=0 if name == "seed" else 1)
+        if self.seed + self.episodes > FIRST_EVALUATION_SEED:
+            most = FIRST_EVALUATION_SEED - self.episodes
+            raise ValueError(f"seed={self.seed}: expected at most {most}, since evaluations use the following seeds")
+        weights = self.env.edge_weights
+        if isinstance(weights, GuidanceGraph) or weights == "random":
+            raise ValueError("edge_weights: expected a name or a file, since guidance graphs are not stored")
+
+    @cached_property
+    def agent_counts(self) -> tuple[int, ...]:
+        """The numbers of agents; reads the file of the scenario if nothing else determines them."""
+        return self.num_agents or (self.source(self.env.num_agents).num_agents,)
+
+    def source(self, num_agents: int | None) -> InstanceSource:
+        """Return the source of episodes with this number of agents; raises as `make_source` and `MapMixture.source`."""
+        env = replace(self.env, num_agents=num_agents)
+        if (env.map, env.scenario, env.source) == (None, None, None):
+            return self.mixture.source(num_agents or DEFAULT_NUM_AGENTS, goals_per_agent(env))
+        return make_source(env)
+
+    def env_config(self, num_agents: int) -> EnvConfig:
+        """Return the environment with this number of agents, and with observations that cost little."""
+        names = (*RULES, "initial_heading", "distance_bytes")
+        kept = {name: getattr(self.env, name) for name in names}
+        return EnvConfig(**kept, **Planner.env_kwargs, source=self.source(num_agents))

@@ -1,0 +1,83 @@
+"""Make a dataset: run the planner in all episodes, and write the demonstrations and a card."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from mapf_pz.rl.demonstrations.card import card
+from mapf_pz.rl.demonstrations.config import DatasetConfig
+from mapf_pz.rl.demonstrations.demonstration import Demonstration, demonstrate
+from mapf_pz.rl.demonstrations.folder import CARD_FILE, ShardJob, open_folder, shard_jobs
+from mapf_pz.rl.demonstrations.shard import write_shard
+from mapf_pz._internal.atomic import write_whole
+from mapf_pz._internal.lock import locked
+from mapf_pz.planners import planner_of
+from mapf_pz.simulator.simulator import Simulator
+
+
+class FinishedShard(NamedTuple):
+    """The demonstrations of a shard."""
+
+    file: str
+    """The name of its file."""
+    shape: tuple[int, int]
+    """(H, W) of the maps."""
+    num_agents: int
+    """N, the number of agents."""
+    demonstrations: list[Demonstration]
+
+
+RunJobs = Callable[[Callable[[ShardJob], FinishedShard], Sequence[ShardJob]], Iterable[FinishedShard]]
+"""A function that calls another one with each job, and returns the results in any order."""
+
+
+def make_dataset(
+    config: DatasetConfig,
+    folder: str | Path,
+    run: RunJobs = map,
+    show: Callable[[int], object] = lambda left: None,
+    command: str = "",
+) -> None:
+    """Make demonstrations, and write them to a folder with a card. Finished shards in the folder are kept.
+
+    The result depends neither on interruptions nor on the number of processes, except with planners whose decisions
+    depend on a time limit.
+
+    Args:
+        config: the planner and the episodes.
+        folder: the folder.
+        run: how jobs are run: `map`, sequentially in this process, or the function that
+            `mapf_pz._internal.parallel.job_runner` yields.
+        show: called with the number of shards that are left, at first and after each one.
+        command: the command for the card; empty: none.
+
+    Raises:
+        BlockingIOError: another process is writing to the folder.
+        ValueError: a setting is invalid, or the folder contains a dataset with other settings.
+        FileNotFoundError, FormatError: the file of a map or scenario is missing or malformed.
+    """
+    folder = Path(folder)
+    with locked(folder):
+        settings = open_folder(folder, config)
+        left = [job for job in shard_jobs(config) if not (folder / job.file).exists()]
+        show(len(left))
+        for number, shard in enumerate(run(make_shard, left), 1):
+            write_shard(folder / shard.file, shard.demonstrations, shard.shape, shard.num_agents)
+            show(len(left) - number)
+        write_whole(folder / CARD_FILE, card(folder, settings, config, command).encode())
+
+
+def make_shard(job: ShardJob) -> FinishedShard:
+    """Run the planner in the episodes of a shard."""
+    config = job.config
+    simulator = Simulator(config.env_config(job.num_agents))
+    planner = planner_of(config.planner, config.seed)
+    planner.clock = time.thread_time
+    planner.compile(config.env.action_model)
+    episodes = range(job.first, job.first + job.episodes)
+    made = [demonstrate(simulator, planner, config.seed + episode) for episode in episodes]
+    kept = [d for d in made if not config.solved_only or d.metrics.get("CSR", 1) == 1]
+    return FinishedShard(job.file, simulator.shape, job.num_agents, kept)

@@ -1,0 +1,308 @@
+"""Learned policies: a network and its configuration, stored in a folder as safetensors and JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save
+from torch import Tensor, nn
+
+from mapf_pz.simulator.action_modes import ACTION_MODES
+from mapf_pz._internal.arrays import Floats, Ints
+from mapf_pz._internal.digest import digest
+from mapf_pz.errors import FormatError
+from mapf_pz._internal.atomic import write_whole
+from mapf_pz.rl.algorithms.named import algorithm_of
+from mapf_pz.rl.networks.batched_network import BatchedNetwork, Memory, Seen
+from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.config_file import CONFIG, load_config
+from mapf_pz.rl.policies.learned_batch import LearnedBatch
+from mapf_pz.rl.networks.observation_shape import ObservationShape, described, shapes_of
+from mapf_pz.simulator.simulator import Simulator
+
+Infos: TypeAlias = "Mapping[str, Mapping[str, Any]]"
+"""Infos by agent, as the environment gives them."""
+
+WEIGHTS = "policy.safetensors"
+_DAMAGE = (SafetensorError, RuntimeError, ValueError, TypeError, LookupError, OverflowError)
+
+
+class LearnedPolicy:
+    """A trained policy: `act(observations) -> actions`, both of them dictionaries by agent, as in the environment.
+
+    Actions are sampled from the network's distribution p, or from the one proportional to p^(1 / temperature), since
+    agents that always take the most likely action can block each other forever. A recurrent policy keeps a separate
+    hidden state for each agent until `reset_states`.
+
+    A policy that was trained with `mask_actions` only takes actions that the action masks in the environment's infos
+    allow, so it acts as `act(observations, infos)`; `needs_infos` is then True.
+
+    `num_agents` is the number of agents that the policy acts for; None: any number.
+
+    `env_kwargs` are the keywords that give an environment the policy's observations;
+    `mapf_pz.evaluation.episodes.make_env` applies them.
+    """
+
+    def __init__(
+        self,
+        network: nn.Module,
+        config: TrainConfig,
+        seed: int = 0,
+        deterministic: bool = False,
+        temperature: float = 1.0,
+    ) -> None:
+        """Wrap a network.
+
+        Args:
+            network: the actor's network.
+            config: the configuration of the run that trained it.
+            seed: random seed.
+            deterministic: take the most likely action instead of sampling, as with temperature 0.
+            temperature: temperature of the sampling, 0 or more.
+
+        Raises `ValueError` for a temperature that is negative or not finite.
+        """
+        if not 0 <= temperature < math.inf:
+            raise ValueError(f"temperature={temperature}: expected a finite number, 0 or more")
+        self.network = network.eval()
+        self.config = config
+        self._shape = ObservationShape.of_task(config.task)
+        self.env_kwargs = config.task.observation_keywords()
+        self.needs_infos = config.model.mask_actions
+        self.num_agents = algorithm_of(config.algorithm).fixed_num_agents(config)
+        self.temperature = 0.0 if deterministic else float(temperature)
+        self._seed = seed
+        model = config.model
+        self._batched = BatchedNetwork(self.network, model.communication > 0, self.num_agents, model.recurrent)
+        self.reset_states()
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """The digests of the weights and the configuration, and the settings: see `mapf_pz.evaluation.identity`."""
+        weights = {name: weight.numpy(force=True) for name, weight in self.network.state_dict().items()}
+        settings = {"seed": self._seed, "temperature": self.temperature}
+        return {"policy": "object", "weights": digest(weights), "configuration": digest(self.config)} | settings
+
+    def act(self, observations: dict[str, Any], infos: Infos | None = None) -> dict[str, int]:
+        """Return an action for each agent in `observations`.
+
+        Args:
+            observations: the agents' observations.
+            infos: the agents' infos, from which a policy with `needs_infos` reads the action masks.
+
+        Raises `ValueError` for observations of another shape, and if infos are needed but not given.
+        """
+        if self.needs_infos and infos is None:
+            raise ValueError("this policy masks actions: expected act(observations, infos)")
+        if not observations:
+            return {}
+        seen = self._seen(observations, infos)
+        chosen = self.choose(self.rate(seen, [self._memory]), seen.counts, [self._memory])
+        return dict(zip(observations, chosen.tolist(), strict=True))
+
+    def preferences(self, observations: dict[str, Any], infos: Infos | None = None) -> dict[str, Floats]:
+        """Return preferences (A,) over actions for each agent; `act` converts them to actions.
+
+        With `needs_infos`, the preference for an action that is not allowed is -inf; without infos, none is masked.
+        """
+        rated = self.rate(self._seen(observations, infos), [self._memory]) if observations else []
+        return dict(zip(observations, rated, strict=True))
+
+    def reset_states(self) -> None:
+        """Reset hidden states and random generators; called before each episode, so that they are independent."""
+        self._memory = self.new_memory()
+
+    def in_batch(self, simulator: Simulator) -> LearnedBatch:
+        """Return the policy in all environments of a simulator; raises `ValueError` for other observations."""
+        return LearnedBatch(self, simulator)
+
+    def check(self, agent: str, shapes: Any) -> None:
+        """Raise `ValueError` unless an observation has the shapes that the network was trained with.
+
+        Args:
+            agent: name of the agent that observes.
+            shapes: shape of the image; with features, a dictionary with the shapes of `image` and `features`.
+        """
+        expected: Any = self._shape.image
+        if self._shape.features:
+            expected = {"image": self._shape.image, "features": (self._shape.features,)}
+        if shapes != expected:
+            raise ValueError(
+                f"observation of {agent!r}: this policy observes {described(expected)}, got {described(shapes)}; "
+                "mapf_pz.evaluation.make_env(policy, ...) makes an environment for it"
+            )
+
+    def new_memory(self) -> Memory:
+        """Return what the policy keeps during an episode, at the beginning of one."""
+        return Memory(self._seed)
+
+    def rate(self, seen: Seen, memories: Sequence[Memory]) -> Floats:
+        """Return the preferences (R, A) float32 of the agents of several episodes.
+
+        Args:
+            seen: what the agents observe, in R rows.
+            memories: what the policy keeps during each of these episodes, which is updated.
+        """
+        with torch.no_grad():
+            return self._prefer(self._batched(seen, memories), seen, memories).numpy()
+
+    def choose(self, preferences: Floats, counts: Sequence[int], memories: Sequence[Memory]) -> Ints:
+        """Return the actions (R,) int64 for preferences (R, A); episodes have so many rows and these memories."""
+        raise NotImplementedError
+
+    def _seen(self, observations: dict[str, Any], infos: Infos | None) -> Seen:
+        """Return the observations of one episode as arrays."""
+        for agent, observation in observations.items():
+            self.check(agent, shapes_of(observation))
+        values = list(observations.values())
+        if self._shape.features:
+            image, features = (_stack([value[name] for value in values]) for name in ("image", "features"))
+        else:
+            image, features = _stack(values), None
+        mask = None
+        if self.needs_infos and infos is not None:
+            mask = _stack([infos[name]["action_mask"] for name in observations])
+        return Seen([len(values)], list(observations), image, features, mask)
+
+    def _prefer(self, outputs: tuple[Tensor, ...], seen: Seen, memories: Sequence[Memory]) -> Tensor:
+        """Return the preferences (R, A) of agents for which the network has these outputs."""
+        raise NotImplementedError
+
+
+class SharedPolicy(LearnedPolicy):
+    """Each agent acts by itself, and all share one network: works with any number of agents."""
+
+    def _prefer(self, outputs: tuple[Tensor, ...], seen: Seen, memories: Sequence[Memory]) -> Tensor:
+        (logits,) = outputs
+        if seen.mask is not None:
+            logits = logits.masked_fill(seen.mask == 0, -torch.inf)
+        noise = torch.empty_like(logits)
+        for part, memory in zip(noise.split(list(seen.counts)), memories, strict=True):
+            part.exponential_(generator=memory.generator)
+        # The argmax of logits with Gumbel noise is a sample from their distribution; the order of all of them is a
+        # sample without replacement.
+        return logits - self.temperature * noise.log()
+
+    def choose(self, preferences: Floats, counts: Sequence[int], memories: Sequence[Memory]) -> Ints:
+        """Return each agent's best action."""
+        return preferences.argmax(-1)
+
+
+class TeamPolicy(LearnedPolicy):
+    """One network acts for all agents: for any number with communication, otherwise for the number of its training."""
+
+    def rate(self, seen: Seen, memories: Sequence[Memory]) -> Floats:
+        """Return the preferences as in `LearnedPolicy`; raises `ValueError` for another number of agents."""
+        for count in seen.counts:
+            if self.num_agents not in (None, count):
+                raise ValueError(f"this policy acts for exactly {self.num_agents} agents, {count} observe")
+        return super().rate(seen, memories)
+
+    def _prefer(self, outputs: tuple[Tensor, ...], seen: Seen, memories: Sequence[Memory]) -> Tensor:
+        mean, scale = outputs
+        noise = torch.empty_like(mean)
+        for part, memory in zip(noise.split(list(seen.counts)), memories, strict=True):
+            part.normal_(generator=memory.generator)
+        # A normal distribution to the power 1 / T is one with the scale multiplied by the square root of T.
+        return (mean + scale * (math.sqrt(self.temperature) * noise)).clamp(-1, 1)
+
+    def choose(self, preferences: Floats, counts: Sequence[int], memories: Sequence[Memory]) -> Ints:
+        """Return the actions that the action mode decodes from the preferences."""
+        decode = ACTION_MODES[self.config.task.action_mode]
+        parts = np.split(preferences.astype(np.float64), np.cumsum(counts)[:-1])
+        return np.concatenate([decode(part, memory.rng) for part, memory in zip(parts, memories, strict=True)])
+
+
+def save_weights(folder: Path, network: nn.Module) -> None:
+    """Write the network's weights to `folder`, which holds the configuration of the run."""
+    write_whole(folder / WEIGHTS, save({name: weight.contiguous() for name, weight in network.state_dict().items()}))
+
+
+def policy_names() -> list[str]:
+    """Return the names of the bundled policies, sorted."""
+    return sorted(folder.name for folder in _bundled().iterdir() if folder.is_dir())
+
+
+def _bundled() -> Path:
+    return Path(str(resources.files("mapf_pz.rl"))) / "policies"
+
+
+def load_policy(
+    policy: str | Path,
+    seed: int = 0,
+    deterministic: bool = False,
+    temperature: float | None = None,
+    trust_remote_code: bool = False,
+) -> LearnedPolicy:
+    """Load a trained policy.
+
+    Args:
+        policy: one of `policy_names()`, the folder of a training run, or the weights file in it.
+        seed: random seed of the policy.
+        deterministic: always take the most likely action, as with temperature 0.
+        temperature: temperature of the sampling, 0 or more; below 1, likely actions are sampled more often. None: the
+            temperature at which the policy acted in its training, `Algorithm.acting_temperature`.
+        trust_remote_code: load a policy whose configuration names code outside this package
+            (`package.module:name`), which importing runs.
+
+    Raises:
+        FileNotFoundError: There is no such policy.
+        FormatError: The files do not fit together, or name code without `trust_remote_code`.
+        ValueError: The temperature is negative or not finite.
+    """
+    folder, config = _folder(policy), policy_config(policy, trust_remote_code)
+    try:
+        network = _network(config, load_file(folder / WEIGHTS))
+    except _DAMAGE as error:
+        reason = " ".join(str(error).split())
+        raise FormatError(folder / WEIGHTS, f"not the weights that {CONFIG} describes: {reason[:200]}") from None
+    algorithm = algorithm_of(config.algorithm)
+    kind = TeamPolicy if algorithm.centralized else SharedPolicy
+    if temperature is None:
+        temperature = algorithm.acting_temperature(config)
+    return kind(network, config, seed, deterministic, temperature)
+
+
+def policy_config(policy: str | Path, trust_remote_code: bool = False) -> TrainConfig:
+    """Return the configuration of a trained policy's run; arguments and errors are those of `load_policy`."""
+    folder = _folder(policy)
+    for file in (folder / CONFIG, folder / WEIGHTS):
+        if not file.is_file():
+            expected = f"expected the folder of a training run, or one of {', '.join(policy_names())}"
+            raise FileNotFoundError(f"policy {str(policy)!r}: no file {str(file)!r}; {expected}")
+    return load_config(folder / CONFIG, trust_remote_code)
+
+
+def _folder(policy: str | Path) -> Path:
+    """Return the folder of a trained policy, which may not exist."""
+    folder = _bundled() / policy if policy in policy_names() else Path(policy)
+    if folder.suffix == ".safetensors":
+        folder = folder.parent
+    return folder
+
+
+def _network(config: TrainConfig, weights: dict[str, Tensor]) -> nn.Module:
+    """Return the network with these weights; whatever the configuration, it takes no more memory than the weights."""
+    model = config.model
+    encoder_layers = len(model.conv_channels) * (model.num_blocks if model.encoder == "residual" else 1)
+    encoder_layers = 0 if ":" in model.encoder else encoder_layers  # unknown for a user's encoder
+    num_layers = encoder_layers + model.communication + len(model.head)
+    if num_layers > len(weights):
+        raise ValueError(f"expected those of {num_layers} layers, got {len(weights)} tensors")
+    if any(weight.dtype != torch.float32 for weight in weights.values()):
+        raise ValueError("expected numbers of 32 bits")
+    with torch.device("meta"):
+        network = algorithm_of(config.algorithm).make_network(config)
+    network.load_state_dict(weights, assign=True)
+    return network
+
+
+def _stack(arrays: list[np.ndarray]) -> Tensor:
+    return torch.from_numpy(np.stack(arrays))

@@ -1,6 +1,0 @@
-"""Task assignment for the League of Robot Runners: which agent carries out which task."""
-
-from mapf_pz.scheduling.run import ScheduledRun, run_problem
-from mapf_pz.scheduling.schedulers import SCHEDULERS, Scheduler
-
-__all__ = ["SCHEDULERS", "ScheduledRun", "Scheduler", "run_problem"]

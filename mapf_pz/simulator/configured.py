@@ -1,0 +1,55 @@
+"""The source of episodes for a configuration."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from mapf_pz.simulator.config import DEFAULT_MAP, DEFAULT_NUM_AGENTS, EnvConfig
+from mapf_pz.instances.instance import Instance, InstanceSource, Scenario
+from mapf_pz.instances.library import load_map
+from mapf_pz.instances.load import load_instances, sample_headings
+from mapf_pz.instances.sources import FixedMap, InstanceList
+from mapf_pz.instances.warehouse import WarehouseTasks, load_warehouse
+
+
+def goals_per_agent(config: EnvConfig) -> int:
+    """Return the maximum number of goals that an agent may need in one episode."""
+    return config.max_steps + 1 if config.on_target == "restart" else 1
+
+
+def make_source(config: EnvConfig) -> InstanceSource:
+    """Return `config.source`, or else a source of the instances of `config.scenario` or of random ones on `config.map`.
+
+    Raises as `load_map`, `load_instances` and `load_warehouse` do.
+    """
+    source = config.resolved_source
+    if source is not None:
+        return source
+    if config.scenarios:
+        return InstanceList(load_instances(config.scenarios, config.map, config.num_agents, goals_per_agent(config)))
+    map = DEFAULT_MAP if config.map is None else config.map
+    num_agents, num_goals = config.num_agents or DEFAULT_NUM_AGENTS, goals_per_agent(config)
+    if config.goals == "alternating":
+        if not isinstance(map, (str, Path)):
+            raise ValueError("goals='alternating': expected a map's name or file, which says where the stations are")
+        return WarehouseTasks(*load_warehouse(map), num_agents, num_goals)
+    return FixedMap(load_map(map), num_agents, num_goals)
+
+
+def sample_instance(config: EnvConfig, seed: int) -> Instance:
+    """Return an instance of `make_source(config)` for planners: one goal per agent, and headings if agents rotate.
+
+    Headings of a problem file take precedence over `config.initial_heading`.
+    """
+    rng = np.random.default_rng(seed)
+    instance = make_source(config).sample(rng)
+    scenario, headings = instance.scenario, instance.headings
+    if scenario.goals.ndim > 2:
+        scenario = Scenario(scenario.starts, scenario.goals[:, 0])
+    if config.action_model == "cardinal":
+        headings = None
+    elif headings is None:
+        headings = sample_headings(config.initial_heading, instance.num_agents, rng)
+    return Instance(instance.grid, scenario, headings)

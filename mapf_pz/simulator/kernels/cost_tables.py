@@ -1,0 +1,138 @@
+"""The cost-to-go tables in use: computed when first needed, kept while there is room, under a bound in bytes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mapf_pz._internal.arrays import Ints
+from mapf_pz.simulator.kernels.cost_sweeps import FEWEST_GOALS, fill_by_sweeps
+from mapf_pz.simulator.kernels.cost_to_go import fill_tables
+from mapf_pz._internal.jit import jit
+from mapf_pz.simulator.kernels.state import Array, Distances, World
+from mapf_pz._internal.machine import usable_memory
+
+CACHE_BYTES = 2**30
+"""Where no bound is given: tables that are no longer used are kept up to this size."""
+
+
+class CostTables:
+    """One cost-to-go table per map and goal, shared by all agents and episodes that head for it.
+
+    Memory is only touched by tables that were computed; a bound in bytes limits how many there can be.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        num_headings: int,
+        num_goals: int,
+        unit_weights: bool,
+        max_bytes: int | None = None,
+        num_threads: int = 1,
+    ) -> None:
+        """Reserve room for tables.
+
+        Args:
+            world: the maps.
+            num_headings: 4, or 1 for cardinal agents.
+            num_goals: the largest number of goals in use at the same time.
+            unit_weights: whether all weights of all maps are 1, so that tables can be packed.
+            max_bytes: the bound; None: `default_bytes` of what `num_goals` tables take.
+            num_threads: threads that compute tables.
+        """
+        self._world = world
+        num_maps, cells = world.obstacle.shape
+        self._table_bytes = 4 * cells * (1 if unit_weights else num_headings + 1)
+        self._max_bytes = default_bytes(num_goals * self._table_bytes) if max_bytes is None else max_bytes
+        room = max(1, min(self._max_bytes // self._table_bytes, num_maps * (cells - 1)))
+        self.arrays = Distances(
+            slot=np.full((num_maps, cells), -1, np.int32),
+            packed=np.empty((room if unit_weights else 0, cells), np.uint32),
+            exact=np.empty((0 if unit_weights else room, cells, num_headings), np.float32),
+            least=np.empty((0 if unit_weights else room, cells), np.float32),
+        )
+        self._unused = np.arange(room)[::-1].tolist()
+        self._num_threads = num_threads
+        self._scratch = np.empty((num_threads, 2, cells * num_headings), np.int32)
+
+    def forget(self, m: int) -> None:
+        """Drop the tables of map `m`, which has changed."""
+        slots = self.arrays.slot[m]
+        self._unused.extend(slots[slots >= 0].tolist())
+        slots[:] = -1
+
+    def has_room_for(self, maps: Ints, goals: Ints) -> bool:
+        """Return whether the missing tables to `goals` (B, N) on `maps` (B,) fit beside those that are known."""
+        return _count_missing(self.arrays.slot, maps, goals) <= len(self._unused)
+
+    def require(self, maps: Ints, goals: Ints) -> None:
+        """Compute the missing tables to `goals` (B, N) on `maps` (B,), which must be all that are needed at present.
+
+        Raises `MemoryError` where these alone are more than the bound allows.
+        """
+        slot = self.arrays.slot
+        if _all_known(slot, maps, goals):
+            return
+        maps, goals = np.repeat(maps, goals.shape[1]), goals.reshape(-1)
+        missing = slot[maps, goals] < 0
+        wanted = np.unique(np.ravel_multi_index((maps[missing], goals[missing]), slot.shape))
+        count = wanted.size
+        if count > len(self._unused):
+            self._drop_all_but(maps, goals)
+        if count > len(self._unused):
+            needed = (count + int((slot >= 0).sum())) * self._table_bytes
+            raise MemoryError(
+                f"distance_bytes={self._max_bytes}: the cost to go to all goals in use takes {needed} bytes; pass "
+                f"distance_bytes={needed} or more (on the command line --distance-bytes {needed})"
+            )
+        slots = np.array([self._unused.pop() for _ in range(count)], np.int32)
+        slot.flat[wanted] = slots
+        maps, goals = np.array(np.unravel_index(wanted, slot.shape), np.int32)
+        self._fill(maps, goals, slots)
+
+    def _fill(self, maps: Ints, goals: Ints, slots: Ints) -> None:
+        """Compute the tables `slots` (K,) of `goals` (K,) on `maps` (K,), which are sorted."""
+        counts = np.bincount(maps, minlength=len(self._world.equal_weight))
+        sweeps = (counts >= FEWEST_GOALS) & (self._world.equal_weight == 0)
+        single = ~sweeps[maps]
+        if single.any():
+            work = maps[single], goals[single], slots[single]
+            fill_tables(self._num_threads, self._world, *work, self.arrays, self._scratch)
+        for m in np.flatnonzero(sweeps):
+            here = maps == m
+            fill_by_sweeps(self._num_threads, self._world, int(m), goals[here], slots[here], self.arrays)
+
+    def _drop_all_but(self, maps: Ints, goals: Ints) -> None:
+        slot = self.arrays.slot
+        kept = slot[maps, goals]
+        dropped = slot.copy()
+        dropped[maps, goals] = -1
+        self._unused.extend(dropped[dropped >= 0].tolist())
+        slot[:] = -1
+        slot[maps, goals] = kept
+
+
+def default_bytes(needed: int) -> int:
+    """Return the bound for tables of which `needed` bytes can be in use at the same time.
+
+    It is `CACHE_BYTES`, or as much as is needed, up to half of the memory that can be used.
+    """
+    return max(CACHE_BYTES, min(needed, (usable_memory() or 0) // 2))
+
+
+@jit
+def _all_known(slot: Array, maps: Array, goals: Array) -> bool:
+    for b in range(maps.size):
+        for goal in goals[b]:
+            if slot[maps[b], goal] < 0:
+                return False
+    return True
+
+
+@jit
+def _count_missing(slot: Array, maps: Array, goals: Array) -> int:
+    counted = np.zeros(slot.shape, np.bool_)
+    for b in range(maps.size):
+        for goal in goals[b]:
+            counted[maps[b], goal] |= slot[maps[b], goal] < 0
+    return counted.sum()

@@ -1,0 +1,102 @@
+"""The channels of the image: each declares its planes and bounds, and the function that draws it.
+
+Channels that show the map and the agents on it are copied from the map's layers (`layers.py`); the other built-in ones
+are looked up (`draw.py`). A user's channel is a `Channel` with a function that draws it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import NamedTuple
+
+from mapf_pz.simulator.kernels.observation.draw import LookupPlanes
+from mapf_pz.simulator.kernels.observation.inputs import ObservationInputs
+from mapf_pz.simulator.kernels.observation.layers import EDGES, GOAL, HEADING, OCCUPANCY
+from mapf_pz.simulator.kernels.state import Array
+from mapf_pz._internal.plugins import resolve
+
+DrawChannel = Callable[[ObservationInputs, Array, int], None]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One channel of the image."""
+
+    draw: DrawChannel | None = None
+    """`draw(inputs, image, plane)` writes to all agents' `image` (B, N, K, h, w) float32 from plane number `plane` on.
+
+    It writes every cell of its planes: they are not cleared before. None: the channel is built in.
+    """
+    planes: int = 1
+    """How many planes of the image it takes."""
+    low: float = 0
+    """The least value."""
+    high: float = 1
+    """The largest value."""
+    needs_cost_to_go: bool = False
+    """Whether `draw` reads the cost to go, which is then computed before."""
+    layer: int | None = None
+    """The layer of the map that it shows, for built-in channels that show one."""
+    lookup: str = ""
+    """Its field of `LookupPlanes`, for built-in channels that are looked up."""
+
+
+CHANNELS: dict[str, Channel] = {
+    # 0 free, 0.5 another agent, 1 obstacle or outside, -1 hidden
+    "view": Channel(layer=OCCUPANCY, low=-1),
+    # 1 on the agent's own goal
+    "goal": Channel(layer=GOAL),
+    # on each agent in view, including the observer, (1 + k) / 4 with k its heading
+    "orientation": Channel(layer=HEADING),
+    # weight of leaving each cell in four directions, divided by the largest; blocked -1, outside 0
+    "edge_weights": Channel(layer=EDGES, planes=4, low=-1),
+    # how much closer to the goal each cell is
+    "cost_to_go": Channel(lookup="cost_to_go", low=-1, needs_cost_to_go=True),
+    # 1 where leaving the cell in each of four directions leads closer to the goal
+    "heuristic": Channel(lookup="heuristic", planes=4, needs_cost_to_go=True),
+    # 1 on the goals of the other agents in view
+    "other_goals": Channel(lookup="other_goals"),
+    # 1 on the cells that the other agents in view would enter next on their own cheapest paths
+    "others_next": Channel(lookup="others_next", needs_cost_to_go=True),
+    # on each other agent in view, 1 where a move in each of four directions leads closer to that agent's goal
+    "others_heuristic": Channel(lookup="others_heuristic", planes=4, needs_cost_to_go=True),
+    # on each other agent in view 1 if it is on its goal, otherwise -1
+    "others_at_goal": Channel(lookup="others_at_goal", low=-1),
+}
+"""The built-in channels by name."""
+
+
+def channel_of(channel: str | Channel) -> Channel:
+    """Return a channel that is given by name, as `package.module:name`, or as an object; raises `ValueError`."""
+    return resolve("channels", channel, CHANNELS, Channel)
+
+
+class LayerPlanes(NamedTuple):
+    """The first plane in the image of each channel that shows a layer; -1: not drawn."""
+
+    view_at: int
+    goal_at: int
+    orientation_at: int
+    edges_at: int
+
+
+class ImagePlanes(NamedTuple):
+    """Which planes of the image are drawn by what."""
+
+    layers: LayerPlanes
+    lookups: LookupPlanes
+    users: tuple[tuple[DrawChannel, int], ...]  # functions and their first planes
+
+
+def image_planes(channels: Sequence[Channel]) -> ImagePlanes:
+    """Return what draws an image of all `channels`."""
+    ends = list(accumulate(channel.planes for channel in channels))
+    placed = [(channel, end - channel.planes) for channel, end in zip(channels, ends, strict=True)]
+    users = tuple((channel.draw, at) for channel, at in placed if channel.draw is not None)
+    lookup_at = {channel.lookup: at for channel, at in placed}
+    layer_at = {channel.layer: at for channel, at in placed}
+    lookups = LookupPlanes(*(lookup_at.get(name, -1) for name in LookupPlanes._fields))
+    layers = LayerPlanes(*(layer_at.get(layer, -1) for layer in (OCCUPANCY, GOAL, HEADING, EDGES)))
+    return ImagePlanes(layers, lookups, users)

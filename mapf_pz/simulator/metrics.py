@@ -1,0 +1,68 @@
+"""The metrics of one episode, with POGEMA's names and definitions (POGEMA 1.4.0, `wrappers/metrics.py`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mapf_pz._internal.arrays import Ints
+from mapf_pz.simulator.config import OnTarget
+
+
+@dataclass(frozen=True, eq=False)
+class EpisodeRecord:
+    """The data that metrics are computed from: N agents after `num_steps` steps."""
+
+    on_target: OnTarget
+    """The mode, which determines the metrics."""
+    num_steps: int
+    """Number of steps taken so far."""
+    max_steps: int
+    """Maximum number of steps of the episode."""
+    resting_since: Ints
+    """(N,): the step since which each agent has been at its goal (or has disappeared there); -1 if it is not there."""
+    arrivals: Ints
+    """(N,): number of goals that each agent has reached."""
+    goal_counts: Ints
+    """(N,): length of each agent's goal sequence, after which the sequence starts over."""
+    shortest: Ints
+    """(N,): length in steps of each agent's shortest path from start to goal; -1 if there is none."""
+
+
+def metric_names(on_target: OnTarget) -> tuple[str, ...]:
+    """Return the names of the metrics that `episode_metrics` computes with this behavior at the goal."""
+    if on_target == "restart":
+        return "avg_throughput", "ep_length", "exhausted_agents"
+    return "CSR", "ISR", "SoC", "makespan", "ep_length", "SoC_ratio"
+
+
+def episode_metrics(record: EpisodeRecord) -> dict[str, float]:
+    """Return the metrics as if the episode ended now.
+
+    `CSR`: 1 if all agents are at their goals (`finish`: have reached them), else 0. `ISR`: the fraction of agents that
+    are. `SoC`: the sum over agents of the step since which they have been at their goals, or of all steps for agents
+    that are not; `makespan`: the maximum of these. `ep_length`: number of steps taken (`finish`: mean step of arrival).
+    `SoC_ratio`: SoC divided by the sum of the agents' shortest paths. `avg_throughput`: goals reached, divided by the
+    maximum number of steps (`restart` only).
+
+    `exhausted_agents` (`restart` only; not in POGEMA): number of agents that reached the end of their instance's goal
+    sequence and started it over. If it is not 0, the throughput is not that of the instance.
+    """
+    if record.on_target == "restart":
+        return {
+            "avg_throughput": float(record.arrivals.sum() / record.max_steps),
+            "ep_length": float(record.num_steps),
+            "exhausted_agents": float((record.arrivals >= record.goal_counts).sum()),
+        }
+    solved = record.resting_since >= 0
+    costs = np.where(solved, record.resting_since, record.num_steps)
+    bound = int(np.maximum(record.shortest, 0).sum())
+    return {
+        "CSR": float(solved.all()),
+        "ISR": float(solved.mean()),
+        "SoC": float(costs.sum()),
+        "makespan": float(costs.max()),
+        "ep_length": float(costs.mean()) if record.on_target == "finish" else float(record.num_steps),
+        "SoC_ratio": float(costs.sum() / bound) if bound else 1.0,
+    }

@@ -1,0 +1,109 @@
+"""The layout of observations: shapes, Gymnasium spaces, and the geometry that kernels take.
+
+An agent's own observation of one step is an image of `K` planes and `F` features. The whole observation is that of the
+last `num_frames` steps, oldest first; in each, those of `num_neighbors` neighbors follow the agent's own.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from mapf_pz.simulator.actions import Action, CardinalAction
+from mapf_pz._internal.arrays import Floats
+from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.kernels.observation.channels import channel_of, image_planes
+from mapf_pz.simulator.kernels.observation.features import feature_of
+from mapf_pz.simulator.kernels.observation.inputs import ObservationInputs
+from mapf_pz.simulator.kernels.observation.layers import ViewShape, make_view_shape
+
+
+class ObservationLayout:
+    """The layout of one agent's observation."""
+
+    def __init__(self, config: EnvConfig) -> None:
+        """Arrange the channels and features of `config`."""
+        self._config = config
+        self.num_actions = len(CardinalAction if config.action_model == "cardinal" else Action)
+        self.channels = tuple(map(channel_of, config.channels))
+        self.features = tuple(map(feature_of, config.features))
+        self._sizes = [feature.size(self.num_actions, config.num_last_actions) for feature in self.features]
+        self.planes = image_planes(self.channels)
+        """Where each channel is drawn in the agent's own image."""
+        self.num_own_planes = sum(channel.planes for channel in self.channels)
+        """K, the planes of the agent's own observation."""
+        self.num_own_features = sum(self._sizes)
+        """F, the features of the agent's own observation."""
+        self.num_features = config.num_frames * (1 + config.num_neighbors) * self.num_own_features
+        """Number of features of the whole observation."""
+
+    @property
+    def image_shape(self) -> tuple[int, int, int]:
+        """(num_frames * (1 + num_neighbors) * K, h, w), the shape of the whole image."""
+        config = self._config
+        return (config.num_frames * (1 + config.num_neighbors) * self.num_own_planes, *config.view_size)
+
+    @property
+    def own_planes(self) -> slice:
+        """The planes of the whole image that are the agent's own of the current step."""
+        config, num_planes = self._config, self.num_own_planes
+        first = (config.num_frames - 1) * (1 + config.num_neighbors) * num_planes
+        return slice(first, first + num_planes)
+
+    def own_feature(self, name: str) -> slice | None:
+        """Return where the feature `name` of the agent itself and of the current step is in the whole observation.
+
+        None: it is not observed.
+        """
+        config = self._config
+        if name not in config.features:
+            return None
+        k = config.features.index(name)
+        start = (config.num_frames - 1) * (1 + config.num_neighbors) * self.num_own_features + sum(self._sizes[:k])
+        return slice(start, start + self._sizes[k])
+
+    @property
+    def needs_cost_to_go(self) -> bool:
+        """Whether any channel or feature reads the cost to go."""
+        return any(part.needs_cost_to_go for part in (*self.channels, *self.features))
+
+    @property
+    def shows_edges(self) -> bool:
+        """Whether any channel shows the weights of edges."""
+        return self.planes.layers.edges_at >= 0
+
+    def space(self) -> spaces.Space[Any]:
+        """Return the space of one agent's whole observation: a `Box` for the image, or `Dict(image, features)`."""
+        planes = [channel.planes for channel in self.channels]
+        low = np.repeat([channel.low for channel in self.channels], planes)
+        high = np.repeat([channel.high for channel in self.channels], planes)
+        lows, highs = self._stacked(low, np.minimum(low, 0)), self._stacked(high, np.maximum(high, 0))
+        image = spaces.Box(lows, highs, dtype=np.float32)
+        # The bounds are the same in all cells of a plane; Gymnasium would print each of them.
+        image.low_repr, image.high_repr = (
+            f"[{' '.join(f'{bound:g}' for bound in box[:, 0, 0])}]" for box in (lows, highs)
+        )
+        if not self.num_features:
+            return image
+        return spaces.Dict(image=image, features=spaces.Box(-1, 1, (self.num_features,), np.float32))
+
+    def _stacked(self, own: Floats, neighbor: Floats) -> Floats:
+        """Return a bound of the whole image, from the bounds (K,) of the agent's own planes and of a neighbor's."""
+        config = self._config
+        bound = np.tile(np.concatenate([own, np.tile(neighbor, config.num_neighbors)]), config.num_frames)
+        return np.broadcast_to(bound[:, None, None], self.image_shape).astype(np.float32)
+
+    def view_shape(self) -> ViewShape:
+        """Return the geometry of the view, as the kernels take it."""
+        config = self._config
+        row = config.view_size[0] - 1 if config.resolved_view == "front" else config.view_size[0] // 2
+        return make_view_shape(config.view_size, row, config.resolved_frame == "egocentric", config.see_through_walls)
+
+    def write_features(self, inputs: ObservationInputs, features: Floats) -> None:
+        """Fill `features` (B, N, F) float32 with all agents' own features."""
+        at = 0
+        for feature, size in zip(self.features, self._sizes, strict=True):
+            feature.write(inputs, features, at)
+            at += size

@@ -1,0 +1,227 @@
+"""An environment's configuration in a run's files: JSON, and one separate file per field that holds an object.
+
+Such a file, `FIELD.safetensors`, stores the object's arrays as tensors, and the rest as JSON in its metadata: a list of
+objects that refer to arrays by name and to earlier objects by index. The last object is the value of the field.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, get_type_hints
+
+import numpy as np
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    PlainSerializer,
+    PlainValidator,
+    ValidationError,
+    ValidationInfo,
+    create_model,
+)
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
+
+from mapf_pz.simulator.config import EnvConfig, HeadingName
+from mapf_pz.simulator.kernels.reward import RewardConfig
+from mapf_pz.errors import FormatError
+from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.guidance.library import guidance_graph, is_guidance_file
+from mapf_pz.instances.instance import Grid, Instance, Scenario
+from mapf_pz.simulator.configured import make_source
+from mapf_pz.instances.sources import FixedMap, FixedScenario, InstanceList, SourceMixture
+from mapf_pz.instances.warehouse import WarehouseTasks
+from mapf_pz._internal.plugins import NAMED_PARTS, check_trusted
+
+OBJECT_FIELDS = ("map", "scenario", "edge_weights", "source")
+"""The fields of `EnvConfig` that may hold an object, which is saved in a separate file."""
+PART_FIELDS = ("channels", "features", "reward")
+"""The fields of `EnvConfig` that may name user-defined parts."""
+_TYPES = {
+    kind.__name__: kind
+    for kind in (
+        *(GuidanceGraph, Grid, Scenario, Instance),
+        *(FixedMap, FixedScenario, InstanceList, SourceMixture, WarehouseTasks),
+    )
+}
+_DAMAGE = (
+    *(SafetensorError, OSError, ValueError, TypeError, LookupError, AttributeError),
+    *(OverflowError, RecursionError, MemoryError),
+)
+
+
+class Origin(NamedTuple):
+    """Where a configuration is read from."""
+
+    file: Path
+    """The file, in the folder of the objects' files."""
+    trust_remote_code: bool
+    """Whether it may name code outside this package."""
+
+
+class _StoredPath(BaseModel):
+    """The JSON form of a `Path`, which unlike a `str` is never a name."""
+
+    path: str
+
+
+@cache
+def _stored_form() -> type[BaseModel]:
+    """Return the model of the JSON: the fields of `EnvConfig`, with file names in place of objects."""
+    hints = get_type_hints(EnvConfig) | {
+        "map": str | _StoredPath | None,
+        "scenario": str | _StoredPath | tuple[str | _StoredPath, ...] | None,
+        "edge_weights": str,
+        "source": str | None,
+        "initial_heading": HeadingName | tuple[int, ...],
+        "channels": tuple[str, ...],
+        "features": tuple[str, ...],
+        "reward": str | RewardConfig,
+    }
+    fields: dict[str, Any] = {name: (hint, ...) for name, hint in hints.items()}
+    return create_model("EnvConfig", __config__=ConfigDict(extra="forbid"), **fields)
+
+
+def complaint(error: ValidationError) -> str:
+    """Return the first validation error in one line that starts with its location."""
+    first = error.errors()[0]
+    unknown = first["type"] in ("unexpected_keyword_argument", "extra_forbidden")
+    message = "unknown field; a run of another version must be trained again" if unknown else first["msg"]
+    return f"{'.'.join(map(str, first['loc']))}: {message}"
+
+
+def object_file(field: str) -> str:
+    """Return the name of the file of a field that holds an object."""
+    return f"{field}.safetensors"
+
+
+def dump_env(config: EnvConfig) -> dict[str, Any]:
+    """Return the configuration's fields in their JSON form."""
+    fields = config.keywords()
+    for name in PART_FIELDS:
+        _check_savable(name, fields[name])
+    if is_guidance_file(config.edge_weights):
+        fields["edge_weights"] = _guidance(config)
+    stored = {name: _stored(name, fields[name]) for name in OBJECT_FIELDS}
+    return _stored_form()(**fields | stored).model_dump(mode="json")
+
+
+def _check_savable(name: str, value: Any) -> None:
+    """Raise `ValueError` for a channel, feature or reward that is given as an object instead of a name."""
+    for part in value if isinstance(value, tuple) else (value,):
+        if not isinstance(part, (str, RewardConfig)):
+            raise ValueError(f"{name}: a run cannot save {part!r}, only its name, package.module:name")
+
+
+def _stored(name: str, value: Any) -> Any:
+    """Return a field's value in its JSON form, with a file name in place of an object."""
+    if isinstance(value, tuple):
+        return tuple(_stored(name, part) for part in value)
+    if isinstance(value, Path):
+        return _StoredPath(path=str(value))
+    return value if value is None or isinstance(value, str) else object_file(name)
+
+
+def load_env(stored: Any, info: ValidationInfo) -> EnvConfig:
+    """Return the configuration; `info.context` is its `Origin`, or None if it is not read from a file.
+
+    Raises `ValueError` for invalid fields, and `FormatError` for damaged files and for code that is not trusted.
+    """
+    try:
+        form = _stored_form().model_validate(stored)
+    except ValidationError as error:
+        raise ValueError(complaint(error)) from None
+    fields = {name: getattr(form, name) for name in type(form).model_fields}
+    origin: Origin | None = info.context
+    if origin is not None:
+        check_trusted(origin.file, {name: fields[name] for name in NAMED_PARTS}, origin.trust_remote_code)
+    folder = None if origin is None else origin.file.parent
+    loaded = {name: _loaded(name, fields[name], folder) for name in OBJECT_FIELDS}
+    return EnvConfig(**fields | loaded)
+
+
+def _loaded(name: str, value: Any, folder: Path | None) -> Any:
+    """Return a field's value from its JSON form and the folder of the objects' files."""
+    if isinstance(value, tuple):
+        return tuple(_loaded(name, part, folder) for part in value)
+    if isinstance(value, _StoredPath):
+        return Path(value.path)
+    return _read_object(folder / value) if value == object_file(name) and folder is not None else value
+
+
+SavedEnv = Annotated[EnvConfig, PlainValidator(load_env), PlainSerializer(dump_env)]
+"""An environment's configuration as a field of a configuration that is saved."""
+
+
+def object_files(config: EnvConfig) -> dict[str, bytes]:
+    """Return the contents of the objects' files, by name; raises `ValueError` for an object of another type."""
+    files: dict[str, bytes] = {}
+    for name in OBJECT_FIELDS:
+        value = getattr(config, name)
+        if name == "edge_weights" and is_guidance_file(value):
+            value = _guidance(config)
+        if value is not None and not isinstance(value, (str, Path, tuple)):
+            try:
+                files[object_file(name)] = _written(value)
+            except TypeError as error:
+                raise ValueError(f"{name}: {error}") from None
+    return files
+
+
+def _guidance(config: EnvConfig) -> GuidanceGraph:
+    """Return the guidance graph of a file, which is saved as an object, so that a run does not depend on the file."""
+    grid = make_source(config).grid
+    if grid is None:
+        raise ValueError("edge_weights: a file is for one map, but the maps of the episodes differ")
+    return guidance_graph(config.edge_weights, grid)
+
+
+def _written(value: object) -> bytes:
+    objects: list[dict[str, Any]] = []
+    arrays: dict[str, np.ndarray] = {}
+    numbers: dict[int, int] = {}
+
+    def write(part: Any) -> Any:
+        if part is None or isinstance(part, (str, int)):
+            return part
+        if isinstance(part, np.ndarray):
+            arrays[f"array_{len(arrays)}"] = np.ascontiguousarray(part)
+            return {"array": f"array_{len(arrays) - 1}"}
+        if isinstance(part, tuple):
+            return list(map(write, part))
+        if id(part) not in numbers:
+            kind = type(part)
+            if _TYPES.get(kind.__name__) is not kind:
+                advice = "generated maps are set by the task's MapMixture"
+                raise TypeError(f"a run cannot save a {kind.__name__}, only {', '.join(_TYPES)}; {advice}")
+            made = {field.name: write(getattr(part, field.name)) for field in dataclasses.fields(kind) if field.init}
+            objects.append({"type": kind.__name__, "fields": made})
+            numbers[id(part)] = len(objects) - 1
+        return {"object": numbers[id(part)]}
+
+    write(value)
+    return save(arrays, {"objects": json.dumps(objects)})
+
+
+def _read_object(file: Path) -> Any:
+    """Return the object that a file holds; raises `FormatError` if the file is missing or damaged."""
+    objects: list[Any] = []
+
+    def read(stored: Any, tensors: Any) -> Any:
+        if isinstance(stored, list):
+            return tuple(read(part, tensors) for part in stored)
+        if not isinstance(stored, dict):
+            return stored
+        return tensors.get_tensor(stored["array"]) if "array" in stored else objects[stored["object"]]
+
+    try:
+        with safe_open(str(file), "np") as tensors:
+            for entry in json.loads(tensors.metadata()["objects"]):
+                made = {name: read(stored, tensors) for name, stored in entry["fields"].items()}
+                objects.append(_TYPES[entry["type"]](**made))
+        return objects[-1]
+    except _DAMAGE as error:
+        raise FormatError(file, f"not a saved value of {file.stem}: {' '.join(str(error).split())}") from None

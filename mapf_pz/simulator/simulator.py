@@ -1,0 +1,300 @@
+"""Batched environments: one simulator under the PettingZoo, TorchRL and Gymnasium interfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from mapf_pz._internal.arrays import Bools, Floats, Ints, coordinates
+from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.kernels import world
+from mapf_pz.simulator.kernels.conflict import COLLISION_SYSTEMS, write_masks
+from mapf_pz.simulator.kernels.cost_lookup import costs_at
+from mapf_pz.simulator.kernels.cost_tables import CostTables
+from mapf_pz.simulator.kernels.cost_to_go import shortest_lengths
+from mapf_pz._internal.jit import numba_config
+from mapf_pz.simulator.kernels.observation.inputs import ObservationInputs
+from mapf_pz.simulator.kernels.observation.layers import allocate_layers, allocate_origins
+from mapf_pz.simulator.kernels.reward import reward_terms
+from mapf_pz.simulator.kernels.state import CostToGo, PlanningView, Rules, allocate_state, reset
+from mapf_pz.simulator.kernels.step import ON_TARGET, step
+from mapf_pz.simulator.episode import EpisodeLoader, shares_map
+from mapf_pz.instances.instance import Grid, Instance
+from mapf_pz.simulator.configured import goals_per_agent, make_source
+from mapf_pz.simulator.metrics import EpisodeRecord, episode_metrics
+from mapf_pz.simulator.observation import ObservationLayout
+from mapf_pz.simulator.observer import Observer
+from mapf_pz.simulator.transition import Transition
+
+
+class Observation(NamedTuple):
+    """What all agents observe; the arrays are the caller's own."""
+
+    image: Floats  # (B, N, *layout.image_shape) float32
+    features: Floats  # (B, N, layout.num_features) float32
+    action_mask: Ints  # (B, N, A) int8
+
+
+class Simulator:
+    """B environments with one configuration, stepped together.
+
+    Row `b` of a batch that is seeded with `s` is the single environment seeded with `s + b`, to the bit.
+    """
+
+    def __init__(self, config: EnvConfig, num_envs: int = 1, num_threads: int = 1) -> None:
+        """Allocate all arrays.
+
+        Args:
+            config: The configuration of all B environments.
+            num_envs: B, at least 1.
+            num_threads: Number of threads that step and observe, at least 1.
+
+        Raises:
+            ValueError: A number is too small, or the configuration and the map do not fit.
+        """
+        for name, value in (("num_envs", num_envs), ("num_threads", num_threads)):
+            if value < 1:
+                raise ValueError(f"{name}={value}: expected a whole number, 1 or more")
+        self.config = config
+        self.source = make_source(config)
+        self.num_envs = num_envs
+        self.num_agents = self.source.num_agents
+        self.shape = self.source.shape
+        self.layout = ObservationLayout(config)
+        self.num_actions = self.layout.num_actions
+        self.needs_cost_to_go = self.layout.needs_cost_to_go or config.reward_config.progress != 0
+        self._reward_function = config.reward_function
+        self._num_threads = min(num_threads, numba_config.NUMBA_NUM_THREADS)
+        self._num_headings = 1 if config.action_model == "cardinal" else 4
+        self._allocate()
+        rules = Rules(
+            cardinal=config.action_model == "cardinal",
+            collision=COLLISION_SYSTEMS[config.collision_system],
+            on_target=ON_TARGET[config.on_target],
+            max_steps=config.max_steps,
+        )
+        terms = reward_terms(config.reward_config)
+        each = (num_envs, self.num_agents)
+        self._mask_shape = (*each, self.num_actions)
+        fields = tuple(map(tuple, (rules, terms, self.world, self.tables.arrays, self.state)))
+        self._step = step.bind(self._num_threads, fields, (np.empty(each, np.int64),))
+        shown = (rules.cardinal, self.world.leads_to, self.state.map, self.state.agents)
+        self._write_masks = write_masks.bind(self._num_threads, shown, (np.empty(self._mask_shape, np.int8),))
+
+    def _allocate(self) -> None:
+        config, shape, view_shape = self.config, self.shape, self.layout.view_shape()
+        unit_weights = config.edge_weights == "uniform"
+        num_maps = 1 if shares_map(config, self.source) else self.num_envs
+        self.world = world.allocate(num_maps, shape)
+        self.tables = CostTables(
+            self.world,
+            self._num_headings,
+            self.num_envs * self.num_agents,
+            unit_weights,
+            config.distance_bytes,
+            self._num_threads,
+        )
+        self.state = allocate_state(
+            self.num_envs, self.num_agents, shape[0] * shape[1], goals_per_agent(config), config.num_last_actions
+        )
+        layers = allocate_layers(view_shape, shape, num_maps, self._num_threads, self.layout.shows_edges, unit_weights)
+        self._inputs = ObservationInputs(
+            view_shape,
+            layers,
+            allocate_origins(self.num_envs, self.num_agents),
+            self.world,
+            self.tables.arrays,
+            self.state,
+            cardinal=config.action_model == "cardinal",
+            max_steps=config.max_steps,
+            num_threads=self._num_threads,
+        )
+        self._observer = Observer(config, self.layout, self._inputs)
+        self._loader = EpisodeLoader(config, self.source, self.world, layers, self.tables, self.state)
+
+    def reset(
+        self,
+        envs: Iterable[int] | None = None,
+        seeds: Mapping[int, int] | None = None,
+        instances: Mapping[int, Instance] | None = None,
+    ) -> None:
+        """Start new episodes in the environments `envs`.
+
+        Args:
+            envs: Indices of environments; None: all.
+            seeds: Seeds by environment; the others continue with their random generators.
+            instances: Instances by environment; the others sample theirs from the source.
+
+        Raises:
+            ValueError: An instance does not fit, or some of its goals cannot be reached.
+        """
+        chosen = list(range(self.num_envs) if envs is None else envs)
+        if not chosen:
+            return
+        self._loader.load(chosen, seeds or {}, instances or {})
+        reset(np.array(chosen, np.int64), self._loader.starts, self._loader.headings, self.state)
+        if self.needs_cost_to_go:
+            self.require_cost_to_go()
+        self._observer.reset(chosen)
+
+    def step(self, actions: Ints) -> None:
+        """Take one step in all environments: `actions` (B, N) integers, each in 0 to A - 1 (which is not checked here).
+
+        Raises `ValueError` for another shape, and `TypeError` for actions that are not integers.
+        """
+        actions = actions.astype(np.int64, order="C", casting="same_kind", copy=False)
+        if actions.shape != self.state.agents.shape:
+            raise ValueError(f"actions: expected the shape {self.state.agents.shape}, got {actions.shape}")
+        self._step(actions)
+        if self._reward_function is not None:
+            self._set_rewards(self._reward_function(self._transition(actions)))
+        if self.needs_cost_to_go and self.config.on_target == "restart":
+            self.require_cost_to_go()
+        self._observer.step()
+
+    def _transition(self, actions: Ints) -> Transition:
+        return Transition(self.state.agents, actions, self.state.time, self.shape, self._cost_to_go)
+
+    def _set_rewards(self, rewards: object) -> None:
+        """Set the rewards that a function has computed; raise `ValueError` unless they are finite numbers (B, N)."""
+        values, agents = np.asarray(rewards), self.state.agents
+        if values.shape != agents.shape or not np.issubdtype(values.dtype, np.number) or not np.isfinite(values).all():
+            expected = f"finite numbers of the shape {agents.shape}"
+            raise ValueError(f"reward: expected {expected} from the function, got {values.dtype} {values.shape}")
+        agents["reward"] = np.where(agents["was_active"], values, 0)
+
+    @property
+    def agents(self) -> np.ndarray:
+        """(B, N) records `AGENT` (`mapf_pz.simulator.kernels.state`), not to be written to."""
+        return self.state.agents
+
+    @property
+    def steps(self) -> Ints:
+        """(B,) int32: steps taken in the episode of each environment."""
+        return self.state.time
+
+    @property
+    def terminated(self) -> Bools:
+        """(B,) bool: which episodes are over because all agents have finished."""
+        return self.state.terminated
+
+    @property
+    def truncated(self) -> Bools:
+        """(B,) bool: which episodes are over because of the time limit."""
+        return self.state.truncated
+
+    @property
+    def over(self) -> Bools:
+        """(B,) bool: which episodes are over."""
+        return np.logical_or(self.terminated, self.truncated)
+
+    def observe(self) -> Observation:
+        """Return what all agents observe now, in new arrays; agents that have disappeared observe zeros."""
+        image, features = self._observer.observe()
+        action_mask = np.empty(self._mask_shape, np.int8)
+        self._write_masks(action_mask)
+        return Observation(image, features, action_mask)
+
+    def require_cost_to_go(self) -> None:
+        """Compute the cost to go to every agent's goal where it is not known yet."""
+        self.tables.require(self.state.map, self.state.agents["goal"])
+
+    def prepare_cost_to_go(self, num_goals: int) -> None:
+        """Compute the cost to go to each agent's first `num_goals` goals, which together is faster than one by one.
+
+        Does nothing if the tables would need more memory than there is.
+        """
+        goals = self.state.goals[:, :, :num_goals].reshape(self.num_envs, -1)
+        if self.tables.has_room_for(self.state.map, goals):
+            self.tables.require(self.state.map, goals)
+
+    def planning_view(self, b: int = 0) -> PlanningView:
+        """Return environment `b` as planners read it, with the cost to go to every agent's goal."""
+        self.require_cost_to_go()
+        m = self.state.map[b]
+        world, tables, state = self.world, self.tables.arrays, self.state
+        return PlanningView(
+            world.leads_to[m],
+            world.weight[m],
+            tables.slot[m],
+            CostToGo(*tables[1:]),
+            state.agents[b],
+            state.occupant[b],
+        )
+
+    def cost_to_go(self) -> Floats:
+        """Return the cost to go (B, N) float32 of all agents; `inf` where there is no path."""
+        agents = self.state.agents
+        return self._cost_to_go(agents["goal"], agents["cell"], agents["heading"])
+
+    def costs_to(self, goals: Ints, b: int = 0) -> Floats:
+        """Return the cost to go (N, K) float32 of each agent in environment `b` to `goals` (K, 2), [row, col]."""
+        agents, cells = self.state.agents[b], np.asarray(goals) @ (self.shape[1], 1)
+        self.tables.require(self.state.map[b : b + 1], np.concatenate([agents["goal"], cells])[None].astype(np.int32))
+        slot, *to_go = self.tables.arrays
+        tables = np.tile(slot[self.state.map[b], cells], len(agents))
+        starts = (np.repeat(agents[name], len(cells)) for name in ("cell", "heading"))
+        return costs_at(CostToGo(*to_go), tables, *starts).reshape(len(agents), len(cells))
+
+    def set_goals(self, goals: Ints, b: int = 0) -> None:
+        """Set the goals (N, 2), [row, col], of the agents in environment `b`; they keep them after arrivals."""
+        cells = np.asarray(goals) @ (self.shape[1], 1)
+        self.state.agents[b]["goal"] = cells
+        self.state.goals[b] = cells[:, None]
+
+    def _cost_to_go(self, goals: Ints, cells: Ints, headings: Ints) -> Floats:
+        """Return the cost to go (B, N) float32 from `cells` and `headings` (B, N) to `goals` (B, N)."""
+        self.tables.require(self.state.map, goals)
+        slot, *to_go = self.tables.arrays
+        slots = slot[self.state.map[:, None], goals]
+        flat = (array.reshape(-1) for array in (slots, cells, headings))
+        return costs_at(CostToGo(*to_go), *flat).reshape(goals.shape)
+
+    def grid(self, b: int) -> Grid:
+        """Return the map of environment `b`; raises `RuntimeError` before the first reset."""
+        return self._loader.grid(b)
+
+    def leads_to(self, b: int) -> Ints:
+        """Return the cell (4, C + 1) int32 that a move in each direction ends in, on the map of environment `b`."""
+        return self.world.leads_to[self.state.map[b]]
+
+    def edge_weights(self, b: int) -> Floats:
+        """Return the weights of moves (4, H, W) on the map of environment `b`; `inf` where they are blocked."""
+        return self.world.weight[self.state.map[b], :4, :-1].reshape(4, *self.shape)
+
+    def mean_weight(self, b: int) -> float:
+        """Return the mean of the finite weights of moving and waiting on the map of environment `b`."""
+        return float(self.world.mean_weight[self.state.map[b]])
+
+    def metrics(self, b: int) -> dict[str, float]:
+        """Return the metrics of environment `b` as if its episode ended now: see `mapf_pz.simulator.metrics`."""
+        agents, loader = self.state.agents[b], self._loader
+        m = int(self.state.map[b])
+        first_goals = self.state.goals[b, :, 0]
+        return episode_metrics(
+            EpisodeRecord(
+                on_target=self.config.on_target,
+                num_steps=int(self.state.time[b]),
+                max_steps=self.config.max_steps,
+                resting_since=agents["resting_since"],
+                arrivals=agents["arrivals"],
+                goal_counts=loader.goal_counts[b],
+                shortest=shortest_lengths(
+                    self.world, m, loader.starts[b], loader.headings[b], first_goals, self._num_headings
+                ),
+            )
+        )
+
+    def positions(self, b: int) -> Ints:
+        """Return where the agents of environment `b` are: (N, 2) int, [row, col]."""
+        return self.coordinates(self.state.agents["cell"][b])
+
+    def goals(self, b: int) -> Ints:
+        """Return the current goals of the agents of environment `b`: (N, 2) int, [row, col]."""
+        return self.coordinates(self.state.agents["goal"][b])
+
+    def coordinates(self, cells: Ints) -> Ints:
+        """Return [row, col] (..., 2) int64 of cell numbers."""
+        return coordinates(cells, self.shape[1])

@@ -1,0 +1,205 @@
+"""Candidates: the interfaces of this package, parts of the simulator, a memory copy of the observations, and POGEMA.
+
+Every run has the length of one episode; the candidates alternate. POGEMA, the most similar environment, runs on the
+same map with the same number of agents and the same view size, if it is available.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from mapf_pz._internal.arrays import Ints
+from mapf_pz.speed.runs import Measurement, Run, Timing, measure, timed
+from mapf_pz.speed.workload import Workload
+from mapf_pz.environment.mapf_env import parallel_env
+
+SIMULATOR, COPY, POGEMA = "simulator", "memory copy", "POGEMA"
+
+
+def simulator_run(workload: Workload) -> Run:
+    """Step the simulator: all agents observe after every step, and finished environments are reset."""
+    simulator = workload.simulator()
+    actions = _random_actions(workload, simulator.num_actions)
+
+    def play() -> int:
+        for step in range(workload.env.max_steps):
+            simulator.step(actions[step])
+            simulator.reset(simulator.over.nonzero()[0].tolist())
+            simulator.observe()
+        return actions.size
+
+    return timed(play)
+
+
+def stepping_run(workload: Workload) -> Run:
+    """Step without observations and resets, even after the end of an episode."""
+    simulator = workload.simulator()
+    actions = _random_actions(workload, simulator.num_actions)
+
+    def play() -> int:
+        for step in range(workload.env.max_steps):
+            simulator.step(actions[step])
+        return actions.size
+
+    return timed(play)
+
+
+def observing_run(workload: Workload) -> Run:
+    """Observe without stepping."""
+    simulator = workload.simulator()
+
+    def play() -> int:
+        for _ in range(workload.env.max_steps):
+            simulator.observe()
+        return workload.env.max_steps * workload.num_envs * workload.num_agents
+
+    return timed(play)
+
+
+def copy_run(workload: Workload) -> Run:
+    """Copy the observations of all agents instead of computing them."""
+    observation = workload.simulator().observe()
+
+    def play() -> int:
+        for _ in range(workload.env.max_steps):
+            for array in observation:
+                array.copy()
+        return workload.env.max_steps * workload.num_envs * workload.num_agents
+
+    return timed(play)
+
+
+def pettingzoo_run(workload: Workload) -> Run:
+    """Step one PettingZoo environment."""
+    env = parallel_env(**workload.env_config().keywords())
+    rng = np.random.default_rng(workload.seed)
+    actions = rng.integers(env.simulator.num_actions, size=(workload.env.max_steps, workload.num_agents)).tolist()
+    env.reset(seed=workload.seed)
+
+    def play() -> int:
+        for numbers in actions:
+            env.step(dict(zip(env.possible_agents, numbers, strict=True)))
+            if not env.agents:
+                env.reset()
+        return workload.env.max_steps * workload.num_agents
+
+    return timed(play)
+
+
+def torchrl_run(workload: Workload) -> Run:
+    """Collect with TorchRL and a random policy; raises `ImportError` without TorchRL."""
+    from mapf_pz.rl import BatchedMapfEnv
+
+    env = BatchedMapfEnv(workload.num_envs, workload.num_threads, **workload.env_config().keywords())
+    env.set_seed(workload.seed)
+    return _collector_run(env, workload.num_envs, workload)
+
+
+def wrapper_run(workload: Workload) -> Run:
+    """Collect from the PettingZoo environment with TorchRL's wrapper; raises `ImportError` without TorchRL."""
+    return _collector_run(parallel_env(**workload.env_config().keywords()), 1, workload)
+
+
+def _collector_run(env: Any, num_envs: int, workload: Workload) -> Run:
+    from mapf_pz.rl.training.collect import random_batches
+
+    batches = random_batches(env, env.simulator, num_envs * workload.env.max_steps)
+
+    def play() -> int:
+        return next(batches).numel() * workload.num_agents
+
+    return timed(play)
+
+
+def pogema_run(python: str, integration: str | None, workload: Workload) -> Run:
+    """Run POGEMA in a separate process for each run; raises `ValueError` for workloads that it does not support."""
+    grid = workload.source.grid
+    if grid is None or workload.env.view_size[0] != workload.env.view_size[1] or workload.env.view_size[0] % 2 == 0:
+        raise ValueError("pogema: expected one map for all episodes, and a square view with an odd number of rows")
+    options = {
+        "map": ["".join("." if free else "#" for free in row) for row in grid.free],
+        "num_agents": workload.num_agents,
+        "view_size": workload.env.view_size[0],
+        "max_steps": workload.env.max_steps,
+        "seed": workload.seed,
+        "integration": integration,
+    }
+    command = [python, str(Path(__file__).with_name("pogema_player.py")), json.dumps(options)]
+
+    def run() -> Timing:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            reason = done.stderr.strip().rpartition("\n")[2]
+            raise ValueError(f"pogema: {python} failed, is POGEMA 1.4.0 installed? {reason}")
+        return Timing(*json.loads(done.stdout))
+
+    return run
+
+
+CANDIDATES: dict[str, Callable[[Workload], Run]] = {
+    SIMULATOR: simulator_run,
+    "  stepping": stepping_run,
+    "  observing": observing_run,
+    COPY: copy_run,
+    "PettingZoo": pettingzoo_run,
+}
+TORCHRL_CANDIDATES: dict[str, Callable[[Workload], Run]] = {
+    "TorchRL": torchrl_run,
+    "  PettingZooWrapper": wrapper_run,
+}
+PEERS: dict[str, Callable[[str, Workload], Run]] = {
+    POGEMA: lambda python, workload: pogema_run(python, None, workload),
+    "  its dictionaries": lambda python, workload: pogema_run(python, "PettingZoo", workload),
+}
+"""The most similar environment, with its own interface and with its PettingZoo interface."""
+
+
+def candidates(workload: Workload, pogema: str | None) -> dict[str, Run]:
+    """Return the runs of all available candidates; `pogema` is a Python interpreter with POGEMA, or None."""
+    makers = CANDIDATES | (TORCHRL_CANDIDATES if _has_torchrl() else {})
+    runs = {name: make(workload) for name, make in makers.items()}
+    if pogema is not None:
+        runs |= {name: make(pogema, workload) for name, make in PEERS.items()}
+    return runs
+
+
+def candidate_table(workload: Workload, pogema: str | None, seconds: float) -> Table:
+    """Measure all candidates: see `as_table`."""
+    return as_table(measure(candidates(workload, pogema), seconds))
+
+
+def as_table(measured: dict[str, Measurement]) -> Table:
+    """Return a table with a row per candidate; the last columns compare it with the memory copy and with POGEMA."""
+    caption = None if _has_torchrl() else "TorchRL is omitted, as it is not installed: pip install 'mapf-pz[train]'"
+    table = Table(title="thousands of agent steps, medians of runs", caption=caption)
+    table.add_column("")
+    peers = [peer for peer in PEERS if peer in measured]
+    for heading in ["per s", "per CPU s", "runs", "of copy"] + [f"x {peer.strip()}" for peer in peers]:
+        table.add_column(heading, justify="right")
+    for one in measured.values():
+        row = [
+            f"{one.rate / 1000:,.0f}",
+            f"{one.cpu_rate / 1000:,.0f}",
+            str(one.num_runs),
+            f"{one.rate / measured[COPY].rate:.1%}",
+        ]
+        row += [f"{one.cpu_rate / measured[peer].cpu_rate:.1f}" for peer in peers]
+        table.add_row(one.name, *row)
+    return table
+
+
+def _has_torchrl() -> bool:
+    return find_spec("torchrl") is not None
+
+
+def _random_actions(workload: Workload, num_actions: int) -> Ints:
+    rng = np.random.default_rng(workload.seed)
+    return rng.integers(num_actions, size=(workload.env.max_steps, workload.num_envs, workload.num_agents))

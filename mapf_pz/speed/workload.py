@@ -1,0 +1,80 @@
+"""The workload of a benchmark."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mapf_pz.simulator.config import DEFAULT_NUM_AGENTS, EnvConfig
+from mapf_pz.instances.instance import InstanceSource
+from mapf_pz.instances import FixedMap, RandomObstacles
+from mapf_pz.simulator.configured import goals_per_agent, make_source
+from mapf_pz.simulator.simulator import Simulator
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+BENCHMARKED = EnvConfig(num_agents=8)
+"""The default environment."""
+
+
+@dataclass(frozen=True)
+class Workload:
+    """Environments with random actions, which are reset when they are finished."""
+
+    env: EnvConfig = BENCHMARKED
+    """The environment. If it has no map, scenario or source, maps are random."""
+    height: int = 32
+    """Number of rows of a random map."""
+    width: int = 32
+    """Number of columns of a random map."""
+    density: float = 0.2
+    """Obstacle density of a random map."""
+    num_envs: int = 64
+    """Number of environments in a batch, for interfaces with batches."""
+    num_threads: int = 1
+    """Number of threads of the kernels."""
+    seed: int = 0
+    """Random seed of maps, episodes and actions."""
+    new_maps: bool = False
+    """Whether every episode has a new random map."""
+    complete: bool = False
+    """Whether agents also observe the cost to go and the action advantages, and are rewarded for progress."""
+
+    def env_config(self) -> EnvConfig:
+        """Return the configuration of the environments, with the episodes of `source`."""
+        env = replace(self.env, map=None, scenario=None, source=self.source)
+        if not self.complete:
+            return env
+        channels = (*env.channels, "cost_to_go")
+        return replace(env, channels=channels, features=("action_advantage",), reward="progress")
+
+    @cached_property
+    def source(self) -> InstanceSource:
+        """The source of instances; raises `ValueError` if there are too many agents for the map."""
+        env = self.env
+        if (env.map, env.scenario, env.source) != (None, None, None):
+            return make_source(env)
+        num_agents = env.num_agents or DEFAULT_NUM_AGENTS
+        maps = RandomObstacles(self.height, self.width, self.density, num_agents, goals_per_agent(env))
+        if self.new_maps:
+            return maps
+        return FixedMap(maps.sample(np.random.default_rng(self.seed)).grid, num_agents, goals_per_agent(env))
+
+    @property
+    def num_agents(self) -> int:
+        """N, the number of agents."""
+        return self.source.num_agents
+
+    def with_env(self, **changes: Any) -> Self:
+        """Return the workload with other fields of its environment."""
+        return replace(self, env=replace(self.env, **changes))
+
+    def simulator(self) -> Simulator:
+        """Return a batch of environments after a reset."""
+        simulator = Simulator(self.env_config(), self.num_envs, self.num_threads)
+        simulator.reset(seeds={b: self.seed + b for b in range(self.num_envs)})
+        return simulator
