@@ -12,10 +12,10 @@ import tyro
 from torch import Tensor, nn
 
 from mapf_pz import Channel, EnvConfig, Transition
-from mapf_pz.simulator.kernels.observation.inputs import ObservationInputs
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.config import ModelConfig, OptimizationConfig, TaskConfig, TrainConfig
 from mapf_pz.rl.networks.observation_shape import ObservationShape
+from mapf_pz.simulator.kernels.observation.inputs import ObservationInputs
 
 
 def draw_congestion(inputs: ObservationInputs, image: np.ndarray, plane: int) -> None:

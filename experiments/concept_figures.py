@@ -14,10 +14,11 @@ from matplotlib.patches import Circle, Rectangle
 
 import mapf_pz
 from mapf_pz import GuidanceGraph, Scenario
-from mapf_pz.simulator.actions import HEADING_STEPS, CardinalAction
 from mapf_pz._internal.arrays import Bools, Floats
-from mapf_pz.simulator.config import CollisionSystem
 from mapf_pz.instances import load_map
+from mapf_pz.instances.heading import HEADING_STEPS
+from mapf_pz.simulator.actions import CardinalAction
+from mapf_pz.simulator.config import CollisionSystem
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 WAIT, UP, DOWN, LEFT, RIGHT = CardinalAction

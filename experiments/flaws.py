@@ -7,9 +7,9 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.envs import Transform
 
-from mapf_pz.simulator.actions import Action
-from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.algorithms.ppo import CentralPPO
+from mapf_pz.rl.config import TrainConfig
+from mapf_pz.simulator.actions import Action
 
 GOAL, OTHER_GOALS = 1, 7
 """Planes of `view`, `goal`, `orientation`, `edge_weights` (4), `other_goals`."""

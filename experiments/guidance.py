@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from mapf_pz.simulator.config import EnvConfig, Goals
 from mapf_pz.guidance import GuidanceGraph, save_guidance
 from mapf_pz.guidance.library import guidance_graph
 from mapf_pz.optimization.config import OptimizeConfig
@@ -25,6 +24,7 @@ from mapf_pz.optimization.evaluate import compare as compare_graphs
 from mapf_pz.optimization.methods import METHODS
 from mapf_pz.optimization.optimize import optimize as run_optimization
 from mapf_pz.optimization.task import GuidanceTask
+from mapf_pz.simulator.config import EnvConfig, Goals
 
 RUNS = Path("runs/guidance")
 

@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from mapf_pz.simulator.config import OnTarget
 from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.evaluation.policies import SHIELD_SUFFIX
 from mapf_pz.evaluation.reports.report import grouped
@@ -28,6 +27,7 @@ from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.training.progress import PROGRESS, read_progress
 from mapf_pz.rl.training.train import train
+from mapf_pz.simulator.config import OnTarget
 
 MAP, NUM_AGENTS = "random-16-16-20", 32
 POLICIES = ("pibt", "epibt", "lacam:anytime=False", "mappo-cardinal", "mappo-cardinal+pibt")

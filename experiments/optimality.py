@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import tyro
 
-from mapf_pz.instances.instance import Instance
 from mapf_pz.instances import RandomObstacles
+from mapf_pz.instances.instance import Instance
 from mapf_pz.planners import CBS, validate
 from tests.helpers.joint_search import lowest_cost
 

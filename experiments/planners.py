@@ -17,15 +17,15 @@ from typing import Any
 import numpy as np
 import tyro
 
-from mapf_pz.simulator.config import ActionModel, EnvConfig
 from mapf_pz._internal.parallel import run_jobs
 from mapf_pz.evaluation.tracker import known_cost
-from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.instances import FixedMap, InstanceList, load_instance, load_map
+from mapf_pz.instances.instance import ActionModel, Instance, Scenario
 from mapf_pz.instances.library import benchmark_file
 from mapf_pz.planners import EPIBT, PIBT, LaCAM, Planner, planner_of, validate
 from mapf_pz.planners.pibt.planner import PREFERENCES, PRIORITIES
 from mapf_pz.simulator import Simulator
+from mapf_pz.simulator.config import EnvConfig
 from tests.helpers.reference_planners import ACTION, SlowEPIBT, SlowPIBT, World
 
 

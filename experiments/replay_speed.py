@@ -14,8 +14,8 @@ from tempfile import TemporaryDirectory
 
 import tyro
 
-from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.rl.demonstrations import DatasetConfig, load_dataset, make_dataset
+from mapf_pz.simulator.config import EnvConfig
 
 OBSERVATIONS = {
     "view_size": (7, 7),

@@ -24,7 +24,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.reproduction import Variation
-from mapf_pz.simulator.config import REWARDS
 from mapf_pz.rl.algorithms.algorithm import Algorithm
 from mapf_pz.rl.algorithms.named import algorithm_of
 from mapf_pz.rl.config import TrainConfig
@@ -33,6 +32,7 @@ from mapf_pz.rl.training.progress import PROGRESS
 from mapf_pz.rl.training.ranks import Ranks
 from mapf_pz.rl.training.train import train
 from mapf_pz.rl.training.validation import Validation
+from mapf_pz.simulator.config import REWARDS
 
 ROOT = Path(__file__).parents[1]
 IMAGE, SB3_EXAMPLE = ROOT / "docs" / "images" / "report.png", ROOT / "examples" / "report_sb3.py"

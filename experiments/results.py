@@ -28,15 +28,15 @@ import tyro
 from experiments.measured_numbers import pages as measured_pages
 from experiments.measured_numbers import without_origin
 from experiments.tables import TABLES, Results, ResultTable, markdown
+from mapf_pz._internal.atomic import write_whole
 from mapf_pz.evaluation import Episode, EvaluationTask, evaluate, load_suite, policy_factory
-from mapf_pz.evaluation.reports.figures import draw_figures
 from mapf_pz.evaluation.identity import Identities, Identity, code_digest
+from mapf_pz.evaluation.reports.figures import draw_figures
 from mapf_pz.evaluation.reports.intervals import interval
 from mapf_pz.evaluation.reports.published import METRICS, PublishedEpisode, check_possible, load_published
 from mapf_pz.evaluation.reports.report import SOLVED, grouped
-from mapf_pz.instances.library import benchmark_file
 from mapf_pz.instances.files.pogema import load_pogema, pogema_keys
-from mapf_pz._internal.atomic import write_whole
+from mapf_pz.instances.library import benchmark_file
 
 ROOT = Path(__file__).parents[1]
 FILES = ROOT / "docs" / "results"

@@ -13,13 +13,13 @@ import time
 import numpy as np
 import tyro
 
-from mapf_pz.simulator.config import ActionModel, EnvConfig
-from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.instances import load_map
+from mapf_pz.instances.instance import ActionModel, Grid, Instance, Scenario
 from mapf_pz.instances.place import largest_component
 from mapf_pz.instances.sources import InstanceList
 from mapf_pz.planners import Planner, planner_of
 from mapf_pz.simulator import Simulator
+from mapf_pz.simulator.config import EnvConfig
 
 
 def scale(

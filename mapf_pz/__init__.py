@@ -13,39 +13,40 @@ import pettingzoo
 from mapf_pz._internal.lazy import lazy_attributes
 
 if TYPE_CHECKING:
-    from mapf_pz.simulator.actions import Action, CardinalAction, Heading
+    from mapf_pz._internal.version import __version__
+    from mapf_pz.environment.mapf_env import MapfEnv, env, parallel_env
+    from mapf_pz.errors import FormatError
+    from mapf_pz.guidance import GuidanceGraph
+    from mapf_pz.instances.heading import Heading
+    from mapf_pz.instances.instance import Grid, Instance, InstanceSource, Scenario
+    from mapf_pz.simulator.actions import Action, CardinalAction
     from mapf_pz.simulator.config import EnvConfig
     from mapf_pz.simulator.kernels.observation.channels import Channel
     from mapf_pz.simulator.kernels.observation.features import Feature
     from mapf_pz.simulator.kernels.reward import RewardConfig
-    from mapf_pz.environment.mapf_env import MapfEnv, env, parallel_env
-    from mapf_pz.errors import FormatError
-    from mapf_pz.guidance import GuidanceGraph
-    from mapf_pz.instances.instance import Grid, Instance, InstanceSource, Scenario
     from mapf_pz.simulator.recommended import RECOMMENDED
     from mapf_pz.simulator.transition import Transition
-    from mapf_pz._internal.version import __version__
 
 _HOMES = {
-    "RECOMMENDED": "recommended",
-    "__version__": "version",
-    "Action": "actions",
-    "CardinalAction": "actions",
-    "Channel": "core.observation.channels",
-    "EnvConfig": "config",
-    "Feature": "core.observation.features",
+    "RECOMMENDED": "simulator.recommended",
+    "__version__": "_internal.version",
+    "Action": "simulator.actions",
+    "CardinalAction": "simulator.actions",
+    "Channel": "simulator.kernels.observation.channels",
+    "EnvConfig": "simulator.config",
+    "Feature": "simulator.kernels.observation.features",
     "FormatError": "errors",
-    "Grid": "instance",
+    "Grid": "instances.instance",
     "GuidanceGraph": "guidance",
-    "Heading": "actions",
-    "Instance": "instance",
-    "InstanceSource": "instance",
-    "MapfEnv": "environment",
-    "RewardConfig": "core.reward",
-    "Scenario": "instance",
-    "Transition": "transition",
-    "env": "environment",
-    "parallel_env": "environment",
+    "Heading": "instances.heading",
+    "Instance": "instances.instance",
+    "InstanceSource": "instances.instance",
+    "MapfEnv": "environment.mapf_env",
+    "RewardConfig": "simulator.kernels.reward",
+    "Scenario": "instances.instance",
+    "Transition": "simulator.transition",
+    "env": "environment.mapf_env",
+    "parallel_env": "environment.mapf_env",
 }
 
 __all__ = [
@@ -78,8 +79,8 @@ def __dir__() -> list[str]:
     return sorted([*globals(), *__all__])
 
 
-pettingzoo.register("parallel", "mapf_pz/Mapf-v0", entry_point="mapf_pz.environment.mapf_env:parallel_env")
-pettingzoo.register("aec", "mapf_pz/Mapf-v0", entry_point="mapf_pz.environment.mapf_env:env")
+pettingzoo.register("parallel", "mapf_pz/Mapf-v0", entry_point="mapf_pz.environment:parallel_env")
+pettingzoo.register("aec", "mapf_pz/Mapf-v0", entry_point="mapf_pz.environment:env")
 gymnasium.register(
     "Mapf-Centralized-v0",
     entry_point="mapf_pz.wrappers.centralized:centralized_env",

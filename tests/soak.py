@@ -15,9 +15,9 @@ from pathlib import Path
 import numba
 import numpy as np
 
-from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.instances import FixedMap, RandomObstacles
 from mapf_pz.simulator import Simulator
+from mapf_pz.simulator.config import EnvConfig
 
 RULES = (
     "",

@@ -12,13 +12,13 @@ import pytest
 
 import mapf_pz
 from mapf_pz import cli
+from mapf_pz.commands.main import COMMANDS, Command, main
+from mapf_pz.instances import load_map, map_names, place, write_map, write_scenario
+from mapf_pz.instances.instance import Grid
 from mapf_pz.speed import scaling
 from mapf_pz.speed.candidates import COPY, as_table
 from mapf_pz.speed.runs import Measurement, measure, timed
 from mapf_pz.speed.workload import Workload
-from mapf_pz.commands.main import COMMANDS, Command, main
-from mapf_pz.instances.instance import Grid
-from mapf_pz.instances import load_map, map_names, place, write_map, write_scenario
 
 
 def run(capsys, *words):
@@ -102,7 +102,8 @@ def test_the_help_of_training_needs_no_torch():
 
 def test_the_overview_loads_little():
     done = python(
-        "-c", "import sys; from mapf_pz.commands.main import main; main(['-h']); print({'torch', 'numba'} & {*sys.modules})"
+        "-c",
+        "import sys; from mapf_pz.commands.main import main; main(['-h']); print({'torch', 'numba'} & {*sys.modules})",
     )
     assert (done.stdout.splitlines()[-1], done.stderr) == ("set()", "")
 

@@ -20,8 +20,8 @@ from pettingzoo.test import (
 
 import mapf_pz
 from mapf_pz import Action, CardinalAction, Grid, Instance, RewardConfig, Scenario
-from mapf_pz.simulator.kernels.observation.channels import CHANNELS
 from mapf_pz.instances import RandomObstacles
+from mapf_pz.simulator.kernels.observation.channels import CHANNELS
 from mapf_pz.simulator.metrics import EpisodeRecord, episode_metrics
 
 EAST, SOUTH, WEST, NORTH = range(4)

@@ -16,8 +16,8 @@ from mapf_pz.evaluation import load_suite
 from mapf_pz.evaluation.identity import Identities
 from mapf_pz.evaluation.results import COLUMNS, Results
 from mapf_pz.guidance import load_guidance, load_moves
-from mapf_pz.instances.instance import Grid, Scenario
 from mapf_pz.instances import load_instance, load_map, load_pogema, load_problem, load_scenario
+from mapf_pz.instances.instance import Grid, Scenario
 from mapf_pz.planners.plans.files import Selection, read_plan
 from tests.helpers.corrupt_files import Case, as_json, bounded, changed, fuzzed, outcome, refused
 from tests.plans.test_plan_files import TEXT

@@ -6,9 +6,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
+from mapf_pz._internal.lock import LOCK_FILE, locked
 from mapf_pz.commands.main import main
 from mapf_pz.evaluation import EvaluationTask, evaluate
-from mapf_pz._internal.lock import LOCK_FILE, locked
 
 HOLD = """
 import sys, time

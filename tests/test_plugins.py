@@ -13,8 +13,8 @@ import mapf_pz
 from mapf_pz import Channel, EnvConfig, Feature
 from mapf_pz.commands.main import main
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
-from mapf_pz.rl.config_file import load_config
 from mapf_pz.rl.algorithms.ppo import MAPPO
+from mapf_pz.rl.config_file import load_config
 from mapf_pz.simulator import Simulator
 from tests.helpers.small_run import TINY, changed
 

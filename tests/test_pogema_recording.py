@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.instances.instance import Scenario
 from mapf_pz.instances import FixedScenario, load_map
+from mapf_pz.instances.instance import Scenario
 from mapf_pz.simulator import Simulator
+from mapf_pz.simulator.config import EnvConfig
 from tests.helpers.random_walk import intended
 
 RECORDINGS = Path(__file__).parent / "recordings"

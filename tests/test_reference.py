@@ -2,7 +2,8 @@ from math import inf, log1p, sqrt
 
 import pytest
 
-from mapf_pz.simulator.actions import Action, CardinalAction, Heading
+from mapf_pz.instances.heading import Heading
+from mapf_pz.simulator.actions import Action, CardinalAction
 from mapf_pz.simulator.config import RewardConfig
 from tests.helpers.cases import CASES
 from tests.helpers.reference import Reference

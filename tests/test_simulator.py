@@ -8,13 +8,13 @@ import numba
 import numpy as np
 import pytest
 
+from mapf_pz.instances import RandomObstacles
+from mapf_pz.instances.instance import Grid, Instance, Scenario
+from mapf_pz.simulator import Simulator
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.kernels.observation.channels import CHANNELS
 from mapf_pz.simulator.kernels.observation.features import FEATURES
 from mapf_pz.simulator.kernels.step import step
-from mapf_pz.instances.instance import Grid, Instance, Scenario
-from mapf_pz.instances import RandomObstacles
-from mapf_pz.simulator import Simulator
 
 ON_TARGET = ("nothing", "finish", "restart")
 MAPS = ("one map", "many maps")

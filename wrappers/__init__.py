@@ -1,6 +1,9 @@
-"""Wrappers of the environment."""
+"""Wrappers of the environment.
 
-from mapf_pz.simulator.action_modes import ACTION_MODES, ActionMode
+They import the environment and the simulator. Read `centralized.py` first.
+"""
+
+from mapf_pz.simulator.actions import ACTION_MODES, ActionMode
 from mapf_pz.wrappers.centralized import CentralizedEnv, TeamReward, centralized_env
 from mapf_pz.wrappers.centralized_vector import CentralizedVectorEnv
 from mapf_pz.wrappers.continuous_actions import ContinuousActions

@@ -12,10 +12,10 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 from pettingzoo import ParallelEnv
 
-from mapf_pz.simulator.action_modes import ActionMode
-from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.environment.mapf_env import AgentObservation, MapfEnv, parallel_env
 from mapf_pz._internal.signatures import with_fields_of
+from mapf_pz.environment.mapf_env import AgentObservation, MapfEnv, parallel_env
+from mapf_pz.simulator.actions import ActionMode
+from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.wrappers.continuous_actions import ContinuousActions
 from mapf_pz.wrappers.stacking import stacked, stacked_space, zeros
 

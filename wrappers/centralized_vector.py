@@ -12,9 +12,8 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from mapf_pz._internal.arrays import Bools, Floats, Ints
-from mapf_pz.simulator.batch import BatchConfig
-from mapf_pz.simulator.config import EnvConfig
 from mapf_pz._internal.signatures import init_with_fields_of
+from mapf_pz.simulator.config import BatchConfig, EnvConfig
 from mapf_pz.simulator.simulator import Simulator
 from mapf_pz.wrappers.centralized import CentralizedConfig, TeamObservation, team_reward_function, team_spaces
 from mapf_pz.wrappers.continuous_actions import decoder, generator

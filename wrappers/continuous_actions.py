@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 from pettingzoo import ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper
 
-from mapf_pz.simulator.action_modes import ACTION_MODES, ActionMode, Decoder
 from mapf_pz._internal.arrays import Floats
 from mapf_pz.environment.mapf_env import AgentInfo, AgentObservation, MapfEnv, StepResult
+from mapf_pz.simulator.actions import ACTION_MODES, ActionMode, Decoder
 
 
 class ContinuousActions(BaseParallelWrapper[str, AgentObservation, Any]):

@@ -26,6 +26,7 @@ from numba import config
 from numba.core import event
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
+Array = Any  # numpy arrays; the comments give shape and dtype, which Numba's compiled signatures hold to
 logger = logging.getLogger(__name__)
 
 numba_config: Any = config  # its settings are made when it is loaded, unseen by type checkers
@@ -195,10 +196,11 @@ event.register("numba:compile", _FirstCompilation())
 def _fingerprint() -> str:
     """Hash the kernel files and what else changes the compiled code."""
     digest = hashlib.sha256(f"bounds check {numba_config.BOUNDSCHECK}".encode())
-    core = Path(__file__).parent
-    for file in sorted(core.parent.rglob("*.py")):
+    package = Path(__file__).parents[1]
+    kernels = package / "simulator" / "kernels"
+    for file in sorted(package.rglob("*.py")):
         content = file.read_bytes()
-        if core in file.parents or b"from mapf_pz._internal.jit import" in content:
+        if file == Path(__file__) or kernels in file.parents or b"from mapf_pz._internal.jit import" in content:
             digest.update(content)
     return digest.hexdigest()[:16]
 

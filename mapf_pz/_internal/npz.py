@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mapf_pz.errors import FormatError
 from mapf_pz._internal.atomic import write_whole
 from mapf_pz._internal.text import read_bytes
+from mapf_pz.errors import FormatError
 
 MAX_ARRAY_BYTES = 2**29
 """Maximum size of an array."""

@@ -8,8 +8,8 @@ from pathlib import Path
 from reprlib import repr as shortened
 from typing import Any, TypeVar
 
-from mapf_pz.errors import FormatError
 from mapf_pz._internal.suggest import closest
+from mapf_pz.errors import FormatError
 
 Part = TypeVar("Part")
 NAMED_PARTS = ("channels", "features", "reward", "source")

@@ -1,1 +1,1 @@
-"""The commands of `mapf-pz`, one module each, which `mapf_pz.commands.main` loads."""
+"""The commands of `mapf-pz`, one module each. Read `main.py` first, which loads them."""

@@ -13,12 +13,12 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from tyro.conf import Positional, arg, subcommand
 
-from mapf_pz.commands.env_flags import EnvKeywords
-from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.rl.demonstrations import DatasetConfig, load_dataset, make_dataset
-from mapf_pz._internal.parallel import job_runner
-from mapf_pz.instances.mixture import MapMixture
 from mapf_pz._internal.interrupts import interruptible
+from mapf_pz._internal.parallel import job_runner
+from mapf_pz.commands.env_flags import EnvKeywords
+from mapf_pz.instances.mixture import MapMixture
+from mapf_pz.rl.demonstrations import DatasetConfig, load_dataset, make_dataset
+from mapf_pz.simulator.config import EnvConfig
 
 
 @dataclass(frozen=True)

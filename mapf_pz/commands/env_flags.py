@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 from tyro.conf import Suppress, UseAppendAction
 from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
 
-from mapf_pz.simulator.config import EnvConfig, HeadingName
+from mapf_pz.instances.instance import HeadingName
+from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.kernels.reward import REWARDS, RewardConfig
 
 if TYPE_CHECKING:

@@ -16,6 +16,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from tyro.conf import UseAppendAction, arg
 
+from mapf_pz._internal.atomic import write_whole
+from mapf_pz._internal.interrupts import interruptible
+from mapf_pz._internal.lock import locked
 from mapf_pz.commands.env_flags import EnvKeywords
 from mapf_pz.evaluation import (
     Episode,
@@ -30,12 +33,9 @@ from mapf_pz.evaluation.episodes import Policy, PolicyFactory, simulator_of
 from mapf_pz.evaluation.policies import is_trained
 from mapf_pz.evaluation.reports.report import exhausted
 from mapf_pz.evaluation.tracker import known_cost
-from mapf_pz.instances.instance import Scenario
 from mapf_pz.instances import load_instances
+from mapf_pz.instances.instance import Scenario
 from mapf_pz.simulator.configured import goals_per_agent
-from mapf_pz._internal.interrupts import interruptible
-from mapf_pz._internal.atomic import write_whole
-from mapf_pz._internal.lock import locked
 
 TABLE_FILE = "evaluation.md"
 DEFAULT_AGENTS = 10

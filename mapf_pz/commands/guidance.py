@@ -9,6 +9,7 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import Positional, subcommand
 
+from mapf_pz._internal.text import read_text
 from mapf_pz.commands.guidance_search import (
     EvaluateGuidance,
     OptimizeGuidance,
@@ -21,9 +22,8 @@ from mapf_pz.guidance import GuidanceGraph, load_guidance, load_moves, save_guid
 from mapf_pz.guidance.files import check_guidance_file
 from mapf_pz.guidance.graph import AGAINST, ALONG, CONGESTION, CONTRAFLOW, HIGH, LOW
 from mapf_pz.guidance.library import guidance_graph
-from mapf_pz.instances.instance import Grid
 from mapf_pz.instances import load_map
-from mapf_pz._internal.text import read_text
+from mapf_pz.instances.instance import Grid
 from mapf_pz.render.guidance import check_picture, save_guidance_picture
 
 

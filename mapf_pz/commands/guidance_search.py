@@ -14,8 +14,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from tyro.conf import Positional
 
-from mapf_pz.guidance.library import guidance_graph
 from mapf_pz._internal.interrupts import interruptible
+from mapf_pz.guidance.library import guidance_graph
 from mapf_pz.optimization import search
 from mapf_pz.optimization.config import OptimizeConfig
 from mapf_pz.optimization.evaluate import Comparison, compare

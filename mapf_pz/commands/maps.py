@@ -14,12 +14,12 @@ from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TaskID, TextColumn, TransferSpeedColumn
 from tyro.conf import Positional, subcommand
 
-from mapf_pz.simulator.config import DEFAULT_NUM_AGENTS
-from mapf_pz.instances import MapMixture, generate_bundled, load_map, map_names, write_map, write_scenario
-from mapf_pz.instances.files.archive import ARCHIVES
-from mapf_pz.instances.download import Show, cache_folder, download
 from mapf_pz._internal.interrupts import interruptible
 from mapf_pz._internal.lock import locked
+from mapf_pz.instances import MapMixture, generate_bundled, load_map, map_names, write_map, write_scenario
+from mapf_pz.instances.download import Show, cache_folder, download
+from mapf_pz.instances.files.archive import ARCHIVES
+from mapf_pz.simulator.config import DEFAULT_NUM_AGENTS
 
 
 @dataclass(frozen=True)

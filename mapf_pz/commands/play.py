@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, cast
 
-from mapf_pz.simulator.actions import Action, CardinalAction
-from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.simulator.kernels.reward import REWARDS
 from mapf_pz.environment.mapf_env import MapfEnv
 from mapf_pz.evaluation.episodes import actions_of, changed_keywords
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.render.rgb import Canvas
 from mapf_pz.render.window import Window
+from mapf_pz.simulator.actions import Action, CardinalAction
+from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.kernels.reward import REWARDS
 
 KEYS: dict[str, dict[str, int]] = {
     "rotate": {

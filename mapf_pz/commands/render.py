@@ -11,13 +11,13 @@ from rich.progress import Progress
 from tyro.conf import Positional, UseAppendAction
 
 from mapf_pz.commands.planfile import LoadedPlan, load_plan
-from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.evaluation.episodes import AnyEnv, Policy, changed_keywords, rollout
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.planners import record_plan, violations
 from mapf_pz.render import Recording, save_html, save_recording, save_viewer
 from mapf_pz.render.recording import RecordedViolation
 from mapf_pz.render.save import check_output
+from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.wrappers import RecordEpisode
 
 

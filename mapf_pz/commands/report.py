@@ -8,12 +8,12 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
+from mapf_pz._internal.atomic import write_whole
 from mapf_pz.evaluation.reports.figures import FigureFormat, draw_figures
 from mapf_pz.evaluation.reports.formats import FORMATS, TableFormat
 from mapf_pz.evaluation.reports.published import load_published
 from mapf_pz.evaluation.reports.report import ALL_COLUMNS, COLUMNS, differences, summaries
 from mapf_pz.evaluation.results import read_episodes
-from mapf_pz._internal.atomic import write_whole
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ from typing import ClassVar
 from tyro.conf import Positional
 
 from mapf_pz.commands.env_flags import EnvKeywords
-from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.instances.files.lorr import load_problem
 from mapf_pz.planners import planner_of, validate
 from mapf_pz.planners.plans.files import PlanMetadata, check_format, write_plan
 from mapf_pz.planners.scheduling import SCHEDULERS, run_problem
+from mapf_pz.simulator.config import EnvConfig
 
 
 class GuidanceKeywords(EnvKeywords):

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from tyro.conf import Positional
 
-from mapf_pz.simulator.config import CollisionSystem, OnTarget
 from mapf_pz.evaluation.pogema.pogema import InPogema
-from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.evaluation.pogema.served_policy import replies
+from mapf_pz.evaluation.policies import policy_factory
+from mapf_pz.simulator.config import CollisionSystem, OnTarget
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,13 @@ from typing import ClassVar
 from tyro.conf import Positional
 
 from mapf_pz.commands.env_flags import EnvKeywords
-from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.evaluation.tracker import known_cost
 from mapf_pz.instances.instance import Instance, Scenario
-from mapf_pz.simulator.configured import sample_instance
 from mapf_pz.planners import planner_of, validate, write_trace
 from mapf_pz.planners.base import simulator_of
 from mapf_pz.planners.plans.files import PlanMetadata, check_format, write_plan
+from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.configured import sample_instance
 
 
 class PlanningKeywords(EnvKeywords):

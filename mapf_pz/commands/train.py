@@ -16,13 +16,13 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from tyro.conf import Positional, subcommand
 from tyro.extras import subcommand_type_from_defaults
 
+from mapf_pz._internal.interrupts import interruptible
+from mapf_pz._internal.lock import locked
 from mapf_pz.commands.evaluate import report
 from mapf_pz.commands.render import save_episode
 from mapf_pz.evaluation import EvaluationTask, load_suite
 from mapf_pz.evaluation.policies import SHIELD_SUFFIX, policy_factory
 from mapf_pz.evaluation.results import EPISODES_FILE, discard
-from mapf_pz._internal.interrupts import interruptible
-from mapf_pz._internal.lock import locked
 from mapf_pz.rl.config import DeviceName, TrainConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
 from mapf_pz.rl.presets import PRESETS, SUMMARIES

@@ -13,15 +13,15 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import OrderEnforcingWrapper
 from pettingzoo.utils.conversions import parallel_to_aec_wrapper
 
-from mapf_pz.simulator.action_checks import check_agents, whole_numbers
 from mapf_pz._internal.arrays import Bools, Ints
-from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.simulator.global_state import STATE_PLANES, global_state
+from mapf_pz._internal.signatures import with_fields_of
 from mapf_pz.environment.infos import AgentInfo, Infos
 from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.render.modes import render_modes
 from mapf_pz.render.state import RenderState
-from mapf_pz._internal.signatures import with_fields_of
+from mapf_pz.simulator.actions import check_agents, whole_numbers
+from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.global_state import STATE_PLANES, global_state
 from mapf_pz.simulator.simulator import Simulator
 
 AgentObservation: TypeAlias = "NDArray[np.float32] | dict[str, NDArray[np.float32]]"

@@ -1,10 +1,13 @@
-"""Evaluation of policies and planners on the same episodes, with the same rules."""
+"""Evaluation of policies and planners on the same episodes, with the same rules.
+
+It imports everything but the commands. Read `evaluate_policies.py` first.
+"""
 
 from mapf_pz.evaluation.batch import BatchPolicy, PolicyInBatch
 from mapf_pz.evaluation.episodes import Policy, Rollout, make_env, rollout
 from mapf_pz.evaluation.evaluate_policies import evaluate
-from mapf_pz.evaluation.reports.formats import markdown_table, terminal_table
 from mapf_pz.evaluation.policies import policy_factory
+from mapf_pz.evaluation.reports.formats import markdown_table, terminal_table
 from mapf_pz.evaluation.results import Episode
 from mapf_pz.evaluation.suite import load_suite, suite_names
 from mapf_pz.evaluation.task import EvaluationTask

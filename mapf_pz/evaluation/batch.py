@@ -11,10 +11,10 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from mapf_pz._internal.arrays import Ints
-from mapf_pz.simulator.kernels.cost_tables import CACHE_BYTES
 from mapf_pz.evaluation.measures import Measures, Metrics
 from mapf_pz.evaluation.task import EvaluationTask
 from mapf_pz.instances import InstanceList
+from mapf_pz.simulator.kernels.cost_tables import CACHE_BYTES
 from mapf_pz.simulator.simulator import Observation, Simulator
 
 MAX_AGENTS = 256

@@ -11,13 +11,13 @@ from typing import Any, Protocol, TypeAlias, cast
 
 from pettingzoo.utils import BaseParallelWrapper
 
-from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.simulator.kernels.reward import RewardConfig
 from mapf_pz.environment.mapf_env import AgentObservation, MapfEnv, parallel_env
 from mapf_pz.evaluation.batch import BatchPolicy, EpisodeBatch, batch_of
 from mapf_pz.evaluation.measures import Measures, Metrics
 from mapf_pz.evaluation.task import EvaluationTask
 from mapf_pz.instances.instance import Instance
+from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.kernels.reward import RewardConfig
 from mapf_pz.simulator.simulator import Simulator
 
 AnyEnv: TypeAlias = "MapfEnv | BaseParallelWrapper[str, AgentObservation, Any]"
@@ -128,10 +128,10 @@ def rollout(
 def run_episodes(factory: PolicyFactory, task: EvaluationTask, episodes: Iterable[int]) -> Iterator[Metrics]:
     """Yield the metrics of some of a task's episodes.
 
-    In addition to those of `mapf_pz.simulator.metrics`, they are: `runtime`, the runtime of the policy in an episode in seconds;
-    `step_ms` and `agent_us`, this runtime per step in milliseconds and per agent step in microseconds; `collisions`,
-    the fraction of agent steps with a move that an obstacle or another agent blocked; `best_ratio`, the throughput
-    divided by the best known throughput, or the sum of costs of a solved episode divided by the best known one.
+    In addition to those of `mapf_pz.simulator.metrics`, they are: `runtime`, the runtime of the policy in an episode in
+    seconds; `step_ms` and `agent_us`, this runtime per step in milliseconds and per agent step in microseconds;
+    `collisions`, the fraction of agent steps with a move that an obstacle or another agent blocked; `best_ratio`, the
+    throughput divided by the best known throughput, or the sum of costs of a solved episode divided by the best known.
 
     A policy with `in_batch` acts in several episodes at the same time, and its runtime in a step is divided equally
     among them. The other metrics do not depend on which episodes these are.

@@ -6,15 +6,15 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, cast
 
+from mapf_pz._internal.lock import locked
+from mapf_pz._internal.parallel import run_jobs
 from mapf_pz.evaluation.batch import MAX_AGENTS
 from mapf_pz.evaluation.episodes import Policy, PolicyFactory, run_episodes
 from mapf_pz.evaluation.identity import Identities
-from mapf_pz._internal.parallel import run_jobs
 from mapf_pz.evaluation.policies import factory_for, policy_factory
 from mapf_pz.evaluation.results import Episode, Results
 from mapf_pz.evaluation.suite import load_suite
 from mapf_pz.evaluation.task import EvaluationTask
-from mapf_pz._internal.lock import locked
 
 EPISODES_PER_JOB = 8
 """Minimum number of episodes that a process runs per job."""

@@ -14,27 +14,25 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from mapf_pz.simulator.config import EnvConfig
-from mapf_pz._internal.digest import NoDigestError, digest
-from mapf_pz.errors import FormatError
-from mapf_pz.evaluation.task import EvaluationTask
-from mapf_pz.guidance.library import guidance_file
-from mapf_pz.simulator.configured import make_source
 from mapf_pz._internal.atomic import write_whole
+from mapf_pz._internal.digest import NoDigestError, digest
 from mapf_pz._internal.json import JsonObject, parse_object
 from mapf_pz._internal.text import read_text
 from mapf_pz._internal.version import __version__
+from mapf_pz.errors import FormatError
+from mapf_pz.evaluation.task import EvaluationTask
+from mapf_pz.guidance.library import guidance_file
+from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.configured import make_source
 
 Identity = Mapping[str, Any]
 """Named numbers, texts and digests, as JSON."""
 IDENTITIES_FILE = "identities.json"
 NOT_DECIDING = (
-    *("__main__.py", "cli.py", "interrupts.py", "lazy.py", "suggest.py", "version.py", "digest.py"),
-    *("benchmark", "commands", "demonstrations", "maps", "optimization", "render", "scheduling", "wrappers"),
-    *(f"evaluation/{name}.py" for name in ("evaluate_policies", "figures", "formats", "identity", "intervals")),
-    *(f"evaluation/{name}.py" for name in ("parallel", "published", "report", "results")),
-    *(f"rl/{name}.py" for name in ("checkpoint", "collect", "curves", "launch", "loggers", "progress", "ranks", "run")),
-    *(f"rl/{name}.py" for name in ("stopwatch", "training", "updates", "validation")),
+    *(f"_internal/{name}.py" for name in ("digest", "interrupts", "lazy", "lock", "parallel", "printable", "suggest")),
+    *("__main__.py", "_internal/version.py", "commands", "maps", "optimization", "render", "speed", "wrappers"),
+    *("planners/scheduling", "rl/demonstrations", "rl/training", "evaluation/reports"),
+    *(f"evaluation/{name}.py" for name in ("evaluate_policies", "identity", "results")),
 )
 """Files and folders of the package that do not affect the metrics of an episode."""
 _SOURCE_FIELDS = ("map", "scenario", "source", "goals", "on_target", "max_steps")

@@ -8,17 +8,17 @@ from pathlib import Path
 from typing import Any
 
 from mapf_pz._internal.digest import digest
+from mapf_pz._internal.json import parse_object
+from mapf_pz._internal.suggest import closest
+from mapf_pz._internal.text import read_text
 from mapf_pz.environment.mapf_env import parallel_env
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.batch import BatchPolicy
 from mapf_pz.evaluation.episodes import AnyEnv, Policy, PolicyFactory, check_policy, make_env
 from mapf_pz.evaluation.random_policy import RandomPolicy
-from mapf_pz._internal.json import parse_object
-from mapf_pz._internal.text import read_text
 from mapf_pz.planners import PLANNERS, Planner, Shield, planner_of
 from mapf_pz.planners.named import parse_options, planner_options
 from mapf_pz.planners.pibt.shield import DEPTH, PATIENCE
-from mapf_pz._internal.suggest import closest
 
 SHIELD_SUFFIX = "+pibt"
 """Suffix of a trained policy's name: PIBT executes its preferences without collisions."""
@@ -85,7 +85,7 @@ def _bundled_names() -> list[str]:
 
 
 def _policies() -> Path:
-    return Path(str(resources.files("mapf_pz"))) / "rl" / "policies"
+    return Path(str(resources.files("mapf_pz"))) / "rl" / "policies" / "bundled"
 
 
 def _configuration(file: Path) -> object:

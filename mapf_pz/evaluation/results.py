@@ -9,12 +9,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mapf_pz.errors import FormatError
-from mapf_pz.evaluation.identity import IDENTITIES_FILE, Identities
-from mapf_pz.evaluation.task import task_label
 from mapf_pz._internal.atomic import naming, write_whole
 from mapf_pz._internal.printable import from_cell, to_cell
 from mapf_pz._internal.text import read_text
+from mapf_pz.errors import FormatError
+from mapf_pz.evaluation.identity import IDENTITIES_FILE, Identities
+from mapf_pz.evaluation.task import task_label
 
 METRICS = (
     "CSR",

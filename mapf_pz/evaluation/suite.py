@@ -12,18 +12,18 @@ from pathlib import Path
 from reprlib import repr as shortened
 from typing import Any, cast
 
-from mapf_pz.simulator.config import EnvConfig
+from mapf_pz._internal.json import MAX_NAME, MAX_NUMBER, JsonObject, is_whole, list_member, named_file, parse_object
+from mapf_pz._internal.plugins import NAMED_PARTS, check_trusted
+from mapf_pz._internal.text import read_text
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.task import EvaluationTask
 from mapf_pz.evaluation.tracker import known_cost
 from mapf_pz.guidance.library import is_guidance_file
-from mapf_pz.instances.instance import Instance
 from mapf_pz.instances import RandomObstacles, load_map, load_problem, load_scenario
-from mapf_pz.instances.library import benchmark_file
 from mapf_pz.instances.files.pogema import load_pogema
-from mapf_pz._internal.json import MAX_NAME, MAX_NUMBER, JsonObject, is_whole, list_member, named_file, parse_object
-from mapf_pz._internal.text import read_text
-from mapf_pz._internal.plugins import NAMED_PARTS, check_trusted
+from mapf_pz.instances.instance import Instance
+from mapf_pz.instances.library import benchmark_file
+from mapf_pz.simulator.config import EnvConfig
 
 MAX_CELLS = 2**24
 """Maximum number of cells of a random map."""

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from mapf_pz.simulator.config import EnvConfig, check_whole
-from mapf_pz.instances.instance import Instance, InstanceSource
 from mapf_pz.instances import InstanceList
+from mapf_pz.instances.instance import Instance, InstanceSource
+from mapf_pz.simulator.config import EnvConfig, check_whole
 from mapf_pz.simulator.seeds import FIRST_EVALUATION_SEED
 
 

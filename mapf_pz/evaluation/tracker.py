@@ -14,9 +14,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
+from mapf_pz._internal.text import read_text
 from mapf_pz.errors import FormatError
 from mapf_pz.instances.library import benchmark_file
-from mapf_pz._internal.text import read_text
 
 _SCENARIO = re.compile(r"(.+)-(even|random)-(\d+)")
 _COLUMNS = ("scen_type", "type_id", "agents", "lower_cost", "solution_cost")

@@ -1,4 +1,7 @@
-"""Guidance graphs: the costs of leaving a cell in each direction, and of waiting or turning there."""
+"""Guidance graphs: the costs of leaving a cell in each direction, and of waiting or turning there.
+
+It imports instances. Read `graph.py` first. `mapf_pz.optimization` optimizes graphs.
+"""
 
 from mapf_pz.guidance.edges import count_moves, open_edges
 from mapf_pz.guidance.files import load_guidance, load_moves, save_guidance, save_moves

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mapf_pz.simulator.actions import HEADING_STEPS, Heading
 from mapf_pz._internal.arrays import Bools, Floats, Ints, Scalar
+from mapf_pz.instances.heading import HEADING_STEPS, Heading
 
 
 def open_edges(free: Bools) -> Bools:

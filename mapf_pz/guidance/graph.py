@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mapf_pz.simulator.actions import Heading
 from mapf_pz._internal.arrays import Bools, EqualByValue, Floats, Ints, frozen
 from mapf_pz.guidance.edges import of_target, open_edges, opposite_edges
+from mapf_pz.instances.heading import Heading
 
 LOW, HIGH = 0.1, 1.0
 """Default range of random weights."""

@@ -1,10 +1,10 @@
-"""Benchmark files, map generators, and sources of episodes."""
+"""Maps, scenarios and instances: their files, generators, and sources of episodes.
+
+It imports only what is internal. Read `instance.py` first.
+"""
 
 from mapf_pz.instances.bundled import generate_bundled
-from mapf_pz.instances.library import load_map, load_scenario, map_names
-from mapf_pz.instances.load import load_instance, load_instances
 from mapf_pz.instances.files.lorr import LorrProblem, load_problem
-from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.instances.files.movingai import (
     format_map,
     format_scenario,
@@ -15,8 +15,13 @@ from mapf_pz.instances.files.movingai import (
     write_map,
     write_scenario,
 )
-from mapf_pz.instances.place import components, largest_component, place, place_on
 from mapf_pz.instances.files.pogema import load_pogema
+from mapf_pz.instances.heading import Heading
+from mapf_pz.instances.instance import Grid, Instance, InstanceSource, Scenario
+from mapf_pz.instances.library import load_map, load_scenario, map_names
+from mapf_pz.instances.load import load_instance, load_instances
+from mapf_pz.instances.mixture import MapMixture
+from mapf_pz.instances.place import components, largest_component, place, place_on
 from mapf_pz.instances.sources import (
     FixedMap,
     FixedScenario,
@@ -30,11 +35,16 @@ from mapf_pz.instances.warehouse import Warehouse, WarehouseTasks, load_warehous
 __all__ = [
     "FixedMap",
     "FixedScenario",
+    "Grid",
+    "Heading",
+    "Instance",
     "InstanceList",
+    "InstanceSource",
     "LorrProblem",
     "MapMixture",
     "RandomMaps",
     "RandomObstacles",
+    "Scenario",
     "SourceMixture",
     "Warehouse",
     "WarehouseTasks",

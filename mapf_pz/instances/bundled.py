@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.instances.instance import Grid
 from mapf_pz.instances import generate
 from mapf_pz.instances.files.movingai import write_map
+from mapf_pz.instances.instance import Grid
 
 
 class Recipe(NamedTuple):

@@ -8,9 +8,9 @@ from http import HTTPStatus
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from mapf_pz.instances.files.archive import Archive, unpack
 from mapf_pz._internal.atomic import naming
 from mapf_pz._internal.lock import locked
+from mapf_pz.instances.files.archive import Archive, unpack
 
 CACHE_VARIABLE = "MAPF_PZ_CACHE"
 """Environment variable for the folder of downloaded data; overrides the user's cache."""

@@ -7,13 +7,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mapf_pz.simulator.actions import Heading
 from mapf_pz._internal.arrays import Bools, EqualByValue, Ints, frozen
+from mapf_pz.instances.heading import Heading
+
+ActionModel = Literal["rotate", "cardinal"]
+"""Agents that turn, whose instances have headings, or agents that move in four directions."""
+HeadingName = Literal["random", "east"]
+"""Initial headings by name."""
 
 
 @dataclass(frozen=True, eq=False)

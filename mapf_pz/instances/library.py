@@ -10,15 +10,17 @@ from itertools import chain
 from pathlib import Path
 
 from mapf_pz._internal.arrays import Bools
-from mapf_pz.errors import FormatError
-from mapf_pz.instances.instance import Grid, Scenario
-from mapf_pz.instances.download import cache_folder
-from mapf_pz.instances.files.movingai import parse_cells, parse_map_name, read_map, read_scenario
 from mapf_pz._internal.json import parse_object
-from mapf_pz.instances.files.layout import PASSABLE, cells_of, layout_rows
-from mapf_pz._internal.text import read_text
 from mapf_pz._internal.suggest import closest
+from mapf_pz._internal.text import read_text
+from mapf_pz.errors import FormatError
+from mapf_pz.instances.download import cache_folder
+from mapf_pz.instances.files.layout import PASSABLE, cells_of, layout_rows
+from mapf_pz.instances.files.movingai import parse_cells, parse_map_name, read_map, read_scenario
+from mapf_pz.instances.instance import Grid, Scenario
 
+DEFAULT_MAP = "empty-8-8"
+"""The map if no map, scenario or source is given."""
 LAYOUT_ENDING = ".json"
 """Extension of maps of guidance graph optimization (GGO)."""
 BENCHMARK_VARIABLE = "MAPF_PZ_BENCHMARK"

@@ -8,16 +8,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mapf_pz.simulator.actions import Heading
 from mapf_pz._internal.arrays import Bools, Ints
-from mapf_pz.simulator.config import DEFAULT_MAP, ActionModel, HeadingName
 from mapf_pz.errors import FormatError
-from mapf_pz.instances.instance import Grid, Instance, Scenario
-from mapf_pz.instances.generate import on_canvas
-from mapf_pz.instances.library import load_map, load_scenario, scenario_map
 from mapf_pz.instances.files.lorr import load_problem
-from mapf_pz.instances.place import check_reachable, place
 from mapf_pz.instances.files.pogema import load_pogema
+from mapf_pz.instances.generate import on_canvas
+from mapf_pz.instances.heading import Heading
+from mapf_pz.instances.instance import ActionModel, Grid, HeadingName, Instance, Scenario
+from mapf_pz.instances.library import DEFAULT_MAP, load_map, load_scenario, scenario_map
+from mapf_pz.instances.place import check_reachable, place
 
 PROBLEM_ENDING = ".json"
 """Extension of problem files, which name their own maps."""

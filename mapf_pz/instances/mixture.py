@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from mapf_pz.instances.instance import Grid
 from mapf_pz.instances import generate
+from mapf_pz.instances.instance import Grid
 from mapf_pz.instances.library import load_map
 from mapf_pz.instances.sources import FixedMap, RandomMaps, SourceMixture
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mapf_pz._internal.arrays import Bools, Ints
-from mapf_pz._internal.jit import jit
-from mapf_pz.simulator.kernels.state import Array
+from mapf_pz._internal.jit import Array, jit
 from mapf_pz.instances.instance import Grid, Instance, Scenario
 
 

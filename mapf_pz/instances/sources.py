@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 
 from mapf_pz._internal.arrays import Ints
-from mapf_pz.instances.instance import Grid, Instance, InstanceSource, Scenario
 from mapf_pz.instances import generate
+from mapf_pz.instances.instance import Grid, Instance, InstanceSource, Scenario
 from mapf_pz.instances.place import check_reachable, largest_component, place_on
 
 MAX_DRAWS = 100

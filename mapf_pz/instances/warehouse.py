@@ -9,13 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz._internal.arrays import Bools, EqualByValue, Ints, frozen
+from mapf_pz._internal.json import parse_object
+from mapf_pz._internal.text import read_text
+from mapf_pz.instances.files.layout import ENDPOINT, PASSABLE, WORKSTATION, cells_of, layout_rows
+from mapf_pz.instances.files.movingai import map_rows, parse_map
 from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.instances.library import LAYOUT_ENDING, map_file
-from mapf_pz.instances.files.movingai import map_rows, parse_map
 from mapf_pz.instances.place import largest_component
-from mapf_pz._internal.json import parse_object
-from mapf_pz.instances.files.layout import ENDPOINT, PASSABLE, WORKSTATION, cells_of, layout_rows
-from mapf_pz._internal.text import read_text
 
 LORR_WORKSTATION, LORR_ENDPOINT = "E", "S"
 """Characters of workstations and endpoints in `.map` files of the League of Robot Runners."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapf_pz.simulator.actions import HEADING_STEPS
 from mapf_pz._internal.arrays import Floats
 from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.instances.heading import HEADING_STEPS
 from mapf_pz.optimization.candidate import Candidate
 from mapf_pz.optimization.rule import FeedbackRule
 from mapf_pz.optimization.search import Search

@@ -13,12 +13,12 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from mapf_pz._internal.arrays import Floats
-from mapf_pz.errors import FormatError
-from mapf_pz.guidance import GuidanceGraph, save_guidance
-from mapf_pz.instances.instance import Grid
 from mapf_pz._internal.atomic import replacing
 from mapf_pz._internal.npz import read_npz, write_npz
 from mapf_pz._internal.text import read_text
+from mapf_pz.errors import FormatError
+from mapf_pz.guidance import GuidanceGraph, save_guidance
+from mapf_pz.instances.instance import Grid
 from mapf_pz.optimization.candidate import Candidate, Origin
 from mapf_pz.optimization.config import OptimizeConfig
 from mapf_pz.optimization.pictures import save_pictures

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from mapf_pz._internal.lock import locked
 from mapf_pz._internal.parallel import job_runner
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.guidance.library import guidance_graph
-from mapf_pz._internal.lock import locked
 from mapf_pz.optimization.candidate import Candidate
 from mapf_pz.optimization.config import OptimizeConfig
 from mapf_pz.optimization.folder import OptimizationFolder, read_optimization

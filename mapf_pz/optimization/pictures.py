@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
+from mapf_pz._internal.atomic import replacing
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances.instance import Grid
-from mapf_pz._internal.atomic import replacing
 from mapf_pz.optimization.search import Progress
 from mapf_pz.render.guidance import save_guidance_picture
 

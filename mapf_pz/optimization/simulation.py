@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.evaluation.episodes import changed_keywords, rollout, simulator_of
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.optimization.task import GuidanceTask
 from mapf_pz.optimization.usage import Usage
 from mapf_pz.planners import Planner, planner_of
+from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.simulator import Simulator
 
 

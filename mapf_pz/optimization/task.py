@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances.instance import Grid
-from mapf_pz.simulator.configured import make_source
 from mapf_pz.planners import PLANNERS
+from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.configured import make_source
 from mapf_pz.simulator.saved_config import SavedEnv
 
 LIFELONG = EnvConfig(on_target="restart", max_steps=1000)

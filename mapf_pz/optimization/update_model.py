@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from mapf_pz.simulator.actions import HEADING_STEPS
 from mapf_pz._internal.arrays import Bools, Floats
+from mapf_pz._internal.npz import read_npz, write_npz
 from mapf_pz.errors import FormatError
 from mapf_pz.guidance import GuidanceGraph, open_edges
 from mapf_pz.guidance.edges import opposite_edges
-from mapf_pz._internal.npz import read_npz, write_npz
+from mapf_pz.instances.heading import HEADING_STEPS
 from mapf_pz.optimization.candidate import Candidate
 from mapf_pz.optimization.cma_es import strategy_for
 from mapf_pz.optimization.rule import LARGEST_LOG_WEIGHT, FeedbackRule

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mapf_pz._internal.arrays import Floats, Ints
-from mapf_pz._internal.jit import jit
-from mapf_pz.simulator.kernels.state import Array
+from mapf_pz._internal.jit import Array, jit
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,7 @@
-"""Planners, plans, and the validation of plans."""
+"""Planners, plans and their files, and the assignment of tasks.
+
+It imports the environment and the simulator. Read `base.py` first, then `pibt/kernels.py` for a planner.
+"""
 
 from mapf_pz.planners.base import Planner
 from mapf_pz.planners.cbs.planner import CBS
@@ -7,11 +10,11 @@ from mapf_pz.planners.lacam.planner import LaCAM
 from mapf_pz.planners.named import PLANNERS, planner_of
 from mapf_pz.planners.pibt.planner import PIBT
 from mapf_pz.planners.pibt.shield import BatchShield, Shield
+from mapf_pz.planners.plans.plan import Plan, Violation, validate, violations
+from mapf_pz.planners.plans.record import record_plan
 from mapf_pz.planners.sipp.prioritized import PrioritizedSIPP
 from mapf_pz.planners.trace import Solution, Trace, write_trace
 from mapf_pz.planners.windowed.planner import WindowedLNS
-from mapf_pz.planners.plans.plan import Plan, Violation, validate, violations
-from mapf_pz.planners.plans.record import record_plan
 
 __all__ = [
     "CBS",

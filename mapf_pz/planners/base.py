@@ -10,17 +10,17 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from mapf_pz.simulator.actions import Action, CardinalAction
 from mapf_pz._internal.arrays import Ints
-from mapf_pz.simulator.config import ActionModel, EnvConfig
 from mapf_pz.environment.mapf_env import MapfEnv
 from mapf_pz.guidance.library import EdgeWeights
-from mapf_pz.instances.instance import Grid, Instance, Scenario
+from mapf_pz.instances.instance import ActionModel, Grid, Instance, Scenario
 from mapf_pz.instances.sources import InstanceList
 from mapf_pz.planners.deadline import Clock, Deadline
+from mapf_pz.planners.plans.plan import Plan
 from mapf_pz.planners.problem import Path, Problem, problem_of
 from mapf_pz.planners.trace import Trace
-from mapf_pz.planners.plans.plan import Plan
+from mapf_pz.simulator.actions import Action, CardinalAction
+from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.simulator import Simulator
 
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapf_pz._internal.jit import jit
-from mapf_pz.simulator.kernels.state import Array
+from mapf_pz._internal.jit import Array, jit
 
 EMPTY = -1
 

@@ -6,10 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.simulator.actions import Action, CardinalAction
 from mapf_pz._internal.arrays import Floats, Ints
+from mapf_pz._internal.jit import Array
+from mapf_pz.simulator.actions import Action, CardinalAction
 from mapf_pz.simulator.kernels.cost_lookup import costs_at
-from mapf_pz.simulator.kernels.state import Array, CostToGo
+from mapf_pz.simulator.kernels.state import CostToGo
 from mapf_pz.simulator.simulator import Simulator
 
 

@@ -1,4 +1,7 @@
-"""Rendering of recordings as images, videos and web pages, and of instances as text, without an environment."""
+"""Recordings of episodes, and their rendering as text, images, videos and web pages.
+
+It imports the simulator, not the environment. Read `recording.py` first.
+"""
 
 from mapf_pz.render.html import save_html, save_viewer
 from mapf_pz.render.recording import RecordedViolation, Recording

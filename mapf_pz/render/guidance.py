@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mapf_pz.simulator.actions import HEADING_STEPS
 from mapf_pz._internal.arrays import Bools, Floats, Ints
+from mapf_pz._internal.atomic import write_whole
 from mapf_pz.guidance.edges import open_edges, opposite_edges
 from mapf_pz.guidance.graph import GuidanceGraph
+from mapf_pz.instances.heading import HEADING_STEPS
 from mapf_pz.instances.instance import Grid
-from mapf_pz._internal.atomic import write_whole
 from mapf_pz.render.gif import draw_polygons, save_png
 from mapf_pz.render.rgb import FREE, OBSTACLE, fitting_cell_size
 

@@ -55,8 +55,8 @@ def save_viewer(path: str | Path) -> None:
     """Write a page that shows a map, a scenario and a plan file, which its user drops on it.
 
     It is the page of `save_html` without an episode. It reads the files in the browser and sends nothing. Files: `.map`
-    and `.scen` of the MovingAI benchmark, and the plan files that `mapf_pz.planners.plans.files.read_plan` reads, except for
-    paths in ticks.
+    and `.scen` of the MovingAI benchmark, and the plan files that `mapf_pz.planners.plans.files.read_plan` reads,
+    except for paths in ticks.
 
     Args:
         path: the file, which is replaced atomically.

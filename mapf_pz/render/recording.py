@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapf_pz._internal.arrays import Bools, Floats, Ints
-from mapf_pz.simulator.config import CollisionSystem, Frame, View
 from mapf_pz.render.html import html_page
 from mapf_pz.render.rgb import Canvas, Picture
+from mapf_pz.simulator.config import CollisionSystem, Frame, View
 
 FRAME_HEIGHT = 640
 """Height of the page in a notebook, in pixels."""

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from mapf_pz.simulator.actions import Heading
 from mapf_pz._internal.arrays import Bools, Floats, Ints
+from mapf_pz.instances.heading import Heading
 
 Picture = NDArray[np.uint8]
 

@@ -1,6 +1,7 @@
-"""Training with TorchRL: the batched environment, networks, algorithms and the loop. Needs the extra `train`.
+"""Training with TorchRL: the batched environment, networks, algorithms, the training loop and trained policies.
 
-Configurations and presets can be imported without loading torch.
+It imports neither the environment nor the wrappers. Read `training/train.py` first. Needs the extra `train`;
+configurations and presets can be imported without loading torch.
 """
 
 from __future__ import annotations
@@ -15,12 +16,12 @@ if TYPE_CHECKING:
     from mapf_pz.rl.training.train import resume, train
 
 _HOMES = {
-    "BatchedMapfEnv": "batched_env",
-    "LearnedPolicy": "policy",
-    "load_policy": "policy",
-    "policy_names": "policy",
-    "resume": "training",
-    "train": "training",
+    "BatchedMapfEnv": "environments.batched_env",
+    "LearnedPolicy": "policies.policy",
+    "load_policy": "policies.policy",
+    "policy_names": "policies.policy",
+    "resume": "training.train",
+    "train": "training.train",
 }
 
 __all__ = ["BatchedMapfEnv", "LearnedPolicy", "load_policy", "policy_names", "resume", "train"]

@@ -10,12 +10,8 @@ from typing import Annotated, Any, ClassVar, Literal, get_args
 from pydantic import ConfigDict
 from tyro.conf import arg
 
-from mapf_pz.simulator.action_modes import ActionMode
-from mapf_pz.simulator.config import DEFAULT_NUM_AGENTS, EnvConfig
 from mapf_pz.instances.instance import InstanceSource
-from mapf_pz.simulator.configured import goals_per_agent, make_source
 from mapf_pz.instances.mixture import MapMixture
-from mapf_pz.simulator.recommended import RECOMMENDED
 from mapf_pz.rl.algorithm_config import (
     CuriosityConfig,
     ImitationConfig,
@@ -24,6 +20,10 @@ from mapf_pz.rl.algorithm_config import (
     PPOConfig,
 )
 from mapf_pz.rl.checks import check_counts, check_names, check_part, check_positive
+from mapf_pz.simulator.actions import ActionMode
+from mapf_pz.simulator.config import DEFAULT_NUM_AGENTS, EnvConfig
+from mapf_pz.simulator.configured import goals_per_agent, make_source
+from mapf_pz.simulator.recommended import RECOMMENDED
 from mapf_pz.simulator.saved_config import SavedEnv
 from mapf_pz.simulator.seeds import FIRST_EVALUATION_SEED
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mapf_pz.simulator.config import REWARDS, EnvConfig
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl.config import (
     TRAINING_ENV,
@@ -15,6 +14,7 @@ from mapf_pz.rl.config import (
     TaskConfig,
     TrainConfig,
 )
+from mapf_pz.simulator.config import REWARDS, EnvConfig
 
 # Maps that are denser than in the evaluation teach agents to give way to each other in narrow passages.
 _QUICKSTART = TrainConfig(

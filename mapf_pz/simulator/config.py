@@ -14,19 +14,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mapf_pz._internal.arrays import Bools
+from mapf_pz._internal.plugins import import_object
+from mapf_pz._internal.suggest import expected_names
+from mapf_pz.guidance.library import EdgeWeights, check_edge_weights
+from mapf_pz.instances.instance import ActionModel, Grid, HeadingName, InstanceSource, Scenario
 from mapf_pz.simulator.kernels.observation.channels import CHANNELS, Channel, channel_of
 from mapf_pz.simulator.kernels.observation.features import Feature, feature_of
 from mapf_pz.simulator.kernels.reward import REWARDS, RewardConfig
-from mapf_pz.guidance.library import EdgeWeights, check_edge_weights
-from mapf_pz.instances.instance import Grid, InstanceSource, Scenario
-from mapf_pz._internal.plugins import import_object
-from mapf_pz._internal.suggest import expected_names
 from mapf_pz.simulator.transition import Transition
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-ActionModel = Literal["rotate", "cardinal"]
 CollisionSystem = Literal["soft", "priority", "block_both"]
 OnTarget = Literal["nothing", "finish", "restart"]
 Goals = Literal["uniform", "alternating"]
@@ -34,9 +33,6 @@ View = Literal["front", "centered"]
 Frame = Literal["egocentric", "map"]
 RewardFunction = Callable[[Transition], ArrayLike]
 RenderMode = Literal["human", "rgb_array", "ansi"]
-HeadingName = Literal["random", "east"]
-DEFAULT_MAP = "empty-8-8"
-"""The map if no map, scenario or source is given."""
 DEFAULT_NUM_AGENTS = 4
 """The number of agents if nothing else determines it."""
 MAX_WHOLE = 2**30
@@ -299,3 +295,13 @@ def _resolve_reward(given: Any) -> Any:
 def _shown(value: object) -> str:
     """Return a value for error messages: in one line, shortened."""
     return " ".join(shortened(value).split())
+
+
+@dataclass(frozen=True)
+class BatchConfig(EnvConfig):
+    """Keywords of all environments that step a batch: the fields of `EnvConfig`, and the size of the batch."""
+
+    num_envs: int = 1
+    """Number of environments B."""
+    num_threads: int = 1
+    """Number of threads of the kernels."""

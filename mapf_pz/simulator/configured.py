@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from mapf_pz.simulator.config import DEFAULT_MAP, DEFAULT_NUM_AGENTS, EnvConfig
 from mapf_pz.instances.instance import Instance, InstanceSource, Scenario
-from mapf_pz.instances.library import load_map
+from mapf_pz.instances.library import DEFAULT_MAP, load_map
 from mapf_pz.instances.load import load_instances, sample_headings
 from mapf_pz.instances.sources import FixedMap, InstanceList
 from mapf_pz.instances.warehouse import WarehouseTasks, load_warehouse
+from mapf_pz.simulator.config import DEFAULT_NUM_AGENTS, EnvConfig
 
 
 def goals_per_agent(config: EnvConfig) -> int:

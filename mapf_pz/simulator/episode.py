@@ -7,17 +7,17 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mapf_pz.simulator.actions import Heading
 from mapf_pz._internal.arrays import Ints
-from mapf_pz.simulator.config import EnvConfig, HeadingName
+from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.guidance.library import EdgeWeights, guidance_graph
+from mapf_pz.instances.heading import Heading
+from mapf_pz.instances.instance import Grid, HeadingName, Instance, InstanceSource
+from mapf_pz.instances.place import check_reachable, place
+from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.kernels import world
 from mapf_pz.simulator.kernels.cost_tables import CostTables
 from mapf_pz.simulator.kernels.observation.layers import MapLayers, draw_map
 from mapf_pz.simulator.kernels.state import State, World
-from mapf_pz.guidance import GuidanceGraph
-from mapf_pz.guidance.library import EdgeWeights, guidance_graph
-from mapf_pz.instances.instance import Grid, Instance, InstanceSource
-from mapf_pz.instances.place import check_reachable, place
 
 
 def shares_map(config: EnvConfig, source: InstanceSource) -> bool:

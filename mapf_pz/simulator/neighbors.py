@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from mapf_pz._internal.jit import BatchKernel, jit
-from mapf_pz.simulator.kernels.state import Array
+from mapf_pz._internal.jit import Array, BatchKernel, jit
 
 _FAR = np.iinfo(np.int32).max
 

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from mapf_pz.simulator.actions import Action, CardinalAction
 from mapf_pz._internal.arrays import Floats
+from mapf_pz.simulator.actions import Action, CardinalAction
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.kernels.observation.channels import channel_of, image_planes
 from mapf_pz.simulator.kernels.observation.features import feature_of

@@ -25,16 +25,16 @@ from pydantic import (
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from mapf_pz.simulator.config import EnvConfig, HeadingName
-from mapf_pz.simulator.kernels.reward import RewardConfig
+from mapf_pz._internal.plugins import NAMED_PARTS, check_trusted
 from mapf_pz.errors import FormatError
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.guidance.library import guidance_graph, is_guidance_file
-from mapf_pz.instances.instance import Grid, Instance, Scenario
-from mapf_pz.simulator.configured import make_source
+from mapf_pz.instances.instance import Grid, HeadingName, Instance, Scenario
 from mapf_pz.instances.sources import FixedMap, FixedScenario, InstanceList, SourceMixture
 from mapf_pz.instances.warehouse import WarehouseTasks
-from mapf_pz._internal.plugins import NAMED_PARTS, check_trusted
+from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.configured import make_source
+from mapf_pz.simulator.kernels.reward import RewardConfig
 
 OBJECT_FIELDS = ("map", "scenario", "edge_weights", "source")
 """The fields of `EnvConfig` that may hold an object, which is saved in a separate file."""

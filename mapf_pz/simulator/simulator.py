@@ -8,21 +8,21 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz._internal.arrays import Bools, Floats, Ints, coordinates
+from mapf_pz._internal.jit import numba_config
+from mapf_pz.instances.instance import Grid, Instance
 from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.configured import goals_per_agent, make_source
+from mapf_pz.simulator.episode import EpisodeLoader, shares_map
 from mapf_pz.simulator.kernels import world
 from mapf_pz.simulator.kernels.conflict import COLLISION_SYSTEMS, write_masks
 from mapf_pz.simulator.kernels.cost_lookup import costs_at
 from mapf_pz.simulator.kernels.cost_tables import CostTables
 from mapf_pz.simulator.kernels.cost_to_go import shortest_lengths
-from mapf_pz._internal.jit import numba_config
 from mapf_pz.simulator.kernels.observation.inputs import ObservationInputs
 from mapf_pz.simulator.kernels.observation.layers import allocate_layers, allocate_origins
 from mapf_pz.simulator.kernels.reward import reward_terms
 from mapf_pz.simulator.kernels.state import CostToGo, PlanningView, Rules, allocate_state, reset
 from mapf_pz.simulator.kernels.step import ON_TARGET, step
-from mapf_pz.simulator.episode import EpisodeLoader, shares_map
-from mapf_pz.instances.instance import Grid, Instance
-from mapf_pz.simulator.configured import goals_per_agent, make_source
 from mapf_pz.simulator.metrics import EpisodeRecord, episode_metrics
 from mapf_pz.simulator.observation import ObservationLayout
 from mapf_pz.simulator.observer import Observer

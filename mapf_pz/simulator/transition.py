@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from mapf_pz._internal.arrays import Bools, Floats, Ints, coordinates
-from mapf_pz.simulator.kernels.state import Array
+from mapf_pz._internal.jit import Array
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,1 @@
-"""Measurements of the speed of environments, for `mapf-pz benchmark`."""
+"""Measurements of the speed of environments, for `mapf-pz benchmark`. Read `candidates.py` first."""

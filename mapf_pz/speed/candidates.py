@@ -17,9 +17,9 @@ import numpy as np
 from rich.table import Table
 
 from mapf_pz._internal.arrays import Ints
+from mapf_pz.environment.mapf_env import parallel_env
 from mapf_pz.speed.runs import Measurement, Run, Timing, measure, timed
 from mapf_pz.speed.workload import Workload
-from mapf_pz.environment.mapf_env import parallel_env
 
 SIMULATOR, COPY, POGEMA = "simulator", "memory copy", "POGEMA"
 

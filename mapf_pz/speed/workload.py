@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mapf_pz.simulator.config import DEFAULT_NUM_AGENTS, EnvConfig
-from mapf_pz.instances.instance import InstanceSource
 from mapf_pz.instances import FixedMap, RandomObstacles
+from mapf_pz.instances.instance import InstanceSource
+from mapf_pz.simulator.config import DEFAULT_NUM_AGENTS, EnvConfig
 from mapf_pz.simulator.configured import goals_per_agent, make_source
 from mapf_pz.simulator.simulator import Simulator
 

@@ -5,8 +5,8 @@ import pytest
 
 from mapf_pz.commands.main import main
 from mapf_pz.guidance import GuidanceGraph, load_guidance, save_moves
-from mapf_pz.instances.instance import Grid
 from mapf_pz.instances import write_map
+from mapf_pz.instances.instance import Grid
 
 GRID = Grid(np.arange(12).reshape(3, 4) != 5, "hall")
 MOVES = np.arange(48).reshape(4, 3, 4)

@@ -7,8 +7,8 @@ import pytest
 
 from mapf_pz import Grid, Scenario
 from mapf_pz.commands.main import main
-from mapf_pz.simulator.config import REWARDS
 from mapf_pz.instances import write_map, write_scenario
+from mapf_pz.simulator.config import REWARDS
 
 pytest.importorskip("torchrl")
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from mapf_pz.commands.main import main
-from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.instances import write_map, write_scenario
+from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.planners import Plan
 from mapf_pz.planners.plans.files import write_plan
 

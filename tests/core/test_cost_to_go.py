@@ -5,19 +5,19 @@ import numpy as np
 import pytest
 
 from mapf_pz import machine
-from mapf_pz.simulator.actions import HEADING_STEPS
+from mapf_pz._internal.machine import usable_memory
+from mapf_pz.guidance import GuidanceGraph, open_edges
+from mapf_pz.guidance.library import guidance_graph
+from mapf_pz.instances import RandomObstacles
+from mapf_pz.instances.heading import HEADING_STEPS
+from mapf_pz.instances.instance import Grid, Instance, Scenario
+from mapf_pz.simulator import Simulator
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.kernels import cost_tables as tables
 from mapf_pz.simulator.kernels import world
 from mapf_pz.simulator.kernels.cost_lookup import costs_at, least_costs
 from mapf_pz.simulator.kernels.cost_sweeps import FEWEST_GOALS, LANES
 from mapf_pz.simulator.kernels.state import CostToGo
-from mapf_pz.guidance import GuidanceGraph, open_edges
-from mapf_pz.guidance.library import guidance_graph
-from mapf_pz.instances.instance import Grid, Instance, Scenario
-from mapf_pz.instances import RandomObstacles
-from mapf_pz._internal.machine import usable_memory
-from mapf_pz.simulator import Simulator
 
 MODELS = ("rotate", "cardinal")
 

@@ -6,12 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
-from mapf_pz.simulator.actions import HEADING_STEPS
+from mapf_pz.instances import RandomObstacles
+from mapf_pz.instances.heading import HEADING_STEPS
+from mapf_pz.simulator import Simulator
 from mapf_pz.simulator.config import REWARDS, EnvConfig
 from mapf_pz.simulator.kernels.observation.channels import CHANNELS
 from mapf_pz.simulator.kernels.observation.features import FEATURES
-from mapf_pz.instances import RandomObstacles
-from mapf_pz.simulator import Simulator
 
 
 @st.composite

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mapf_pz.instances import RandomObstacles
+from mapf_pz.instances.instance import Grid, Instance, Scenario
+from mapf_pz.simulator import Simulator
 from mapf_pz.simulator.actions import CardinalAction
 from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.instances.instance import Grid, Instance, Scenario
-from mapf_pz.instances import RandomObstacles
-from mapf_pz.simulator import Simulator
 
 NUM_STEPS = 15
 EVERY_CHANNEL = ("view", "goal", "orientation", "edge_weights", "cost_to_go", "heuristic", "other_goals")

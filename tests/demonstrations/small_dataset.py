@@ -1,8 +1,8 @@
 """Small datasets for the tests."""
 
-from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.rl.demonstrations import DatasetConfig
 from mapf_pz.instances.mixture import MapMixture
+from mapf_pz.rl.demonstrations import DatasetConfig
+from mapf_pz.simulator.config import EnvConfig
 
 MIXTURE = MapMixture(maps=("random", "maze"), height=(6, 8), width=8)
 

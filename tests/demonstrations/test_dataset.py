@@ -7,15 +7,15 @@ from itertools import islice, pairwise
 import numpy as np
 import pytest
 
-from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.rl.demonstrations import load_dataset, make_dataset
-from mapf_pz.rl.demonstrations.demonstration import METRICS, demonstrate
 from mapf_pz._internal.parallel import job_runner
 from mapf_pz.guidance import GuidanceGraph
-from mapf_pz.instances.instance import Instance
 from mapf_pz.instances import InstanceList, load_map
+from mapf_pz.instances.instance import Instance
 from mapf_pz.planners import PIBT, PLANNERS, planner_of
+from mapf_pz.rl.demonstrations import load_dataset, make_dataset
+from mapf_pz.rl.demonstrations.demonstration import METRICS, demonstrate
 from mapf_pz.simulator import Simulator
+from mapf_pz.simulator.config import EnvConfig
 from tests.demonstrations.small_dataset import small
 from tests.helpers.text_instances import drawn
 

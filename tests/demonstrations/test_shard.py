@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapf_pz.simulator.config import EnvConfig
+from mapf_pz._internal.npz import read_npz, write_npz
+from mapf_pz.instances.instance import Grid, Instance
+from mapf_pz.instances.place import place
 from mapf_pz.rl.demonstrations import Demonstration, load_dataset, make_dataset
 from mapf_pz.rl.demonstrations.demonstration import METRICS
 from mapf_pz.rl.demonstrations.shard import read_shard, write_shard
-from mapf_pz.instances.instance import Grid, Instance
-from mapf_pz.instances.place import place
-from mapf_pz._internal.npz import read_npz, write_npz
+from mapf_pz.simulator.config import EnvConfig
 from tests.demonstrations.small_dataset import small
 from tests.helpers.corrupt_files import Case, bounded, changed, fuzzed, outcome, refused
 from tests.helpers.text_instances import drawn

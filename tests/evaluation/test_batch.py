@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from pettingzoo.utils import BaseParallelWrapper
 
-from mapf_pz.simulator.actions import CardinalAction
 from mapf_pz.evaluation import EvaluationTask, evaluate, policy_factory, rollout
 from mapf_pz.evaluation import batch as batches
 from mapf_pz.evaluation.batch import MAX_AGENTS, BatchPolicy, batch_of
@@ -12,6 +11,7 @@ from mapf_pz.evaluation.episodes import make_env, run_episodes
 from mapf_pz.evaluation.policies import factory_for
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import Shield
+from mapf_pz.simulator.actions import CardinalAction
 from tests.evaluation.test_episodes import DRAWN, SOLVED, TIMES, Right, on, untimed
 
 RESTART = EvaluationTask("lifelong", 6, {"map": "maze-13-13-1", "max_steps": 25, "on_target": "restart"}, 7, best=0.5)

@@ -5,12 +5,12 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from mapf_pz.simulator.actions import Action, CardinalAction
 from mapf_pz.evaluation import EvaluationTask, evaluate, make_env, policy_factory, rollout
 from mapf_pz.evaluation.episodes import run_episodes
 from mapf_pz.evaluation.policies import factory_for
-from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.instances import RandomObstacles
+from mapf_pz.instances.instance import Grid, Instance, Scenario
+from mapf_pz.simulator.actions import Action, CardinalAction
 from tests.helpers.text_instances import drawn
 
 TIMES = {"runtime", "step_ms", "agent_us"}

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mapf_pz.commands.main import main
 from mapf_pz._internal.digest import NoDigestError, digest
+from mapf_pz.commands.main import main
 from mapf_pz.evaluation import EvaluationTask, evaluate, identity
 from mapf_pz.evaluation.identity import IDENTITIES_FILE, NOT_DECIDING, Identities, code_digest, policy_identity
 from mapf_pz.evaluation.results import Results, discard
 from mapf_pz.guidance import GuidanceGraph
-from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.instances import RandomMaps, RandomObstacles, generate, load_map, place, write_scenario
+from mapf_pz.instances.instance import Instance, Scenario
 from tests.evaluation.test_episodes import Right
 from tests.evaluation.test_results import TASKS, untimed
 from tests.helpers.text_instances import drawn

@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 
 import mapf_pz
-from mapf_pz.simulator.actions import CardinalAction as Do
 from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.evaluation.pogema.pogema import FromPogema, InPogema, pogema_policy
 from mapf_pz.evaluation.policies import factory_for
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import Planner
+from mapf_pz.simulator.actions import CardinalAction as Do
 
 MAP = "....\n.#..\n....\n"
 """Where most of these tests take place."""

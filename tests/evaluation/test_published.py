@@ -9,9 +9,9 @@ import pytest
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.reports.bounds import least_costs, most_goals
 from mapf_pz.evaluation.reports.published import PublishedEpisode, check_possible, impossible_episodes, load_published
+from mapf_pz.instances.files.pogema import load_pogema, pogema_keys
 from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.instances.place import place
-from mapf_pz.instances.files.pogema import load_pogema, pogema_keys
 
 CORRIDOR = Grid(np.ones((1, 6), bool))
 SETS = {"01-random": 64, "02-mazes": 64, "03-warehouse": 192, "04-movingai": 256, "05-puzzles": 4}

@@ -11,8 +11,8 @@ from mapf_pz.errors import FormatError
 from mapf_pz.evaluation import load_suite, suite_names
 from mapf_pz.evaluation.episodes import run_episodes
 from mapf_pz.evaluation.policies import factory_for
-from mapf_pz.instances.instance import Grid, Scenario
 from mapf_pz.instances import write_map, write_scenario
+from mapf_pz.instances.instance import Grid, Scenario
 from tests.evaluation.test_episodes import Right
 
 SHARED = Path(__file__).parents[3] / "shared"

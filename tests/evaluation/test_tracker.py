@@ -9,8 +9,8 @@ from mapf_pz.commands.main import main
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.evaluation.tracker import KnownCost, known_cost
-from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.instances import load_map, write_scenario
+from mapf_pz.instances.instance import Instance, Scenario
 
 HEADER = '"scen_type","type_id","agents","lower_cost","lower_date","solution_cost","solution_date"\n'
 ROWS = [

@@ -11,8 +11,8 @@ import pytest
 import mapf_pz
 from mapf_pz.commands.main import main
 from mapf_pz.guidance import GuidanceGraph, guidance_names, library, save_guidance
-from mapf_pz.instances.instance import Grid
 from mapf_pz.instances import RandomObstacles, load_instance, load_map, write_map
+from mapf_pz.instances.instance import Grid
 from mapf_pz.planners import PIBT
 
 GRID = Grid(np.arange(64).reshape(8, 8) % 11 != 5, "hall")

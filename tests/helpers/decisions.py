@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 import mapf_pz
-from mapf_pz.instances.instance import Instance
 from mapf_pz.instances import RandomObstacles
+from mapf_pz.instances.instance import Instance
 from mapf_pz.planners import EPIBT, PIBT, LaCAM, PrioritizedSIPP, Shield
 from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.sipp.refine import NeighborhoodSearch

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import hypot, inf, isfinite, log1p
 from typing import Any
 
-from mapf_pz.simulator.actions import Heading
+from mapf_pz.instances.heading import Heading
 from tests.helpers.reference_rules import Cell, Rules, ahead
 
 Plane = list[list[float]]

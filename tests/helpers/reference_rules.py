@@ -6,7 +6,8 @@ import heapq
 from itertools import pairwise
 from math import inf, isfinite
 
-from mapf_pz.simulator.actions import Action, CardinalAction, Heading
+from mapf_pz.instances.heading import Heading
+from mapf_pz.simulator.actions import Action, CardinalAction
 from mapf_pz.simulator.config import RewardConfig
 
 Cell = tuple[int, int]

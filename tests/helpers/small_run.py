@@ -3,9 +3,9 @@
 import csv
 import dataclasses
 
-from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.instances import MapMixture
 from mapf_pz.rl.config import ModelConfig, OptimizationConfig, TaskConfig, TrainConfig
+from mapf_pz.simulator.config import EnvConfig
 
 ENV_FIELDS = {field.name for field in dataclasses.fields(EnvConfig)}
 MIXTURE_FIELDS = {field.name for field in dataclasses.fields(MapMixture)}

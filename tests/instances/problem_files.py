@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 
-from mapf_pz.instances.instance import Grid
 from mapf_pz.instances import write_map
+from mapf_pz.instances.instance import Grid
 
 
 def write_lorr(folder, name="depot", height=6, width=7, starts=(0, 3, 13), tasks=(41, 20, 8, 5, 30)):

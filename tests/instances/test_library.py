@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from mapf_pz.errors import FormatError
-from mapf_pz.instances.instance import Grid, Scenario
 from mapf_pz.instances import load_map, load_scenario, map_names, write_map, write_scenario
 from mapf_pz.instances.bundled import BUNDLED
+from mapf_pz.instances.instance import Grid, Scenario
 
 GRID = Grid([[True, False, True], [True, True, True]], "tiny")
 SCENARIO = Scenario([[1, 0]], [[0, 2]])

@@ -3,8 +3,8 @@ import pytest
 
 import mapf_pz
 from mapf_pz.errors import FormatError
-from mapf_pz.instances.instance import Grid, Scenario
 from mapf_pz.instances import load_instance, load_instances, write_map, write_scenario
+from mapf_pz.instances.instance import Grid, Scenario
 from tests.instances.problem_files import POGEMA_INSTANCES, write_lorr, write_pogema
 
 MAP = "....\n.@..\n...."

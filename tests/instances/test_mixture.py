@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
-from mapf_pz.instances.instance import Grid, InstanceSource
 from mapf_pz.instances import MapMixture, RandomObstacles, components, load_map, write_map
+from mapf_pz.instances.instance import Grid, InstanceSource
 
 FAMILIES = ("random", "maze", "room", "warehouse")
 NAMED = ("empty-8-8", "maze-13-13-1", "room-16-16-4")

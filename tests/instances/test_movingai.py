@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from mapf_pz.errors import FormatError
-from mapf_pz.instances.instance import Grid, Scenario
 from mapf_pz.instances import (
     format_map,
     format_scenario,
@@ -19,6 +18,7 @@ from mapf_pz.instances import (
     write_scenario,
 )
 from mapf_pz.instances.files.octile import octile_distances
+from mapf_pz.instances.instance import Grid, Scenario
 from tests.helpers.corrupt_files import near_misses
 
 MAP = "type octile\nheight 2\nwidth 3\nmap\n.@.\n...\n"

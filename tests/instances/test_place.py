@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from mapf_pz.instances.instance import Grid
 from mapf_pz.instances import components, largest_component, place, place_on
+from mapf_pz.instances.instance import Grid
 
 FREE = hnp.arrays(np.bool_, hnp.array_shapes(min_dims=2, max_dims=2, max_side=9))
 

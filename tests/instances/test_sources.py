@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 import mapf_pz
-from mapf_pz.instances.instance import Grid, Instance, InstanceSource, Scenario
 from mapf_pz.instances import (
     FixedMap,
     FixedScenario,
@@ -17,6 +16,7 @@ from mapf_pz.instances import (
     generate,
     place,
 )
+from mapf_pz.instances.instance import Grid, Instance, InstanceSource, Scenario
 
 GRID = generate.empty(5, 6)
 SCENARIO = Scenario([[0, 0], [1, 1], [2, 2]], [[4, 4], [3, 3], [0, 5]])

@@ -8,12 +8,12 @@ import pytest
 
 import mapf_pz
 from mapf_pz import FormatError
-from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.evaluation import load_suite
 from mapf_pz.evaluation.episodes import changed_keywords
-from mapf_pz.instances.instance import Grid
 from mapf_pz.instances import WarehouseTasks, load_map, load_warehouse
+from mapf_pz.instances.instance import Grid
 from mapf_pz.planners import PIBT
+from mapf_pz.simulator.config import EnvConfig
 
 LAYOUT = ["w.eee", "..@@e", "w.eee"]
 STATIONS = [[0, 0], [2, 0]]

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from mapf_pz.commands.main import main
-from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.errors import FormatError
 from mapf_pz.guidance import GuidanceGraph, load_guidance
-from mapf_pz.instances.instance import Grid
 from mapf_pz.instances import RandomObstacles
+from mapf_pz.instances.instance import Grid
 from mapf_pz.optimization.candidate import Candidate, ranked
 from mapf_pz.optimization.config import OptimizeConfig
 from mapf_pz.optimization.evaluate import compare
@@ -25,6 +24,7 @@ from mapf_pz.optimization.search import FIRST_SEED, Search
 from mapf_pz.optimization.simulation import Simulation, simulate
 from mapf_pz.optimization.task import GuidanceTask
 from mapf_pz.optimization.usage import Usage
+from mapf_pz.simulator.config import EnvConfig
 
 LIFELONG = GuidanceTask(
     env=EnvConfig(map="empty-8-8", num_agents=24, action_model="cardinal", on_target="restart", max_steps=60)

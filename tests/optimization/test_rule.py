@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.errors import FormatError
 from mapf_pz.guidance import open_edges
 from mapf_pz.guidance.edges import opposite_edges
@@ -12,6 +11,7 @@ from mapf_pz.optimization.rule import FeedbackRule, Traffic
 from mapf_pz.optimization.update_model import NUM_PARAMETERS, UpdateModel
 from mapf_pz.optimization.usage import Usage
 from mapf_pz.simulator import Simulator
+from mapf_pz.simulator.config import EnvConfig
 
 FREE = np.array([[True, True, True], [True, False, True], [True, True, True]])
 

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
-from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.instances import RandomObstacles
+from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.planners import PLANNERS, Plan, validate
 
 MODELS = ["rotate", "cardinal"]

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapf_pz.commands.main import main
-from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.instances import RandomObstacles, load_instance
+from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.planners import CBS, LaCAM, validate
 from tests.helpers.joint_search import lowest_cost
 from tests.helpers.text_instances import drawn

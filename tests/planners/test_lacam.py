@@ -8,10 +8,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
-from mapf_pz.simulator.actions import HEADING_STEPS
 from mapf_pz.guidance import GuidanceGraph
-from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.instances import RandomObstacles, generate, load_map, load_scenario
+from mapf_pz.instances.heading import HEADING_STEPS
+from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.instances.place import largest_component, place
 from mapf_pz.planners import validate
 from mapf_pz.planners.hashing import refill_slots

@@ -4,11 +4,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
-from mapf_pz.simulator.actions import Heading
-from mapf_pz.simulator.kernels.cost_lookup import num_headings
 from mapf_pz.guidance import GuidanceGraph
-from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.instances import RandomObstacles, read_map, read_scenario
+from mapf_pz.instances.heading import Heading
+from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.planners import Plan, validate
 from mapf_pz.planners.base import simulator_of
 from mapf_pz.planners.problem import problem_of
@@ -25,6 +24,7 @@ from mapf_pz.planners.sipp.reservations import (
     write_path,
 )
 from mapf_pz.planners.sipp.search import allocate_scratch, find_path
+from mapf_pz.simulator.kernels.cost_lookup import num_headings
 from tests.helpers.text_instances import drawn, problem
 
 NEVER = 10**6

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.instances import RandomObstacles, read_map, read_scenario
+from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.planners import LaCAM, Plan, Trace, validate
 from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.problem import Path

@@ -4,15 +4,15 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
-from mapf_pz.simulator.actions import Action, CardinalAction
-from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.instances.instance import Scenario
 from mapf_pz.instances import RandomObstacles
+from mapf_pz.instances.instance import Scenario
 from mapf_pz.planners import EPIBT, BatchShield, Shield
 from mapf_pz.planners.base import simulator_of
 from mapf_pz.planners.pibt.kernels import plan
 from mapf_pz.planners.pibt.state import LATE, Options, allocate_pibt
 from mapf_pz.simulator import Simulator
+from mapf_pz.simulator.actions import Action, CardinalAction
+from mapf_pz.simulator.config import EnvConfig
 from tests.helpers.reference_planners import CardinalWorld, SlowCardinalShield, SlowRotatingShield, World
 from tests.helpers.text_instances import drawn
 

@@ -6,8 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
-from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.simulator.kernels.cost_lookup import cost_at, num_headings
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import PIBT, WindowedLNS
 from mapf_pz.planners.deadline import Deadline
@@ -17,6 +15,8 @@ from mapf_pz.planners.windowed.paths import allocate_paths, continue_paths, rele
 from mapf_pz.planners.windowed.search import LATE, allocate_search, find_path
 from mapf_pz.planners.windowed.walk import walk
 from mapf_pz.simulator import Simulator
+from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.kernels.cost_lookup import cost_at, num_headings
 
 WAIT = 4
 WEIGHTS = ["uniform", "random", "crisscross"]

@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mapf_pz
-from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.instances import RandomObstacles
+from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.planners import Plan, validate, violations
 
 EAST, SOUTH, WEST, NORTH = range(4)

@@ -6,15 +6,15 @@ from itertools import cycle
 import numpy as np
 import pytest
 
-from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.errors import FormatError
-from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.instances import InstanceList, load_instance, load_problem, read_map
+from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.planners import Plan, validate
-from mapf_pz.planners.problem import Path
 from mapf_pz.planners.plans.files import Selection, format_plan, parse_plan, read_plan
 from mapf_pz.planners.plans.plan import reached
+from mapf_pz.planners.problem import Path
 from mapf_pz.simulator import Simulator
+from mapf_pz.simulator.config import EnvConfig
 
 IN_2023 = {  # plan: problem, agents, steps, tasks finished
     "archive-2023-main/best_solutions/MR23-I-03": ("archive-2023-main/random.domain/MR23-I-03", 200, 500, 3042),

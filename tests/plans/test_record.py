@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.instances import load_map
+from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.planners import PIBT, Plan, record_plan, validate
 
 GRID = Grid(np.ones((1, 4), np.bool_), "corridor")

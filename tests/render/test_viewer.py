@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.instances import write_map, write_scenario
+from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.planners import Plan, violations
 from mapf_pz.planners.plans.files import read_plan, write_plan
 from mapf_pz.render import save_viewer

@@ -10,9 +10,9 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from mapf_pz.simulator.config import RewardConfig
 from mapf_pz.rl import train
 from mapf_pz.rl.config import ModelConfig, OptimizationConfig, PPOConfig, TaskConfig, TrainConfig
+from mapf_pz.simulator.config import RewardConfig
 from tests.helpers.small_run import changed
 
 # Two agents on an empty map are rewarded for each step closer to the goal, and observe which moves lead there. The

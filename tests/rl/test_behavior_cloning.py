@@ -8,16 +8,16 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.rl.demonstrations import DatasetConfig, load_dataset, make_dataset
-from mapf_pz.errors import FormatError
 from mapf_pz._internal.parallel import job_runner
+from mapf_pz.errors import FormatError
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl import load_policy, train
-from mapf_pz.rl.algorithms.named import ALGORITHMS
 from mapf_pz.rl.algorithms.behavior_cloning import of_size
+from mapf_pz.rl.algorithms.named import ALGORITHMS
 from mapf_pz.rl.config import ImitationConfig
+from mapf_pz.rl.demonstrations import DatasetConfig, load_dataset, make_dataset
 from mapf_pz.rl.training.train import resume
+from mapf_pz.simulator.config import EnvConfig
 from tests.helpers.small_run import TINY, changed, rows, untimed
 
 RULES = {"action_model": "cardinal", "on_target": "restart"}

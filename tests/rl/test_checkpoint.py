@@ -17,8 +17,8 @@ import mapf_pz
 from mapf_pz.commands.main import main
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.algorithms.named import ALGORITHMS
-from mapf_pz.rl.training.checkpoint import Checkpoints, Position, read_position, restore
 from mapf_pz.rl.config import ModelConfig
+from mapf_pz.rl.training.checkpoint import Checkpoints, Position, read_position, restore
 from mapf_pz.rl.training.run import RunFolder
 from mapf_pz.rl.training.train import resume
 from tests.helpers import small_run as tiny

@@ -15,13 +15,13 @@ from mapf_pz.errors import FormatError
 from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.planners import Shield
 from mapf_pz.rl import load_policy, train
+from mapf_pz.rl.algorithms.expert import NO_LABEL
 from mapf_pz.rl.algorithms.named import ALGORITHMS
-from mapf_pz.rl.training.collect import collecting
-from mapf_pz.rl.networks.communication import CommunicatingEncoder
 from mapf_pz.rl.config import ImitationConfig, ModelConfig
 from mapf_pz.rl.config_file import CONFIG
-from mapf_pz.rl.algorithms.expert import NO_LABEL
+from mapf_pz.rl.networks.communication import CommunicatingEncoder
 from mapf_pz.rl.networks.observation_shape import ObservationShape
+from mapf_pz.rl.training.collect import collecting
 from mapf_pz.rl.training.train import resume
 from tests.helpers.small_run import TINY, changed, untimed
 

@@ -9,11 +9,11 @@ from torchrl.envs import Compose, TransformedEnv
 
 from mapf_pz import FormatError
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
-from mapf_pz.rl.algorithms.named import ALGORITHMS
-from mapf_pz.rl.training.checkpoint import Checkpoints, Position, restore
-from mapf_pz.rl.config import CuriosityConfig
 from mapf_pz.rl.algorithms.curiosity import RewardScale, make_curiosity
+from mapf_pz.rl.algorithms.named import ALGORITHMS
+from mapf_pz.rl.config import CuriosityConfig
 from mapf_pz.rl.networks.observation_shape import ObservationShape
+from mapf_pz.rl.training.checkpoint import Checkpoints, Position, restore
 from mapf_pz.rl.training.train import resume
 from tests.helpers import small_run as tiny
 from tests.helpers.small_run import changed, rows, untimed

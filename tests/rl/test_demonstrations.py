@@ -11,12 +11,12 @@ from torchrl.data import TensorDictReplayBuffer, TensorStorage
 from torchrl.data.replay_buffers.samplers import SliceSampler
 from torchrl.envs.utils import step_mdp
 
-from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.rl.demonstrations import load_dataset, make_dataset
 from mapf_pz.instances import InstanceList
 from mapf_pz.rl import demonstrations as exporting
-from mapf_pz.rl.environments.batched_env import BatchedMapfEnv
 from mapf_pz.rl.algorithms.dataset_batches import export_demonstrations
+from mapf_pz.rl.demonstrations import load_dataset, make_dataset
+from mapf_pz.rl.environments.batched_env import BatchedMapfEnv
+from mapf_pz.simulator.config import EnvConfig
 from tests.demonstrations.small_dataset import small
 
 STORED = ["observation", "action_mask", "at_goal", "arrivals", "active", "position", "action"]

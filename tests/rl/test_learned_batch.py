@@ -7,7 +7,6 @@ import pytest
 import torch
 
 import mapf_pz
-from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import Shield
 from mapf_pz.rl import load_policy, policy_names
@@ -16,6 +15,7 @@ from mapf_pz.rl.networks.batched_network import MIN_ROWS, BatchedNetwork, Memory
 from mapf_pz.rl.networks.observation_shape import ObservationShape
 from mapf_pz.rl.policies.policy import SharedPolicy, TeamPolicy
 from mapf_pz.simulator import Simulator
+from mapf_pz.simulator.config import EnvConfig
 from tests.helpers.small_run import TINY, changed
 
 NUM_ENVS, NUM_AGENTS = 5, 6

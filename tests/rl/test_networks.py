@@ -7,8 +7,8 @@ import torch
 import mapf_pz
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.config import ModelConfig, OptimizationConfig, TrainConfig
-from mapf_pz.rl.networks.encoders import IMAGE_LAYERS
 from mapf_pz.rl.networks.actors import Actor, LocalCritic, TeamActor, TeamCritic, TeamValue
+from mapf_pz.rl.networks.encoders import IMAGE_LAYERS
 from mapf_pz.rl.networks.observation_shape import ObservationShape
 from tests.helpers.small_run import TINY
 

@@ -8,13 +8,13 @@ import torch
 from torchrl.envs import check_env_specs
 
 from mapf_pz import EnvConfig
-from mapf_pz.simulator.kernels.observation.channels import Channel
-from mapf_pz.rl.demonstrations import DatasetConfig, make_dataset
 from mapf_pz._internal.parallel import job_runner
 from mapf_pz.instances import MapMixture
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.algorithms.named import ALGORITHMS
 from mapf_pz.rl.config import CuriosityConfig, ImitationConfig
+from mapf_pz.rl.demonstrations import DatasetConfig, make_dataset
+from mapf_pz.simulator.kernels.observation.channels import Channel
 from tests.helpers.small_run import TINY, changed, rows
 
 KEYWORDS = {"num_agents": 4, "channels": ("view", "cost_to_go"), "features": ("goal_vector", "pose"), "max_steps": 8}

@@ -14,9 +14,9 @@ from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.instances import RandomObstacles, SourceMixture
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.algorithms.named import ALGORITHMS
+from mapf_pz.rl.algorithms.ppo import MAPPO
 from mapf_pz.rl.config import CuriosityConfig
 from mapf_pz.rl.networks.observation_shape import ObservationShape
-from mapf_pz.rl.algorithms.ppo import MAPPO
 from mapf_pz.rl.training.train import Progress, resume
 from tests.helpers.small_run import TINY, changed, rows, untimed
 

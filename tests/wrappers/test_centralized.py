@@ -8,10 +8,10 @@ from gymnasium.utils.env_checker import check_env
 from pettingzoo.utils import BaseParallelWrapper
 
 import mapf_pz
-from mapf_pz.simulator.actions import Action
 from mapf_pz.environment import env as aec_env
 from mapf_pz.instances.instance import Scenario
 from mapf_pz.render.modes import DISPLAY_VARIABLES
+from mapf_pz.simulator.actions import Action
 from mapf_pz.wrappers import ACTION_MODES, CentralizedEnv, ContinuousActions
 
 CORRIDOR = ".....\n.....\n.....\n.....\n.....\n"

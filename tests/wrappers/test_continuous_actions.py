@@ -5,8 +5,8 @@ from pettingzoo.test import parallel_api_test
 from pettingzoo.utils import BaseParallelWrapper
 
 import mapf_pz
-from mapf_pz.simulator.actions import Action
 from mapf_pz.environment import env as aec_env
+from mapf_pz.simulator.actions import Action
 from mapf_pz.wrappers import ACTION_MODES, ContinuousActions
 
 

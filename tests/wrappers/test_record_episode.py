@@ -3,8 +3,8 @@ import pytest
 from pettingzoo.utils import BaseParallelWrapper
 
 import mapf_pz
-from mapf_pz.simulator.actions import Action
 from mapf_pz.instances.instance import Scenario
+from mapf_pz.simulator.actions import Action
 from mapf_pz.wrappers import ContinuousActions, RecordEpisode
 
 

@@ -15,15 +15,15 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from pettingzoo.utils import BaseParallelWrapper
 
-from mapf_pz.simulator.actions import CardinalAction
 from mapf_pz._internal.arrays import Bools, Floats, Ints
-from mapf_pz.simulator.config import CollisionSystem, EnvConfig, OnTarget
 from mapf_pz.environment.mapf_env import MapfEnv
 from mapf_pz.evaluation.episodes import AnyEnv, Policy, PolicyFactory, actions_of, simulator_of
 from mapf_pz.evaluation.policies import policy_factory
-from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.instances import InstanceList
+from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.planners import Planner
+from mapf_pz.simulator.actions import CardinalAction
+from mapf_pz.simulator.config import CollisionSystem, EnvConfig, OnTarget
 
 ObservationType = Literal["default", "POMAPF", "MAPF"]
 

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from mapf_pz._internal.arrays import Bools, Ints
+from mapf_pz._internal.json import are_whole, list_member, parse_object
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.pogema.pogema import InPogema
-from mapf_pz._internal.json import are_whole, list_member, parse_object
 
 
 def replies(policy: InPogema, requests: Iterable[str]) -> Iterator[str]:

@@ -11,12 +11,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from mapf_pz._internal.atomic import replacing
+from mapf_pz._internal.printable import printable
 from mapf_pz.evaluation.reports.intervals import interval
 from mapf_pz.evaluation.reports.published import PublishedEpisode
 from mapf_pz.evaluation.reports.report import SOLVED, grouped
 from mapf_pz.evaluation.results import Episode
-from mapf_pz._internal.atomic import replacing
-from mapf_pz._internal.printable import printable
 
 FigureFormat = Literal["png", "pdf", "svg"]
 LABELS = {

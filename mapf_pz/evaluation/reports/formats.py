@@ -10,9 +10,9 @@ from typing import Literal
 from rich.markup import escape
 from rich.table import Table
 
+from mapf_pz._internal.printable import to_cell
 from mapf_pz.evaluation.reports.report import COLUMNS, Estimate, SummaryTable, summaries
 from mapf_pz.evaluation.results import Episode
-from mapf_pz._internal.printable import to_cell
 
 TableFormat = Literal["markdown", "latex", "csv"]
 _LATEX = {

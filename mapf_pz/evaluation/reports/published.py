@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from mapf_pz._internal.arrays import Floats
+from mapf_pz._internal.text import read_text
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.reports.bounds import least_costs, most_goals
 from mapf_pz.instances.instance import Instance
-from mapf_pz._internal.text import read_text
 
 COLUMNS = ("kind", "algorithm", "num_agents", "map_name", "seed")
 METRICS = ("CSR", "ISR", "SoC", "makespan", "avg_throughput")

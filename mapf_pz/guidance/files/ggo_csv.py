@@ -14,14 +14,14 @@ from reprlib import repr as shortened
 import numpy as np
 
 from mapf_pz._internal.arrays import Bools, Floats
+from mapf_pz._internal.atomic import write_whole
+from mapf_pz._internal.text import read_text
 from mapf_pz.errors import FormatError
 from mapf_pz.guidance.edges import open_edges
 from mapf_pz.guidance.files.weights import GGO_HEADINGS, as_numbers, check_map, checked_weights
 from mapf_pz.guidance.graph import GuidanceGraph
-from mapf_pz.instances.instance import Grid
-from mapf_pz._internal.atomic import write_whole
 from mapf_pz.instances.files.layout import BLOCKED, PASSABLE
-from mapf_pz._internal.text import read_text
+from mapf_pz.instances.instance import Grid
 
 HEADER = "id,type,x,y,weight_to_RIGHT,weight_to_UP,weight_to_LEFT,weight_to_DOWN,weight_for_WAIT"
 """The first line."""

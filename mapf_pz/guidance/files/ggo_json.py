@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 
 from mapf_pz._internal.arrays import Floats
+from mapf_pz._internal.atomic import write_whole
+from mapf_pz._internal.json import list_member, parse_object
+from mapf_pz._internal.text import read_text
 from mapf_pz.errors import FormatError
 from mapf_pz.guidance.edges import open_edges
 from mapf_pz.guidance.files.weights import GGO_HEADINGS, as_numbers, check_map, checked_weights
 from mapf_pz.guidance.graph import GuidanceGraph
-from mapf_pz.instances.instance import Grid
-from mapf_pz._internal.atomic import write_whole
-from mapf_pz._internal.json import list_member, parse_object
 from mapf_pz.instances.files.layout import PASSABLE, cells_of, layout_rows
-from mapf_pz._internal.text import read_text
+from mapf_pz.instances.instance import Grid
 
 BLOCKED_EDGE = -1
 """The weight of a blocked edge."""

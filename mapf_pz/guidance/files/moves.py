@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from mapf_pz._internal.arrays import Floats, Ints
+from mapf_pz._internal.npz import read_npz, write_npz
 from mapf_pz.errors import FormatError
 from mapf_pz.instances.instance import Grid
-from mapf_pz._internal.npz import read_npz, write_npz
 
 
 def load_moves(path: str | Path, grid: Grid) -> Floats:

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from mapf_pz._internal.arrays import Bools
+from mapf_pz._internal.npz import read_npz, write_npz
 from mapf_pz.errors import FormatError
 from mapf_pz.guidance.files.weights import check_shape, checked_weights
 from mapf_pz.guidance.graph import GuidanceGraph
 from mapf_pz.instances.instance import Grid
-from mapf_pz._internal.npz import read_npz, write_npz
 
 
 def read(path: str | Path, grid: Grid | None) -> GuidanceGraph:

@@ -12,15 +12,15 @@ from reprlib import repr as shortened
 
 import numpy as np
 
+from mapf_pz._internal.atomic import write_whole
+from mapf_pz._internal.json import parse_json
+from mapf_pz._internal.text import read_text
 from mapf_pz.errors import FormatError
 from mapf_pz.guidance.edges import open_edges
 from mapf_pz.guidance.files.ggo_json import numbers
 from mapf_pz.guidance.files.weights import as_numbers, checked_weights
 from mapf_pz.guidance.graph import GuidanceGraph
 from mapf_pz.instances.instance import Grid
-from mapf_pz._internal.atomic import write_whole
-from mapf_pz._internal.json import parse_json
-from mapf_pz._internal.text import read_text
 
 BLOCKED_EDGE = 100_000
 """The weight of a blocked edge, and of waiting on an obstacle."""

@@ -9,8 +9,8 @@ import zlib
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from mapf_pz.errors import FormatError
 from mapf_pz._internal.atomic import replacing
+from mapf_pz.errors import FormatError
 
 FOLDERS = {".map": "maps", ".scen": "scens"}
 """Target folders by file extension; other files are not extracted."""

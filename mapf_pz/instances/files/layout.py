@@ -14,8 +14,8 @@ from reprlib import repr as shortened
 import numpy as np
 
 from mapf_pz._internal.arrays import Bools
-from mapf_pz.errors import FormatError
 from mapf_pz._internal.json import JsonObject, list_member
+from mapf_pz.errors import FormatError
 
 WORKSTATION, ENDPOINT = "w", "e"
 PASSABLE = f".{WORKSTATION}{ENDPOINT}"

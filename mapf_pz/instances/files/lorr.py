@@ -18,14 +18,14 @@ from reprlib import repr as shortened
 
 import numpy as np
 
-from mapf_pz.simulator.actions import Heading
 from mapf_pz._internal.arrays import Ints, frozen
-from mapf_pz.errors import FormatError
-from mapf_pz.instances.instance import Grid, Instance, Scenario
-from mapf_pz.instances.files.movingai import read_map
-from mapf_pz.instances.place import check_reachable
 from mapf_pz._internal.json import JsonObject, named_file, parse_object, text_member, whole_number
 from mapf_pz._internal.text import read_text
+from mapf_pz.errors import FormatError
+from mapf_pz.instances.files.movingai import read_map
+from mapf_pz.instances.heading import Heading
+from mapf_pz.instances.instance import Grid, Instance, Scenario
+from mapf_pz.instances.place import check_reachable
 
 ROUND_ROBIN, ENTRANT = "roundrobin", "entrant"
 STRATEGIES = (ROUND_ROBIN, "roundrobin_fixed", "greedy", ENTRANT)
@@ -93,10 +93,11 @@ class LorrProblem:
     def instance(self, goals_per_agent: int | None = None) -> Instance:
         """Return the lifelong instance: all robots face east, and each has a fixed sequence of goals.
 
-        Robot `i` gets the tasks `i`, `i + M`, `i + 2M` and so on, modulo the number of tasks. This is the competition's
-        `roundrobin` of 2023. Since 2024 an entrant's scheduler assigns tasks (see `mapf_pz.planners.scheduling`), so for these
-        problems it is only a substitute, in which a robot visits all errands of a task in order. Warns about
-        `not_modeled` members, since results are then not comparable with the competition's.
+        Robot `i` gets the tasks `i`, `i + M`, `i + 2M` and so on, modulo the number of tasks. This is the
+        competition's `roundrobin` of 2023. Since 2024 an entrant's scheduler assigns tasks (see
+        `mapf_pz.planners.scheduling`), so for these problems it is only a substitute, in which a robot visits
+        all errands of a task in order. Warns about `not_modeled` members, since results are then not comparable
+        with the competition's.
 
         Args:
             goals_per_agent: L, the number of goals; None: the smallest number of goals that any robot has before its

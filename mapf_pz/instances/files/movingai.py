@@ -17,10 +17,10 @@ from reprlib import repr as shortened
 import numpy as np
 
 from mapf_pz._internal.arrays import Bools, Ints
-from mapf_pz.errors import FormatError
-from mapf_pz.instances.instance import Grid, Scenario
-from mapf_pz.instances.files.octile import octile_distances
 from mapf_pz._internal.text import read_text
+from mapf_pz.errors import FormatError
+from mapf_pz.instances.files.octile import octile_distances
+from mapf_pz.instances.instance import Grid, Scenario
 
 PASSABLE = ".GSE"
 """Characters of free cells: ground (two), swamp; in maps of the League of Robot Runners also stations (`E`) and shelves

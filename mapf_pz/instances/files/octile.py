@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mapf_pz._internal.arrays import Bools, Floats, Ints
-from mapf_pz._internal.jit import jit
-from mapf_pz.simulator.kernels.state import Array
+from mapf_pz._internal.jit import Array, jit
 
 _DIAGONAL = 1.414213562  # the root of 2 to as many digits as the benchmark took, so that its last columns come out
 

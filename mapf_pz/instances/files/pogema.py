@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from mapf_pz.errors import FormatError
-from mapf_pz.instances.instance import Grid, Instance, Scenario
-from mapf_pz.instances.files.movingai import parse_cells
 from mapf_pz._internal.json import are_whole, list_member, parse_json, parse_object, text_member
 from mapf_pz._internal.text import read_text
+from mapf_pz.errors import FormatError
+from mapf_pz.instances.files.movingai import parse_cells
+from mapf_pz.instances.instance import Grid, Instance, Scenario
 
 PASSABLE, BLOCKED = ".@$!", "#"
 """Characters of free cells (three of them mark where agents may start or end; all are passable), and of obstacles."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from mapf_pz._internal.jit import inlined, jit
-from mapf_pz.simulator.kernels.state import Array
+from mapf_pz._internal.jit import Array, inlined, jit
 
 STEP, FIRST, SECOND, SWAP, RAISED = range(5)
 """Columns of a conflict: the step, the two agents, whether they swap cells, and how many of the two agents have only

@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz._internal.arrays import Ints
-from mapf_pz._internal.jit import inlined, jit
-from mapf_pz.simulator.kernels.state import Array
+from mapf_pz._internal.jit import Array, inlined, jit
 from mapf_pz.planners.cbs.paths import ANY, UNREACHED, is_forbidden, next_state
 from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.hashing import EMPTY, find_slot, hash_row, refill_slots

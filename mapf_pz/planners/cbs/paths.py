@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz._internal.jit import inlined, jit
-from mapf_pz.simulator.kernels.state import Array
+from mapf_pz._internal.jit import Array, inlined, jit
 
 NO_PATH, FULL = -1, -2
 """Results of `search`: there is no path, or the rows of `Layers` are not enough."""

@@ -7,12 +7,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from mapf_pz.simulator.kernels.cost_lookup import num_headings
 from mapf_pz.environment.mapf_env import MapfEnv
 from mapf_pz.planners.base import PlanFollower
 from mapf_pz.planners.cbs.tree import AgentPath, ConflictTree, cells_of, padded
 from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.problem import Path, Problem, problem_of, starting_costs
+from mapf_pz.simulator.kernels.cost_lookup import num_headings
 from mapf_pz.simulator.simulator import Simulator
 
 

@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz._internal.arrays import Ints
-from mapf_pz.simulator.kernels.cost_lookup import num_headings
 from mapf_pz.planners.cbs.conflicts import FIRST, RAISED, SECOND, STEP, SWAP, find_conflicts
 from mapf_pz.planners.cbs.joint import Group, JointSearch, distances
 from mapf_pz.planners.cbs.paths import ANY, FULL, NO_PATH, Agent, Others, allocate_layers, read_path, search
 from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.problem import Problem
+from mapf_pz.simulator.kernels.cost_lookup import num_headings
 
 MAX_CONFLICTS = 256
 """Maximum number of conflicts of a node among which one is chosen: the first ones."""

@@ -10,8 +10,7 @@ from __future__ import annotations
 
 from numba import prange
 
-from mapf_pz._internal.jit import BatchKernel, jit
-from mapf_pz.simulator.kernels.state import Array
+from mapf_pz._internal.jit import Array, BatchKernel, jit
 from mapf_pz.planners.epibt.search import search
 from mapf_pz.planners.epibt.state import NONE, EpibtState
 

@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapf_pz._internal.jit import jit
-from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, Array, PlanningView
+from mapf_pz._internal.jit import Array, jit
 from mapf_pz.planners.epibt.search import mark, search
 from mapf_pz.planners.epibt.state import AHEAD, NONE, OPERATION_BITS, EpibtState, Operations
 from mapf_pz.planners.pibt.priority import priority_key, sort_by_key
 from mapf_pz.planners.pibt.state import NO_AGENT, to_go
+from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, PlanningView
 
 EARLY = 0.5
 """How much more the last operation costs than the first one at equal costs, in units of the cost of a wait."""

@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.simulator.actions import HEADING_STEPS, Action, CardinalAction, Heading
+from mapf_pz.instances.heading import HEADING_STEPS, Heading
 from mapf_pz.planners.epibt.state import AHEAD, NONE, Operations
+from mapf_pz.simulator.actions import Action, CardinalAction
 
 
 class Act(NamedTuple):

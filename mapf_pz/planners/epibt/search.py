@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapf_pz._internal.jit import jit
-from mapf_pz.simulator.kernels.state import Array
+from mapf_pz._internal.jit import Array, jit
 from mapf_pz.planners.epibt.state import LAST_OPERATION, NONE, EpibtState
 from mapf_pz.planners.pibt.state import NO_AGENT
 

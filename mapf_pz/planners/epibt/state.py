@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.simulator.kernels.state import Array, PlanningView
+from mapf_pz._internal.jit import Array
 from mapf_pz.planners.pibt.state import NO_AGENT
+from mapf_pz.simulator.kernels.state import PlanningView
 
 NONE = -1
 AHEAD = 4

@@ -8,10 +8,6 @@ from typing import TypeVar
 import numpy as np
 
 from mapf_pz._internal.arrays import Ints
-from mapf_pz.simulator.kernels.cost_lookup import num_headings
-from mapf_pz.simulator.kernels.cost_tables import CostTables
-from mapf_pz.simulator.kernels.state import CostToGo
-from mapf_pz.simulator.kernels.world import allocate
 from mapf_pz.planners.base import PlanFollower
 from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.hashing import refill_slots
@@ -21,6 +17,10 @@ from mapf_pz.planners.lacam.step import allocate_scratch
 from mapf_pz.planners.problem import Path, Problem, problem_of, starting_costs
 from mapf_pz.planners.sipp.refine import NeighborhoodSearch, refine
 from mapf_pz.planners.windowed.walk import walk
+from mapf_pz.simulator.kernels.cost_lookup import num_headings
+from mapf_pz.simulator.kernels.cost_tables import CostTables
+from mapf_pz.simulator.kernels.state import CostToGo
+from mapf_pz.simulator.kernels.world import allocate
 from mapf_pz.simulator.simulator import Simulator
 
 MAX_BYTES = 1 << 30

@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz._internal.jit import jit
-from mapf_pz.simulator.kernels.state import Array
+from mapf_pz._internal.jit import Array, jit
 
 NONE = -1
 _STAYS, _MOVES, _READY, _PENDING = range(4)

@@ -17,8 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz._internal.jit import jit
-from mapf_pz.simulator.kernels.state import Array
+from mapf_pz._internal.jit import Array, jit
 from mapf_pz.planners.hashing import find_slot, hash_row
 from mapf_pz.planners.lacam.step import STAY, UNDECIDED, LacamScratch, draw, next_cells
 

@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.simulator.kernels.cost_lookup import cost_at
-from mapf_pz._internal.jit import jit
-from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, Array
+from mapf_pz._internal.jit import Array, jit
 from mapf_pz.planners.random import draw, seeded
+from mapf_pz.simulator.kernels.cost_lookup import cost_at
+from mapf_pz.simulator.kernels.state import WAIT_WEIGHT
 
 NO_AGENT, UNDECIDED, STAY = -1, -1, 4
 

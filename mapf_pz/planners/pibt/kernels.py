@@ -11,14 +11,14 @@ causal PIBT of the League of Robot Runners).
 
 from __future__ import annotations
 
-from mapf_pz.simulator.actions import Action, CardinalAction
-from mapf_pz.simulator.kernels.cost_lookup import num_headings
-from mapf_pz._internal.jit import jit
-from mapf_pz.simulator.kernels.state import Array, PlanningView
+from mapf_pz._internal.jit import Array, jit
 from mapf_pz.planners.pibt.preference import rank_choices
 from mapf_pz.planners.pibt.priority import prioritize
 from mapf_pz.planners.pibt.state import NO_AGENT, STAY, UNDECIDED, Options, PibtState
 from mapf_pz.planners.pibt.swap import prefer_room, pull_agents
+from mapf_pz.simulator.actions import Action, CardinalAction
+from mapf_pz.simulator.kernels.cost_lookup import num_headings
+from mapf_pz.simulator.kernels.state import PlanningView
 
 _FORWARD, _LEFT, _RIGHT, _WAIT = map(int, Action)
 CARDINAL_ACTIONS = tuple(int(CardinalAction[name]) for name in ("RIGHT", "DOWN", "LEFT", "UP", "WAIT"))

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapf_pz.simulator.kernels.cost_lookup import num_headings
-from mapf_pz._internal.jit import jit
-from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, Array, PlanningView
+from mapf_pz._internal.jit import Array, jit
 from mapf_pz.planners.pibt.state import NO_AGENT, STAY, UNDECIDED, PibtState, to_go
 from mapf_pz.planners.random import draw
+from mapf_pz.simulator.kernels.cost_lookup import num_headings
+from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, PlanningView
 
 _HINDRANCE_SHIFT = 16  # the bits of a rank, from the highest: cost, hindrance, tie (12 bits), choice (3 bits)
 _COMPARATORS = ((0, 1), (3, 4), (2, 4), (2, 3), (1, 4), (0, 3), (0, 2), (1, 3), (1, 2))  # a sorting network

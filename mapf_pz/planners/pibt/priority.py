@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapf_pz._internal.jit import jit
-from mapf_pz.simulator.kernels.state import Array, PlanningView
+from mapf_pz._internal.jit import Array, jit
 from mapf_pz.planners.pibt.state import ELAPSED, LATE, PibtState, to_go
+from mapf_pz.simulator.kernels.state import PlanningView
 
 COST_BOUND = 2.0**24
 """Larger than any cost to go."""

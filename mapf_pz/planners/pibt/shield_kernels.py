@@ -16,12 +16,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz._internal.jit import jit
-from mapf_pz.simulator.kernels.state import Array, CostToGo, Distances, PlanningView, State, World
+from mapf_pz._internal.jit import Array, jit
 from mapf_pz.planners.pibt.kernels import CARDINAL_ACTIONS, decide, write_cardinal
 from mapf_pz.planners.pibt.preference import rank_choices, sort_ranks
 from mapf_pz.planners.pibt.priority import prioritize
 from mapf_pz.planners.pibt.state import LATE, NO_AGENT, STAY, UNDECIDED, PibtState, to_go
+from mapf_pz.simulator.kernels.state import CostToGo, Distances, PlanningView, State, World
 
 _ACTION_OF_CHOICE = np.array(CARDINAL_ACTIONS)
 

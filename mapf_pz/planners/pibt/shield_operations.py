@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from mapf_pz._internal.jit import jit
-from mapf_pz.simulator.kernels.state import Array, Distances, State, World
+from mapf_pz._internal.jit import Array, jit
 from mapf_pz.planners.epibt.kernels import continue_operations, decide, evaluate, first_actions, pack_option
 from mapf_pz.planners.epibt.state import LAST_OPERATION, EpibtState, Operations
 from mapf_pz.planners.pibt.shield_kernels import Progress, is_stuck, num_better, view_of
+from mapf_pz.simulator.kernels.state import Distances, State, World
 
 _CLASS_BIT = 56
 """The first bit of an option after those of its operation and its cost."""

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.simulator.kernels.cost_lookup import cost_at
-from mapf_pz._internal.jit import inlined
-from mapf_pz.simulator.kernels.state import Array, PlanningView
+from mapf_pz._internal.jit import Array, inlined
 from mapf_pz.planners.random import seeded
+from mapf_pz.simulator.kernels.cost_lookup import cost_at
+from mapf_pz.simulator.kernels.state import PlanningView
 
 NO_AGENT, UNDECIDED, STAY = -1, -1, 4
 NO_RANK = 2**63 - 1

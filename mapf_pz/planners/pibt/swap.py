@@ -8,9 +8,9 @@ increases the number of goals reached in lifelong episodes, where an agent at it
 
 from __future__ import annotations
 
-from mapf_pz._internal.jit import jit
-from mapf_pz.simulator.kernels.state import Array, PlanningView
+from mapf_pz._internal.jit import Array, jit
 from mapf_pz.planners.pibt.state import NO_AGENT, STAY, UNDECIDED, PibtState
+from mapf_pz.simulator.kernels.state import PlanningView
 
 _NOWHERE = -1
 

@@ -1,1 +1,1 @@
-"""Plans: validation, files, and recordings."""
+"""Plans: validation, files, and recordings. Read `plan.py` first."""

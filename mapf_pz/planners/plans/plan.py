@@ -9,8 +9,8 @@ from typing import Literal
 
 import numpy as np
 
-from mapf_pz.simulator.actions import HEADING_STEPS
 from mapf_pz._internal.arrays import Bools, Ints, frozen
+from mapf_pz.instances.heading import HEADING_STEPS
 from mapf_pz.instances.instance import Grid, Instance
 
 Kind = Literal["start", "map", "move", "turn", "vertex", "edge", "goal"]

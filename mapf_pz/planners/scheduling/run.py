@@ -6,19 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mapf_pz.simulator.actions import Heading
 from mapf_pz._internal.arrays import Ints
-from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.simulator.kernels.cost_tables import default_bytes
 from mapf_pz.guidance.library import EdgeWeights
-from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.instances.files.lorr import LorrProblem
+from mapf_pz.instances.heading import Heading
+from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.instances.sources import InstanceList
 from mapf_pz.planners.base import Planner
 from mapf_pz.planners.plans.files import Schedule
 from mapf_pz.planners.plans.plan import Plan
 from mapf_pz.planners.scheduling.pool import TaskPool
 from mapf_pz.planners.scheduling.schedulers import Scheduler
+from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.kernels.cost_tables import default_bytes
 from mapf_pz.simulator.simulator import Simulator
 
 

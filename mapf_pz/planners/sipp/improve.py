@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz._internal.jit import jit
-from mapf_pz.simulator.kernels.state import Array
+from mapf_pz._internal.jit import Array, jit
 from mapf_pz.planners.random import draw_below
 from mapf_pz.planners.sipp.neighborhood import (
     KINDS,

@@ -11,12 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.simulator.kernels.cost_lookup import num_headings, unpack_steps
-from mapf_pz._internal.jit import jit
-from mapf_pz.simulator.kernels.state import Array
+from mapf_pz._internal.jit import Array, jit
 from mapf_pz.planners.random import draw_below, seeded
 from mapf_pz.planners.sipp.reservations import FOREVER, NONE, Reservations, direction_after, last_visit
 from mapf_pz.planners.sipp.search import SippProblem
+from mapf_pz.simulator.kernels.cost_lookup import num_headings, unpack_steps
 
 AGENT_BASED, MAP_BASED, RANDOM = range(3)
 KINDS = 3

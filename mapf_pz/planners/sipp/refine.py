@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from mapf_pz._internal.arrays import Ints
-from mapf_pz.simulator.kernels.cost_lookup import UNREACHABLE, num_headings
-from mapf_pz.simulator.kernels.cost_to_go import count_steps
 from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.problem import Path, Problem
 from mapf_pz.planners.sipp.improve import allocate_lns, plan_and_improve
@@ -14,6 +12,8 @@ from mapf_pz.planners.sipp.neighborhood import allocate_neighborhood, sum_of_sho
 from mapf_pz.planners.sipp.reservations import NONE, allocate_reservations, discard, read_path, withdraw, write_path
 from mapf_pz.planners.sipp.search import SippProblem, allocate_scratch
 from mapf_pz.planners.trace import Trace
+from mapf_pz.simulator.kernels.cost_lookup import UNREACHABLE, num_headings
+from mapf_pz.simulator.kernels.cost_to_go import count_steps
 
 WORK = 20_000
 """Number of states to expand between two checks of the clock: a few milliseconds."""

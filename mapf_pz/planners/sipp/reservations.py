@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz._internal.jit import jit, numba_config
-from mapf_pz.simulator.kernels.state import Array
+from mapf_pz._internal.jit import Array, jit, numba_config
 
 NONE = -1
 FOREVER = 2**30

@@ -17,10 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.simulator.kernels.cost_lookup import cost_at, num_headings, unpack_steps
-from mapf_pz._internal.jit import jit, numba_config
-from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, Array, CostToGo
+from mapf_pz._internal.jit import Array, jit, numba_config
 from mapf_pz.planners.sipp.reservations import FOREVER, NONE, Reservations, discard, last_visit, new_visit, safe_until
+from mapf_pz.simulator.kernels.cost_lookup import cost_at, num_headings, unpack_steps
+from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, CostToGo
 
 
 class SippProblem(NamedTuple):

@@ -16,12 +16,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz._internal.jit import jit
-from mapf_pz.simulator.kernels.state import Array, PlanningView
+from mapf_pz._internal.jit import Array, jit
 from mapf_pz.planners.pibt.state import NO_AGENT
 from mapf_pz.planners.random import draw_below, seeded
 from mapf_pz.planners.windowed.paths import Paths, colliding_agent, cost_of_path, occupy, release
 from mapf_pz.planners.windowed.search import SearchScratch, find_path
+from mapf_pz.simulator.kernels.state import PlanningView
 
 MARGIN = 1e-3
 """The smallest change of the sum of costs that is not attributed to rounding."""

@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.simulator.kernels.cost_lookup import num_headings
-from mapf_pz._internal.jit import jit
-from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, Array, PlanningView
+from mapf_pz._internal.jit import Array, jit
 from mapf_pz.planners.pibt.state import NO_AGENT, to_go
+from mapf_pz.simulator.kernels.cost_lookup import num_headings
+from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, PlanningView
 
 
 class Paths(NamedTuple):

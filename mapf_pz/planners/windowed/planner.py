@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from mapf_pz._internal.arrays import Ints
-from mapf_pz.simulator.kernels.cost_lookup import num_headings
-from mapf_pz.simulator.kernels.state import PlanningView
 from mapf_pz.environment.mapf_env import MapfEnv
 from mapf_pz.planners.base import StepPlanner
 from mapf_pz.planners.deadline import Deadline
@@ -15,6 +13,8 @@ from mapf_pz.planners.windowed.improve import Neighborhood, allocate_neighborhoo
 from mapf_pz.planners.windowed.paths import Paths, allocate_paths, continue_paths
 from mapf_pz.planners.windowed.rollout import Rollout, allocate_rollout, roll_out, take_rollout
 from mapf_pz.planners.windowed.search import SearchScratch, allocate_search
+from mapf_pz.simulator.kernels.cost_lookup import num_headings
+from mapf_pz.simulator.kernels.state import PlanningView
 from mapf_pz.simulator.simulator import Simulator
 
 BATCH_SIZE = 32

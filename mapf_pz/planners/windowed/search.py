@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mapf_pz.simulator.kernels.cost_lookup import cost_at, num_headings
-from mapf_pz._internal.jit import jit, numba_config
-from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, Array, PlanningView
+from mapf_pz._internal.jit import Array, jit, numba_config
 from mapf_pz.planners.pibt.state import NO_AGENT
 from mapf_pz.planners.windowed.paths import Paths, facing
+from mapf_pz.simulator.kernels.cost_lookup import cost_at, num_headings
+from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, PlanningView
 
 NONE = -1
 LATE = 2.0**-10

@@ -9,13 +9,13 @@ import math
 
 import numpy as np
 
-from mapf_pz.simulator.kernels.cost_lookup import num_headings
-from mapf_pz.simulator.kernels.state import AGENT, PlanningView
 from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.problem import Path, Problem
 from mapf_pz.planners.windowed.improve import allocate_neighborhood, improve
 from mapf_pz.planners.windowed.paths import allocate_paths, continue_paths
 from mapf_pz.planners.windowed.search import allocate_search
+from mapf_pz.simulator.kernels.cost_lookup import num_headings
+from mapf_pz.simulator.kernels.state import AGENT, PlanningView
 
 WINDOW = 20
 """Number of steps to plan."""

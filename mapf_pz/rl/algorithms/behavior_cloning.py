@@ -11,10 +11,10 @@ import torch
 from tensordict import TensorDict, TensorDictBase, cat
 from torch import Tensor
 
+from mapf_pz.rl.algorithms.imitation import Imitation
+from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.demonstrations import Batch, load_dataset
 from mapf_pz.rl.environments.batched_env import OBSERVATION_DTYPES
-from mapf_pz.rl.config import TrainConfig
-from mapf_pz.rl.algorithms.imitation import Imitation
 from mapf_pz.rl.environments.transfer import to_device
 
 

@@ -9,10 +9,10 @@ from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequ
 from torchrl.envs import Transform
 
 from mapf_pz.rl.algorithms.algorithm import Algorithm
-from mapf_pz.rl.config import TrainConfig
-from mapf_pz.rl.environments.execution import ExecutePreferences, SamplePreferences
 from mapf_pz.rl.algorithms.expert import ExpertActions
 from mapf_pz.rl.algorithms.imitation_learner import ImitationLearner
+from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.environments.execution import ExecutePreferences, SamplePreferences
 
 
 class Imitation(Algorithm):

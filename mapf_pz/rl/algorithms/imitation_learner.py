@@ -8,11 +8,11 @@ from torch import Tensor, nn
 from torch.nn.functional import cross_entropy
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
-from mapf_pz.simulator.actions import Action, CardinalAction
-from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.algorithms.expert import NO_LABEL
 from mapf_pz.rl.algorithms.learner import Learner
+from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.environments.transfer import to_device
+from mapf_pz.simulator.actions import Action, CardinalAction
 
 
 class ImitationLearner(Learner):

@@ -7,9 +7,9 @@ from typing import cast
 from mapf_pz._internal.plugins import import_subclass
 from mapf_pz.rl.algorithms.algorithm import Algorithm
 from mapf_pz.rl.algorithms.behavior_cloning import BehaviorCloning
-from mapf_pz.rl.config import AlgorithmName
 from mapf_pz.rl.algorithms.imitation import Dagger
 from mapf_pz.rl.algorithms.ppo import IPPO, MAPPO, CentralPPO
+from mapf_pz.rl.config import AlgorithmName
 
 ALGORITHMS: dict[AlgorithmName, type[Algorithm]] = {
     "mappo": MAPPO,

@@ -15,8 +15,9 @@ from torchrl.modules import IndependentNormal, MaskedCategorical, ProbabilisticA
 from torchrl.objectives import ClipPPOLoss, IPPOLoss, MAPPOLoss, PPOLoss, ValueEstimators
 
 from mapf_pz.rl.algorithms.algorithm import Algorithm
-from mapf_pz.rl.environments.centralize import Centralize
+from mapf_pz.rl.algorithms.ppo_learner import PPOKeys, PPOLearner
 from mapf_pz.rl.config import PPOConfig, TrainConfig
+from mapf_pz.rl.environments.centralize import Centralize
 from mapf_pz.rl.environments.execution import ExecutePreferences, OrderActions
 from mapf_pz.rl.networks.actors import (
     Actor,
@@ -28,7 +29,6 @@ from mapf_pz.rl.networks.actors import (
     make_team_value,
 )
 from mapf_pz.rl.networks.observation_shape import ObservationShape
-from mapf_pz.rl.algorithms.ppo_learner import PPOKeys, PPOLearner
 
 
 class PPOAlgorithm(Algorithm):

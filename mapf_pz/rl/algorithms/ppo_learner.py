@@ -12,9 +12,9 @@ from torchrl.data.replay_buffers.samplers import SamplerWithoutReplacement
 from torchrl.objectives import PPOLoss
 from torchrl.objectives.value import GAE
 
-from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.algorithms.curiosity import make_curiosity
 from mapf_pz.rl.algorithms.learner import Learner
+from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.environments.transfer import to_device
 
 LOSS_MASK = "shifted_valid"

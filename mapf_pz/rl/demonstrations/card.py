@@ -10,11 +10,11 @@ from platform import python_version
 
 import numpy as np
 
+from mapf_pz._internal.json import JsonObject
 from mapf_pz.rl.demonstrations.config import DatasetConfig
 from mapf_pz.rl.demonstrations.demonstration import METRICS
 from mapf_pz.rl.demonstrations.folder import shard_jobs
 from mapf_pz.rl.demonstrations.shard import Shard, read_shard
-from mapf_pz._internal.json import JsonObject
 
 _INTRODUCTION = """\
 Demonstrations of multi-agent path finding: instances, and the actions of all agents in each step. The simulator of

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-from mapf_pz.simulator.config import DEFAULT_NUM_AGENTS, EnvConfig, check_whole
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances.instance import InstanceSource
-from mapf_pz.simulator.configured import goals_per_agent, make_source
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.planners import Planner, planner_of
+from mapf_pz.simulator.config import DEFAULT_NUM_AGENTS, EnvConfig, check_whole
+from mapf_pz.simulator.configured import goals_per_agent, make_source
 from mapf_pz.simulator.seeds import FIRST_EVALUATION_SEED
 
 RULES = ("action_model", "collision_system", "on_target", "max_steps", "edge_weights")

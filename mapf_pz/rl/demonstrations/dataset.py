@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from mapf_pz._internal.arrays import Ints
-from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.instances.instance import Grid
 from mapf_pz.rl.demonstrations.demonstration import Demonstration
 from mapf_pz.rl.demonstrations.folder import read_rules, shard_files
 from mapf_pz.rl.demonstrations.replay import Batch, Replay, ReplaySource, replay_config
 from mapf_pz.rl.demonstrations.shard import Shard, read_shard
-from mapf_pz.instances.instance import Grid
+from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.simulator import Simulator
 
 

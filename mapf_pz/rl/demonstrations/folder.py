@@ -11,14 +11,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.rl.demonstrations.config import RULES, DatasetConfig
-from mapf_pz.rl.demonstrations.shard import FORMAT
-from mapf_pz.errors import FormatError
-from mapf_pz.instances.instance import Grid, Scenario
 from mapf_pz._internal.atomic import naming, write_whole
 from mapf_pz._internal.json import JsonObject, parse_object
 from mapf_pz._internal.text import read_text
+from mapf_pz.errors import FormatError
+from mapf_pz.instances.instance import Grid, Scenario
+from mapf_pz.rl.demonstrations.config import RULES, DatasetConfig
+from mapf_pz.rl.demonstrations.shard import FORMAT
+from mapf_pz.simulator.config import EnvConfig
 
 SETTINGS_FILE, CARD_FILE = "dataset.json", "README.md"
 _SHARDS = "shard-*.npz"

@@ -7,14 +7,14 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from mapf_pz._internal.atomic import write_whole
+from mapf_pz._internal.lock import locked
+from mapf_pz.planners import planner_of
 from mapf_pz.rl.demonstrations.card import card
 from mapf_pz.rl.demonstrations.config import DatasetConfig
 from mapf_pz.rl.demonstrations.demonstration import Demonstration, demonstrate
 from mapf_pz.rl.demonstrations.folder import CARD_FILE, ShardJob, open_folder, shard_jobs
 from mapf_pz.rl.demonstrations.shard import write_shard
-from mapf_pz._internal.atomic import write_whole
-from mapf_pz._internal.lock import locked
-from mapf_pz.planners import planner_of
 from mapf_pz.simulator.simulator import Simulator
 
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from mapf_pz._internal.arrays import Bools, Floats, Ints
-from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.rl.demonstrations.config import RULES
 from mapf_pz.instances.instance import Instance, InstanceSource
+from mapf_pz.rl.demonstrations.config import RULES
+from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.simulator import Simulator
 
 if TYPE_CHECKING:

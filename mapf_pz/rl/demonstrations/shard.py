@@ -27,15 +27,15 @@ from typing import Any
 
 import numpy as np
 
-from mapf_pz.simulator.actions import Action, CardinalAction, Heading
 from mapf_pz._internal.arrays import Ints, coordinates
-from mapf_pz.simulator.config import ActionModel
-from mapf_pz.rl.demonstrations.demonstration import METRICS, Demonstration
-from mapf_pz.errors import FormatError
-from mapf_pz.instances.instance import Grid, Instance, Scenario
-from mapf_pz.instances.place import components
 from mapf_pz._internal.npz import read_npz, write_npz
 from mapf_pz._internal.text import MAX_FILE_BYTES
+from mapf_pz.errors import FormatError
+from mapf_pz.instances.heading import Heading
+from mapf_pz.instances.instance import ActionModel, Grid, Instance, Scenario
+from mapf_pz.instances.place import components
+from mapf_pz.rl.demonstrations.demonstration import METRICS, Demonstration
+from mapf_pz.simulator.actions import Action, CardinalAction
 
 FORMAT = 1
 """Version of the format."""

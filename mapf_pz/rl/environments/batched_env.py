@@ -15,13 +15,12 @@ from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded, Unb
 from torchrl.envs import EnvBase
 
 from mapf_pz._internal.arrays import Ints
-from mapf_pz.simulator.batch import BatchConfig
-from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.simulator.global_state import STATE_PLANES, global_state
-from mapf_pz.simulator.metrics import metric_names
+from mapf_pz._internal.signatures import init_with_fields_of
 from mapf_pz.rl.algorithm_config import ObservationPrecision
 from mapf_pz.rl.environments.transfer import to_device
-from mapf_pz._internal.signatures import init_with_fields_of
+from mapf_pz.simulator.config import BatchConfig, EnvConfig
+from mapf_pz.simulator.global_state import STATE_PLANES, global_state
+from mapf_pz.simulator.metrics import metric_names
 from mapf_pz.simulator.simulator import Simulator
 
 

@@ -12,7 +12,7 @@ from torchrl.data import Bounded, Categorical, Composite, TensorSpec, Unbounded
 from torchrl.data.tensor_specs import ContinuousBox
 from torchrl.envs import Transform
 
-from mapf_pz.simulator.action_modes import ACTION_MODES, ActionMode
+from mapf_pz.simulator.actions import ACTION_MODES, ActionMode
 
 
 class Centralize(Transform):

@@ -10,8 +10,8 @@ from torch import Tensor, nn
 from torchrl.modules import GRUModule
 
 from mapf_pz.rl.algorithm_config import Credit
-from mapf_pz.rl.networks.communication import make_team_encoder
 from mapf_pz.rl.config import ModelConfig
+from mapf_pz.rl.networks.communication import make_team_encoder
 from mapf_pz.rl.networks.encoders import make_encoder, scaled
 from mapf_pz.rl.networks.observation_shape import ObservationShape
 

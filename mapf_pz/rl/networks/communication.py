@@ -16,11 +16,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import scaled_dot_product_attention
 
-from mapf_pz.simulator.actions import HEADING_STEPS
-from mapf_pz.simulator.kernels.observation.features import POSE_UNIT
+from mapf_pz.instances.heading import HEADING_STEPS
 from mapf_pz.rl.config import ModelConfig
 from mapf_pz.rl.networks.encoders import make_encoder, scaled, widened
 from mapf_pz.rl.networks.observation_shape import ObservationShape
+from mapf_pz.simulator.kernels.observation.features import POSE_UNIT
 
 HEADS = 4
 """Number of attention heads."""

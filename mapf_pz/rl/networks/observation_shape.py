@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from mapf_pz.simulator.observation import ObservationLayout
 from mapf_pz.rl.config import TaskConfig
+from mapf_pz.simulator.observation import ObservationLayout
 
 
 @dataclass(frozen=True)

@@ -14,17 +14,17 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
-from mapf_pz.simulator.action_modes import ACTION_MODES
 from mapf_pz._internal.arrays import Floats, Ints
+from mapf_pz._internal.atomic import write_whole
 from mapf_pz._internal.digest import digest
 from mapf_pz.errors import FormatError
-from mapf_pz._internal.atomic import write_whole
 from mapf_pz.rl.algorithms.named import algorithm_of
-from mapf_pz.rl.networks.batched_network import BatchedNetwork, Memory, Seen
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
-from mapf_pz.rl.policies.learned_batch import LearnedBatch
+from mapf_pz.rl.networks.batched_network import BatchedNetwork, Memory, Seen
 from mapf_pz.rl.networks.observation_shape import ObservationShape, described, shapes_of
+from mapf_pz.rl.policies.learned_batch import LearnedBatch
+from mapf_pz.simulator.actions import ACTION_MODES
 from mapf_pz.simulator.simulator import Simulator
 
 Infos: TypeAlias = "Mapping[str, Mapping[str, Any]]"
@@ -231,7 +231,7 @@ def policy_names() -> list[str]:
 
 
 def _bundled() -> Path:
-    return Path(str(resources.files("mapf_pz.rl"))) / "policies"
+    return Path(str(resources.files("mapf_pz.rl.policies"))) / "bundled"
 
 
 def load_policy(

@@ -16,8 +16,8 @@ from torchrl.collectors import BaseCollector, Collector, MultiSyncCollector
 from torchrl.envs import Compose, EnvBase, PettingZooWrapper, RewardSum, StepCounter, TransformedEnv
 
 from mapf_pz._internal.interrupts import unheard_by_children
-from mapf_pz.rl.environments.batched_env import BatchedMapfEnv
 from mapf_pz.rl.config import CollectorName, TrainConfig
+from mapf_pz.rl.environments.batched_env import BatchedMapfEnv
 from mapf_pz.simulator.simulator import Simulator
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from collections import defaultdict
 
 from tensordict import NestedKey, TensorDictBase, cat
 
-from mapf_pz.simulator.config import OnTarget
 from mapf_pz.rl.config import TaskConfig, TrainConfig
+from mapf_pz.simulator.config import OnTarget
 
 MEANS: dict[OnTarget, tuple[str, ...]] = {
     "nothing": ("CSR", "ISR", "return"),

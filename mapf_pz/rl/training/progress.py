@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
 
-from mapf_pz.errors import FormatError
 from mapf_pz._internal.atomic import write_whole
+from mapf_pz.errors import FormatError
 
 PROGRESS = "progress.csv"
 """The file's name in the run's folder."""

@@ -8,13 +8,13 @@ from pathlib import Path
 from torch import nn
 
 from mapf_pz.errors import FormatError
-from mapf_pz.rl.training.checkpoint import FOLDER, Checkpoints, Position, read_position, restore
+from mapf_pz.rl.algorithms.learner import Learner
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG_FILES, save_config
-from mapf_pz.rl.training.curves import Run, draw_curves
-from mapf_pz.rl.algorithms.learner import Learner
-from mapf_pz.rl.training.loggers import LOGGER_FOLDERS, ProgressLogger, make_loggers
 from mapf_pz.rl.policies.policy import WEIGHTS, save_weights
+from mapf_pz.rl.training.checkpoint import FOLDER, Checkpoints, Position, read_position, restore
+from mapf_pz.rl.training.curves import Run, draw_curves
+from mapf_pz.rl.training.loggers import LOGGER_FOLDERS, ProgressLogger, make_loggers
 from mapf_pz.rl.training.progress import PROGRESS, Row, append_progress, read_progress, write_progress
 
 CURVE = "learning_curve.png"

@@ -14,21 +14,21 @@ import numpy as np
 import torch
 from tensordict import TensorDictBase
 
-from mapf_pz.errors import FormatError
-from mapf_pz._internal.interrupts import interrupts_deferred
 from mapf_pz._internal.atomic import naming
+from mapf_pz._internal.interrupts import interrupts_deferred
 from mapf_pz._internal.lock import locked
 from mapf_pz._internal.machine import usable_cores
+from mapf_pz.errors import FormatError
 from mapf_pz.rl.algorithms.algorithm import Algorithm
+from mapf_pz.rl.algorithms.learner import Learner
 from mapf_pz.rl.algorithms.named import algorithm_of
-from mapf_pz.rl.training.checkpoint import read_position
 from mapf_pz.rl.config import DeviceName, TrainConfig
 from mapf_pz.rl.config_file import CONFIG, config_files, load_config
-from mapf_pz.rl.training.launch import connecting, is_first, launched_size, local_rank
-from mapf_pz.rl.algorithms.learner import Learner
-from mapf_pz.rl.training.loggers import check_loggers
 from mapf_pz.rl.networks.actors import Actor
 from mapf_pz.rl.policies.policy import load_policy, policy_config
+from mapf_pz.rl.training.checkpoint import read_position
+from mapf_pz.rl.training.launch import connecting, is_first, launched_size, local_rank
+from mapf_pz.rl.training.loggers import check_loggers
 from mapf_pz.rl.training.ranks import Ranks
 from mapf_pz.rl.training.run import RunFolder
 from mapf_pz.rl.training.updates import updates

@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from tensordict import TensorDictBase
 
 from mapf_pz.rl.algorithms.algorithm import Algorithm
+from mapf_pz.rl.algorithms.learner import Learner
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.training.episodes import EpisodesByStart
-from mapf_pz.rl.algorithms.learner import Learner
 from mapf_pz.rl.training.stopwatch import Stopwatch
 from mapf_pz.rl.training.validation import Validation
 

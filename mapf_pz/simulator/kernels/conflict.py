@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from numba import prange
 
-from mapf_pz.simulator.actions import Action, CardinalAction, Heading
-from mapf_pz._internal.jit import BatchKernel, inlined
-from mapf_pz.simulator.kernels.state import Array
+from mapf_pz._internal.jit import Array, BatchKernel, inlined
+from mapf_pz.instances.heading import Heading
+from mapf_pz.simulator.actions import Action, CardinalAction
 
 SOFT, PRIORITY, BLOCK_BOTH = 0, 1, 2
 COLLISION_SYSTEMS = {"soft": SOFT, "priority": PRIORITY, "block_both": BLOCK_BOTH}

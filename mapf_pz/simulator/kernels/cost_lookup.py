@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from mapf_pz._internal.jit import Array, inlined, jit
 from mapf_pz.simulator.actions import Action
 from mapf_pz.simulator.kernels.conflict import NO_MOVE, direction
-from mapf_pz._internal.jit import inlined, jit
-from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, Array, CostToGo
+from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, CostToGo
 
 LEAST_BIT = 8
 """The position of the least cost in a packed number; two bits for each heading come before it."""

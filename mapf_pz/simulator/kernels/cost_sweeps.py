@@ -14,8 +14,8 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from mapf_pz._internal.jit import BatchKernel, jit
-from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, Array, Distances, World
+from mapf_pz._internal.jit import Array, BatchKernel, jit
+from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, Distances, World
 
 LANES = 32
 """Number of goals that are computed together."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from mapf_pz._internal.arrays import Ints
+from mapf_pz._internal.jit import Array, jit
+from mapf_pz._internal.machine import usable_memory
 from mapf_pz.simulator.kernels.cost_sweeps import FEWEST_GOALS, fill_by_sweeps
 from mapf_pz.simulator.kernels.cost_to_go import fill_tables
-from mapf_pz._internal.jit import jit
-from mapf_pz.simulator.kernels.state import Array, Distances, World
-from mapf_pz._internal.machine import usable_memory
+from mapf_pz.simulator.kernels.state import Distances, World
 
 CACHE_BYTES = 2**30
 """Where no bound is given: tables that are no longer used are kept up to this size."""

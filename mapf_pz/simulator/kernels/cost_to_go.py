@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
+from mapf_pz._internal.jit import Array, BatchKernel, jit
 from mapf_pz.simulator.kernels.cost_lookup import ALL_EXCESS, LEAST_BIT, UNREACHABLE, unpack, unpack_steps
-from mapf_pz._internal.jit import BatchKernel, jit
-from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, Array, Distances, World
+from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, Distances, World
 
 _UNKNOWN = 3
 """The excess of a heading that was not reached yet; the others differ by at most two turns."""

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from mapf_pz._internal.jit import Array, inlined
 from mapf_pz.simulator.kernels.conflict import NO_MOVE, direction
 from mapf_pz.simulator.kernels.cost_lookup import cost_at, turned
-from mapf_pz._internal.jit import inlined
-from mapf_pz.simulator.kernels.state import Array, CostToGo
+from mapf_pz.simulator.kernels.state import CostToGo
 
 
 @dataclass(frozen=True)

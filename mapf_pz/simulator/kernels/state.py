@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mapf_pz._internal.jit import jit, numba_config
+from mapf_pz._internal.jit import Array, jit, numba_config
 
-Array = Any  # numpy arrays; the comments give shape and dtype, which Numba's compiled signatures hold to
 Fields = tuple[Any, ...]
 """The fields of a named tuple as a plain tuple, which takes much less time to pass to a kernel."""
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from numba import prange
 
+from mapf_pz._internal.jit import Array, BatchKernel, inlined, jit
 from mapf_pz.simulator.kernels.conflict import NO_MOVE, direction, propose, resolve
 from mapf_pz.simulator.kernels.cost_lookup import turned
-from mapf_pz._internal.jit import BatchKernel, inlined, jit
 from mapf_pz.simulator.kernels.reward import RewardTerms, compute_rewards, measure_progress
-from mapf_pz.simulator.kernels.state import Array, CostToGo, Distances, Fields, Rules, State, World
+from mapf_pz.simulator.kernels.state import CostToGo, Distances, Fields, Rules, State, World
 
 NOTHING, FINISH, RESTART = 0, 1, 2
 ON_TARGET = {"nothing": NOTHING, "finish": FINISH, "restart": RESTART}

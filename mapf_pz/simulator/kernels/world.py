@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapf_pz.simulator.actions import HEADING_STEPS
 from mapf_pz._internal.arrays import Bools
-from mapf_pz._internal.jit import jit
-from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, Array, World
+from mapf_pz._internal.jit import Array, jit
 from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.instances.heading import HEADING_STEPS
+from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, World
 
 STEPS = tuple((int(r), int(c)) for r, c in HEADING_STEPS)
 

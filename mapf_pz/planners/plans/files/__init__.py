@@ -7,10 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from reprlib import repr as shortened
 
-from mapf_pz.simulator.config import ActionModel
-from mapf_pz.errors import FormatError
-from mapf_pz.instances.instance import Instance
 from mapf_pz._internal.text import read_text
+from mapf_pz.errors import FormatError
+from mapf_pz.instances.instance import ActionModel, Instance
 from mapf_pz.planners.plans.files.lorr import format_lorr, parse_lorr
 from mapf_pz.planners.plans.files.planfile import PlanFile, PlanMetadata, Schedule, Selection
 from mapf_pz.planners.plans.files.text import format_text, parse_text

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mapf_pz.simulator.actions import HEADING_STEPS
 from mapf_pz._internal.arrays import Bools, Ints
+from mapf_pz.instances.heading import HEADING_STEPS
 from mapf_pz.planners.plans.plan import Plan
 
 FORWARD, RIGHT, LEFT, WAIT = "F", "R", "C", "W"

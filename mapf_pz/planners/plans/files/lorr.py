@@ -17,8 +17,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mapf_pz._internal.arrays import Ints
-from mapf_pz.errors import FormatError
-from mapf_pz.instances.instance import Instance
 from mapf_pz._internal.json import (
     JsonObject,
     are_whole,
@@ -27,6 +25,8 @@ from mapf_pz._internal.json import (
     parse_object,
     whole_number,
 )
+from mapf_pz.errors import FormatError
+from mapf_pz.instances.instance import Instance
 from mapf_pz.planners.plans.files.letters import TURNS, Steps, follow_steps, follow_turns, format_steps, format_turns
 from mapf_pz.planners.plans.files.planfile import PlanFile, PlanMetadata, Schedule, Selection, check_size
 from mapf_pz.planners.plans.files.schedule import parse_schedule

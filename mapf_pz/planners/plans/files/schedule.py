@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from mapf_pz._internal.arrays import Ints
-from mapf_pz.errors import FormatError
 from mapf_pz._internal.json import JsonObject, are_whole, list_member
+from mapf_pz.errors import FormatError
 from mapf_pz.planners.plans.files.planfile import Schedule
 
 _ENTRY = re.compile(r"(\d{1,9}):(-?\d{1,9})(?:,|\Z)", re.ASCII)

@@ -15,9 +15,9 @@ from reprlib import repr as shortened
 
 import numpy as np
 
-from mapf_pz.simulator.actions import Heading
 from mapf_pz._internal.arrays import Ints
 from mapf_pz.errors import FormatError
+from mapf_pz.instances.heading import Heading
 from mapf_pz.instances.instance import Instance
 from mapf_pz.planners.plans.files.planfile import PlanFile, PlanMetadata, Selection, one_goal_each
 from mapf_pz.planners.plans.plan import Plan

@@ -1,1 +1,1 @@
-"""What agents observe: the kernels that draw it."""
+"""The kernels of observations. Read `channels.py` first, the table of channels, then `draw.py`, which draws them."""

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from itertools import accumulate
 from typing import NamedTuple
 
+from mapf_pz._internal.jit import Array
+from mapf_pz._internal.plugins import resolve
 from mapf_pz.simulator.kernels.observation.draw import LookupPlanes
 from mapf_pz.simulator.kernels.observation.inputs import ObservationInputs
 from mapf_pz.simulator.kernels.observation.layers import EDGES, GOAL, HEADING, OCCUPANCY
-from mapf_pz.simulator.kernels.state import Array
-from mapf_pz._internal.plugins import resolve
 
 DrawChannel = Callable[[ObservationInputs, Array, int], None]
 

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import prange
 
+from mapf_pz._internal.jit import Array, BatchKernel, inlined, jit
 from mapf_pz.simulator.kernels.cost_lookup import ALL_EXCESS, LEAST_BIT, cost_at, least_cost_at, next_cell
-from mapf_pz._internal.jit import BatchKernel, inlined, jit
 from mapf_pz.simulator.kernels.observation.inputs import NO_OTHERS, ObservationInputs
-from mapf_pz.simulator.kernels.state import Array, CostToGo
+from mapf_pz.simulator.kernels.state import CostToGo
 
 
 class LookupPlanes(NamedTuple):

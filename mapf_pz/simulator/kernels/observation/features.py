@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numba import prange
 
-from mapf_pz.simulator.actions import Heading
-from mapf_pz.simulator.kernels.cost_lookup import advantage, cost_at
-from mapf_pz._internal.jit import BatchKernel
-from mapf_pz.simulator.kernels.observation.inputs import ObservationInputs
-from mapf_pz.simulator.kernels.state import Array, CostToGo
-from mapf_pz.simulator.kernels.world import STEPS
+from mapf_pz._internal.jit import Array, BatchKernel
 from mapf_pz._internal.plugins import resolve
+from mapf_pz.instances.heading import Heading
+from mapf_pz.simulator.kernels.cost_lookup import advantage, cost_at
+from mapf_pz.simulator.kernels.observation.inputs import ObservationInputs
+from mapf_pz.simulator.kernels.state import CostToGo
+from mapf_pz.simulator.kernels.world import STEPS
 
 _NORTH = int(Heading.NORTH)
 POSE_UNIT = 2.0**-15

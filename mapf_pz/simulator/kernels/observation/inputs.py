@@ -9,10 +9,10 @@ import numpy as np
 from numba import prange
 
 from mapf_pz._internal.arrays import coordinates
+from mapf_pz._internal.jit import Array, BatchKernel, jit
 from mapf_pz.simulator.kernels.cost_lookup import least_costs
-from mapf_pz._internal.jit import BatchKernel, jit
 from mapf_pz.simulator.kernels.observation.layers import MapLayers, ViewOrigins, ViewShape
-from mapf_pz.simulator.kernels.state import Array, CostToGo, Distances, Fields, State, World
+from mapf_pz.simulator.kernels.state import CostToGo, Distances, Fields, State, World
 
 
 class OthersInView(NamedTuple):

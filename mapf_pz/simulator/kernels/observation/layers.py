@@ -11,9 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mapf_pz.simulator.actions import HEADING_STEPS, Heading
-from mapf_pz._internal.jit import inlined, jit
-from mapf_pz.simulator.kernels.state import Array
+from mapf_pz._internal.jit import Array, inlined, jit
+from mapf_pz.instances.heading import HEADING_STEPS, Heading
 
 OCCUPANCY, HEADING, EDGES, GOAL = range(4)
 """What built-in channels show of the map: 1 on obstacles and 0.5 on agents; `(1 + k) / 4` on agents of heading `k`;

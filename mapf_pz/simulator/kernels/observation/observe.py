@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from mapf_pz._internal.jit import BatchKernel, inlined, jit
+from mapf_pz._internal.jit import Array, BatchKernel, inlined, jit
 from mapf_pz.simulator.kernels.observation.channels import ImagePlanes
 from mapf_pz.simulator.kernels.observation.draw import clear, draw_lookups, mark
 from mapf_pz.simulator.kernels.observation.inputs import ObservationInputs
@@ -20,7 +20,7 @@ from mapf_pz.simulator.kernels.observation.layers import (
     erase_agents,
     heading_value,
 )
-from mapf_pz.simulator.kernels.state import Array, Fields
+from mapf_pz.simulator.kernels.state import Fields
 
 
 class ImageWriter:

@@ -1,0 +1,1 @@
+"""Evaluation in POGEMA, and policies for it. Read `pogema.py` first."""

@@ -1,0 +1,1 @@
+"""Tables, figures, intervals and published results. Read `report.py` first."""

@@ -1,0 +1,1 @@
+"""Environments for TorchRL. Read `batched_env.py` first."""
