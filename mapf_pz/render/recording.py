@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import base64
 import html
-from collections.abc import Iterator, Mapping
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapf_pz._internal.arrays import Bools, Floats, Ints
-from mapf_pz.render.html import html_page
-from mapf_pz.render.rgb import Canvas, Picture
+from mapf_pz._internal.atomic import write_whole
+from mapf_pz.render.html import OF_RECORDINGS, filled_page
+from mapf_pz.render.rgb import Canvas, Picture, color_codes
 from mapf_pz.simulator.config import CollisionSystem, Frame, View
 
+ACTIVE, BLOCKED = 1, 2
+"""Bits of an agent's flags in a step."""
+SPEEDS = (1, 2, 4, 8, 16, 32, 64)
+"""The playback speeds of the page, in steps per second."""
 FRAME_HEIGHT = 640
 """Height of the page in a notebook, in pixels."""
 
@@ -116,3 +125,106 @@ class Recording:
             f'<iframe srcdoc="{html.escape(html_page(self))}" title="{html.escape(self.heading)}" '
             f'style="width: 100%; height: {FRAME_HEIGHT}px; border: 0" allowfullscreen></iframe>'
         )
+
+
+def save_html(recordings: Recording | Sequence[Recording], path: str | Path, fps: float = 4) -> None:
+    """Write a page that shows recordings. It loads nothing and works offline.
+
+    Args:
+        recordings: a recording, or several that are shown side by side and played at the same time.
+        path: the file, which is replaced atomically.
+        fps: initial playback speed in steps per second, rounded to one of `SPEEDS`.
+
+    Raises:
+        ValueError: there is no recording.
+    """
+    write_whole(Path(path), html_page(recordings, fps).encode())
+
+
+def html_page(recordings: Recording | Sequence[Recording], fps: float = 4) -> str:
+    """Return the text of the page that `save_html` writes; the arguments and errors are the same."""
+    several = list(recordings) if isinstance(recordings, Sequence) else [recordings]
+    if not several:
+        raise ValueError("expected at least one recording")
+    speed = min(SPEEDS, key=lambda speed: abs(speed - fps))
+    return filled_page(
+        _title(several), {"speed": speed, "episodes": [_episode(each) for each in several]}, OF_RECORDINGS
+    )
+
+
+def _title(recordings: Sequence[Recording]) -> str:
+    """Return the names of the recordings and what they show, such as `pibt and mappo: random-16-16-20, 8 agents`."""
+    names = dict.fromkeys(recording.name for recording in recordings if recording.name)
+    titles = dict.fromkeys(recording.title for recording in recordings)
+    return ": ".join(filter(None, (" and ".join(names), " and ".join(titles))))
+
+
+def _episode(recording: Recording) -> dict[str, Any]:
+    """Return an episode as the page's script reads it."""
+    (height, width), observed, violations = recording.free.shape, _shown_observations(recording), recording.violations
+    return {
+        "title": recording.heading,
+        "caption": recording.name or recording.title,
+        "width": width,
+        "height": height,
+        "steps": recording.num_steps,
+        "agents": recording.num_agents,
+        "colors": color_codes(recording.num_agents),
+        "facts": dict(recording.facts),
+        "metrics": dict(recording.metrics),
+        "hasBlocked": recording.blocked is not None,
+        "lifelong": recording.lifelong,
+        "collisionSystem": recording.collision_system,
+        "planes": list(recording.planes),
+        "observers": 0 if observed is None else observed.shape[1],
+        "viewSize": [0, 0] if observed is None else list(observed.shape[-2:]),
+        "view": recording.view,
+        "frame": recording.frame,
+        "violations": None
+        if violations is None
+        else [{"step": each.step, "agents": list(each.agents), "text": each.text} for each in violations],
+        "arrays": {name: _packed(array) for name, array in _arrays(recording).items()},
+    }
+
+
+def _arrays(recording: Recording) -> dict[str, NDArray[Any]]:
+    """Return the arrays that the page reads, with the steps of each agent in consecutive order."""
+    all_true = np.ones(recording.positions.shape[:2], np.bool_)
+    flags = ACTIVE * (all_true if recording.active is None else recording.active)
+    flags = flags + BLOCKED * (~all_true if recording.blocked is None else recording.blocked)
+    arrays: dict[str, NDArray[Any]] = {
+        "free": recording.free.astype(np.uint8),
+        "rows": _differences(recording.positions[..., 0]),
+        "cols": _differences(recording.positions[..., 1]),
+        "flags": flags.T.astype(np.uint8),
+    }
+    if recording.goals is not None:
+        arrays["goalRows"] = _differences(recording.goals[..., 0])
+        arrays["goalCols"] = _differences(recording.goals[..., 1])
+    if recording.headings is not None:
+        arrays["headings"] = recording.headings.T.astype(np.uint8)
+    if recording.actions is not None:
+        arrays["actions"] = recording.actions.T.astype(np.int8)
+    if recording.rewards is not None:
+        arrays["rewards"] = recording.rewards.T.astype("<f4")
+    if recording.weights is not None:
+        arrays["weights"] = recording.weights.astype("<f4")
+    observed = _shown_observations(recording)
+    if observed is not None:
+        arrays["observed"] = observed
+    return arrays
+
+
+def _shown_observations(recording: Recording) -> NDArray[np.int8] | None:
+    """Return the observations, unless they are of a single cell: planners do not read them."""
+    observed = recording.observed
+    return None if observed is None or observed.shape[-2:] == (1, 1) else observed
+
+
+def _differences(values: NDArray[Any]) -> NDArray[Any]:
+    """Return (N, T + 1): each agent's first value, then the differences between steps, which compress well."""
+    return np.diff(values.T, axis=1, prepend=0).astype("<i4")
+
+
+def _packed(array: NDArray[Any]) -> str:
+    return base64.b64encode(zlib.compress(np.ascontiguousarray(array).tobytes(), 9)).decode()

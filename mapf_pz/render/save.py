@@ -8,8 +8,7 @@ from pathlib import Path
 
 from mapf_pz.render.frames import check_fps
 from mapf_pz.render.gif import save_gif, save_png
-from mapf_pz.render.html import save_html
-from mapf_pz.render.recording import Recording
+from mapf_pz.render.recording import Recording, save_html
 from mapf_pz.render.svg import save_svg
 from mapf_pz.render.video import save_mp4
 

@@ -109,7 +109,7 @@ def wrapper_run(workload: Workload) -> Run:
 
 
 def _collector_run(env: Any, num_envs: int, workload: Workload) -> Run:
-    from mapf_pz.rl.training.collect import random_batches
+    from mapf_pz.rl.environments.collect import random_batches
 
     batches = random_batches(env, env.simulator, num_envs * workload.env.max_steps)
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from mapf_pz.render.html import html_page, save_html
+from mapf_pz.render.recording import html_page, save_html
 from tests.helpers.small_recording import RECORDING
 
 

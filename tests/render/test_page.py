@@ -10,8 +10,7 @@ import pytest
 
 import mapf_pz
 from mapf_pz.instances.instance import Scenario
-from mapf_pz.render.html import save_html
-from mapf_pz.render.recording import RecordedViolation
+from mapf_pz.render.recording import RecordedViolation, save_html
 from mapf_pz.render.rgb import agent_colors
 from mapf_pz.simulator.actions import CardinalAction
 from mapf_pz.wrappers import RecordEpisode

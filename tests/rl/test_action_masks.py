@@ -11,7 +11,7 @@ from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.evaluation.pogema.pogema import InPogema
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.algorithms.named import ALGORITHMS
-from mapf_pz.rl.training.collect import collecting
+from mapf_pz.rl.environments.collect import collecting
 from tests.helpers.small_run import TINY, changed
 
 # Agents that move in four directions on a small map with obstacles are next to walls in most steps.

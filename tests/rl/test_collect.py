@@ -8,7 +8,7 @@ from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances import load_map
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.algorithms.named import ALGORITHMS
-from mapf_pz.rl.training.collect import collecting
+from mapf_pz.rl.environments.collect import collecting
 from tests.helpers.small_run import TINY, changed, rows
 
 GRAPH = GuidanceGraph.random(load_map("empty-8-8").free, np.random.default_rng(0))

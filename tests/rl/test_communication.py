@@ -19,9 +19,9 @@ from mapf_pz.rl.algorithms.expert import NO_LABEL
 from mapf_pz.rl.algorithms.named import ALGORITHMS
 from mapf_pz.rl.config import ImitationConfig, ModelConfig
 from mapf_pz.rl.config_file import CONFIG
+from mapf_pz.rl.environments.collect import collecting
 from mapf_pz.rl.networks.communication import CommunicatingEncoder
 from mapf_pz.rl.networks.observation_shape import ObservationShape
-from mapf_pz.rl.training.collect import collecting
 from mapf_pz.rl.training.train import resume
 from tests.helpers.small_run import TINY, changed, untimed
 

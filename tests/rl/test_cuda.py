@@ -9,7 +9,7 @@ import torch
 from mapf_pz.rl import BatchedMapfEnv, load_policy, resume, train
 from mapf_pz.rl.algorithms.named import ALGORITHMS
 from mapf_pz.rl.config import CuriosityConfig, ImitationConfig
-from mapf_pz.rl.training.collect import collecting
+from mapf_pz.rl.environments.collect import collecting
 from tests.helpers.small_run import TINY, changed, rows
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no GPU")

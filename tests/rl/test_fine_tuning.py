@@ -10,7 +10,7 @@ from torchrl.envs.utils import check_env_specs
 from mapf_pz.planners import BatchShield
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.algorithms.named import ALGORITHMS
-from mapf_pz.rl.training.collect import MakeEnv
+from mapf_pz.rl.environments.collect import MakeEnv
 from mapf_pz.rl.training.train import resume
 from tests.helpers.small_run import TINY, changed, rows, untimed
 

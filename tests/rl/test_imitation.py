@@ -12,11 +12,11 @@ from torchrl.envs.utils import check_env_specs
 from mapf_pz.planners import BatchShield, planner_of
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.algorithms.expert import NO_LABEL, ExpertActions
-from mapf_pz.rl.algorithms.imitation_learner import ImitationLearner
+from mapf_pz.rl.algorithms.imitation import ImitationLearner
 from mapf_pz.rl.algorithms.named import ALGORITHMS
 from mapf_pz.rl.config import ImitationConfig
+from mapf_pz.rl.environments.collect import MakeEnv
 from mapf_pz.rl.environments.execution import ExecutePreferences, OrderActions, SamplePreferences
-from mapf_pz.rl.training.collect import MakeEnv
 from mapf_pz.rl.training.train import resume
 from mapf_pz.simulator.actions import CardinalAction
 from tests.helpers.small_run import TINY, changed, rows, untimed

@@ -9,9 +9,9 @@ import torch
 from mapf_pz.rl import train
 from mapf_pz.rl.algorithms.named import ALGORITHMS
 from mapf_pz.rl.config import ModelConfig, OptimizationConfig, TaskConfig, TrainConfig
+from mapf_pz.rl.environments.collect import collecting
 from mapf_pz.rl.networks.actors import LocalCritic, TeamCritic, TeamValue
 from mapf_pz.rl.networks.observation_shape import ObservationShape
-from mapf_pz.rl.training.collect import collecting
 from tests.helpers.reference_ppo import ReferencePPO, categorical, normal, recurrent_distribution
 from tests.helpers.small_run import changed
 

@@ -22,9 +22,9 @@ from torchrl.envs import InitTracker, TensorDictPrimer, Transform
 
 from mapf_pz.rl.algorithms.learner import Learner
 from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.environments.collect import collecting, send_weights
 from mapf_pz.rl.networks.actors import Actor, add_recurrence
 from mapf_pz.rl.networks.observation_shape import ObservationShape
-from mapf_pz.rl.training.collect import collecting, send_weights
 
 
 class Algorithm(ABC):

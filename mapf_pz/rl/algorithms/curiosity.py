@@ -17,8 +17,7 @@ from torch.nn.functional import cross_entropy, one_hot
 from torchrl.envs.transforms.rnd import RunningMeanStd
 from torchrl.objectives import RNDLoss
 
-from mapf_pz.rl.algorithm_config import CuriosityConfig, CuriosityName
-from mapf_pz.rl.config import ModelConfig, TrainConfig
+from mapf_pz.rl.config import CuriosityConfig, CuriosityName, ModelConfig, TrainConfig
 from mapf_pz.rl.networks.encoders import make_encoder, scaled
 from mapf_pz.rl.networks.observation_shape import ObservationShape
 

@@ -15,7 +15,7 @@ from torchrl.envs.utils import step_mdp
 
 from mapf_pz.instances.instance import Instance
 from mapf_pz.rl.demonstrations import Dataset
-from mapf_pz.rl.demonstrations.replay import ReplaySource, replay_config
+from mapf_pz.rl.demonstrations.dataset import ReplaySource, replay_config
 from mapf_pz.rl.environments.batched_env import BatchedMapfEnv
 
 _OF_AGENTS = ("observation", "action_mask", "at_goal", "arrivals", "active", "position", "action")

@@ -1,18 +1,99 @@
-"""Imitation of a planner."""
+"""Imitation of a planner: supervised learning of its actions, from a replay buffer."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from tensordict import NestedKey
+import torch
+from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
+from torch import Tensor, nn
+from torch.nn.functional import cross_entropy
+from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.envs import Transform
 
 from mapf_pz.rl.algorithms.algorithm import Algorithm
-from mapf_pz.rl.algorithms.expert import ExpertActions
-from mapf_pz.rl.algorithms.imitation_learner import ImitationLearner
+from mapf_pz.rl.algorithms.expert import NO_LABEL, ExpertActions
+from mapf_pz.rl.algorithms.learner import Learner
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.environments.execution import ExecutePreferences, SamplePreferences
+from mapf_pz.rl.environments.transfer import to_device
+from mapf_pz.simulator.actions import Action, CardinalAction
+
+
+class ImitationLearner(Learner):
+    """Minimizes the cross entropy of the expert's actions over samples of all steps that are still in the buffer."""
+
+    def __init__(self, config: TrainConfig, network: nn.Module, keys: list[NestedKey]) -> None:
+        """Create the optimizer and the buffer.
+
+        Args:
+            config: the configuration of the run.
+            network: the network of the logits of an agent's action.
+            keys: the keys of the observation, the network's inputs.
+        """
+        self.config = config
+        self.modules = {"policy": network}
+        parameters = list(network.parameters())
+        self.device = parameters[0].device
+        self._network, self._keys = self.compiled(network), keys
+        rate = config.optimization.learning_rate
+        self.optimizer = torch.optim.Adam([{"params": parameters, "initial_lr": rate}], lr=rate)
+        self._wait = int(CardinalAction.WAIT if config.task.env.action_model == "cardinal" else Action.WAIT)
+        self._minibatch_size = config.optimization.minibatch_size * config.task.num_agents
+        self._sample_size = config.task.num_agents if config.model.communication else 1  # in agent steps
+        self._buffer = TensorDictReplayBuffer(
+            storage=LazyTensorStorage(config.imitation.buffer_size // self._sample_size, device=self.device),
+            batch_size=self._minibatch_size // self._sample_size,
+        )
+
+    def learn(self, batch: TensorDictBase, done: float) -> dict[str, float]:
+        """Add a batch to the buffer and update the network, as in `Learner`.
+
+        The number of gradient steps is that of `num_epochs` passes over the batch; their samples are from the buffer.
+        """
+        self.anneal(done)
+        agent_steps = batch.get(("agents", "expert_action")).numel()
+        samples = self._samples(to_device(batch, self.device))
+        agreement = self._agreement(samples)
+        self._buffer.extend(samples.exclude("logits"))  # those of the policy as it was
+        steps = max(1, self.config.optimization.num_epochs * agent_steps // self._minibatch_size)
+        losses = torch.stack([self._improve(self._buffer.sample()) for _ in range(steps)])
+        return {
+            "loss": float(losses.mean()),
+            "agreement": agreement,
+            "buffer": float(len(self._buffer) * self._sample_size),
+        }
+
+    def _samples(self, batch: TensorDictBase) -> TensorDictBase:
+        """Return the labeled agent steps of a batch; of waits at the goal only a part, since most are alike.
+
+        With communication, they are the environment steps that have any, in which other labels are `NO_LABEL`.
+        """
+        agents = batch.get("agents")
+        label = agents.get("expert_action")
+        rests = (label == self._wait) & agents.get("at_goal").squeeze(-1)
+        learned = (label != NO_LABEL) & agents.get("active").squeeze(-1)
+        learned &= ~rests | (torch.rand(label.shape).to(self.device) < self.config.imitation.wait_share)
+        kept = learned.any(-1) if self.config.model.communication else learned
+        entries = {str(number): batch.get(key)[kept] for number, key in enumerate(self._keys)}
+        label = label.masked_fill(~learned, NO_LABEL)[kept]
+        logits = agents.get("logits")[kept]
+        return TensorDict({**entries, "label": label, "logits": logits}, batch_size=[int(kept.sum())])
+
+    @staticmethod
+    def _agreement(samples: TensorDictBase) -> float:
+        """Return the fraction of the samples in which the policy's most likely action was the expert's."""
+        agrees, label = samples.get("logits").argmax(-1) == samples.get("label"), samples.get("label")
+        return float(agrees[label != NO_LABEL].float().mean())
+
+    def _improve(self, samples: TensorDictBase) -> Tensor:
+        """Take one gradient step, and return the loss."""
+        with self.autocast():
+            (logits,) = self._network(*(samples.get(str(number)) for number in range(len(self._keys))))
+            loss = cross_entropy(logits.flatten(0, -2), samples.get("label").flatten(), ignore_index=NO_LABEL)
+        self.step(loss, self.config.optimization.max_grad_norm)
+        return loss.detach()
 
 
 class Imitation(Algorithm):

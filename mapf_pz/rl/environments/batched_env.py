@@ -16,7 +16,7 @@ from torchrl.envs import EnvBase
 
 from mapf_pz._internal.arrays import Ints
 from mapf_pz._internal.signatures import init_with_fields_of
-from mapf_pz.rl.algorithm_config import ObservationPrecision
+from mapf_pz.rl.config import ObservationPrecision
 from mapf_pz.rl.environments.transfer import to_device
 from mapf_pz.simulator.config import BatchConfig, EnvConfig
 from mapf_pz.simulator.global_state import STATE_PLANES, global_state

@@ -9,8 +9,7 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 from torchrl.modules import GRUModule
 
-from mapf_pz.rl.algorithm_config import Credit
-from mapf_pz.rl.config import ModelConfig
+from mapf_pz.rl.config import Credit, ModelConfig
 from mapf_pz.rl.networks.communication import make_team_encoder
 from mapf_pz.rl.networks.encoders import make_encoder, scaled
 from mapf_pz.rl.networks.observation_shape import ObservationShape

@@ -6,32 +6,43 @@ import os
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import torch
 from pettingzoo import ParallelEnv
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torchrl.collectors import BaseCollector, Collector, MultiSyncCollector
-from torchrl.envs import Compose, EnvBase, PettingZooWrapper, RewardSum, StepCounter, TransformedEnv
+from torchrl.envs import Compose, EnvBase, PettingZooWrapper, RewardSum, StepCounter, Transform, TransformedEnv
 
 from mapf_pz._internal.interrupts import unheard_by_children
 from mapf_pz.rl.config import CollectorName, TrainConfig
 from mapf_pz.rl.environments.batched_env import BatchedMapfEnv
 from mapf_pz.simulator.simulator import Simulator
 
-if TYPE_CHECKING:
-    from mapf_pz.rl.algorithms.algorithm import Algorithm
-
-
 CPU = torch.device("cpu")
+
+
+class Collecting(Protocol):
+    """What collects data in environments, such as an algorithm."""
+
+    actor: TensorDictModuleBase
+    """The policy, whose output includes the actions."""
+
+    def transforms(self, seed: int) -> list[Transform]:
+        """Return the transforms of environments."""
+        ...
+
+    def training_transforms(self, seed: int) -> list[Transform]:
+        """Return the transforms of environments in which training data is collected."""
+        ...
 
 
 @dataclass(frozen=True)
 class MakeEnv:
     """Creates batched environments with an algorithm's transforms."""
 
-    algorithm: Algorithm
+    algorithm: Collecting
     """The algorithm."""
     config: TrainConfig
     """The run's configuration."""
@@ -74,7 +85,7 @@ class MakeWorkerEnv(MakeEnv):
 
 
 @contextmanager
-def collecting(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int) -> Generator[BaseCollector]:
+def collecting(algorithm: Collecting, config: TrainConfig, seed: int, updates: int) -> Generator[BaseCollector]:
     """Yield a collector of `updates` batches of B x T steps, sampled with the algorithm's current actor.
 
     The environments start with the episodes of the seeds `seed`, `seed + 1`, ... With W workers, batches have the shape
@@ -90,14 +101,16 @@ def collecting(algorithm: Algorithm, config: TrainConfig, seed: int, updates: in
         yield collector
 
 
-def _in_this_process(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int, _: ExitStack) -> BaseCollector:
+def _in_this_process(
+    algorithm: Collecting, config: TrainConfig, seed: int, updates: int, _: ExitStack
+) -> BaseCollector:
     # On a GPU, observations are copied there once, both for acting and for learning.
     device = _policy_device(algorithm)
     env = MakeEnv(algorithm, config, seed, config.optimization.num_envs, device=device)()
     return Collector(env, algorithm.actor, **_frames(config, updates), device=device, **_OPTIONS)
 
 
-def _in_processes(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int, _: ExitStack) -> BaseCollector:
+def _in_processes(algorithm: Collecting, config: TrainConfig, seed: int, updates: int, _: ExitStack) -> BaseCollector:
     return MultiSyncCollector(
         _shares(algorithm, config, seed),
         algorithm.actor,
@@ -109,7 +122,9 @@ def _in_processes(algorithm: Algorithm, config: TrainConfig, seed: int, updates:
     )
 
 
-def _on_ray(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int, afterwards: ExitStack) -> BaseCollector:
+def _on_ray(
+    algorithm: Collecting, config: TrainConfig, seed: int, updates: int, afterwards: ExitStack
+) -> BaseCollector:
     try:
         import ray
         from torchrl.collectors.distributed import RayCollector
@@ -133,14 +148,14 @@ def _on_ray(algorithm: Algorithm, config: TrainConfig, seed: int, updates: int, 
     return collector
 
 
-_COLLECTORS: dict[CollectorName, Callable[[Algorithm, TrainConfig, int, int, ExitStack], BaseCollector]] = {
+_COLLECTORS: dict[CollectorName, Callable[[Collecting, TrainConfig, int, int, ExitStack], BaseCollector]] = {
     "single": _in_this_process,
     "processes": _in_processes,
     "ray": _on_ray,
 }
 
 
-def _shares(algorithm: Algorithm, config: TrainConfig, seed: int) -> list[MakeWorkerEnv]:
+def _shares(algorithm: Collecting, config: TrainConfig, seed: int) -> list[MakeWorkerEnv]:
     """Divide the environments evenly among the workers."""
     number = config.optimization.num_envs // config.num_workers
     MakeEnv(algorithm, config, seed, 1)().reset()  # errors are raised here, not as a worker's traceback
@@ -152,7 +167,7 @@ def send_weights(collector: BaseCollector) -> None:
     collector.update_policy_weights_()  # pyright: ignore[reportCallIssue] (annotated without the usual call)
 
 
-def _policy_device(algorithm: Algorithm) -> torch.device:
+def _policy_device(algorithm: Collecting) -> torch.device:
     """Return the device of the networks."""
     return next(algorithm.actor.parameters()).device
 
@@ -163,7 +178,7 @@ def _frames(config: TrainConfig, updates: int) -> dict[str, int]:
     return {"frames_per_batch": frames, "total_frames": frames * updates}
 
 
-def _keywords(algorithm: Algorithm, config: TrainConfig, updates: int) -> dict[str, Any]:
+def _keywords(algorithm: Collecting, config: TrainConfig, updates: int) -> dict[str, Any]:
     """Return the keywords of the collectors with workers, whose batches are in the CPU's memory."""
     devices = {"policy_device": _policy_device(algorithm), "env_device": CPU, "storing_device": CPU}
     return {**_frames(config, updates), **devices}
