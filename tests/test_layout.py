@@ -241,6 +241,16 @@ def test_every_folder_says_what_it_is_for_and_what_to_read_first():
             assert (file.parent / first[1]).is_file(), f"{name}: {first[1]}"
 
 
+def test_the_page_about_the_architecture_names_what_there_is():
+    text = (ROOT / "docs" / "explanation" / "architecture.md").read_text("utf-8")
+    rows = list(re.findall(r"^\| `(\w+)` \|", text, re.M))
+    assert rows == [name for name in ORDER if name not in ("errors", "__main__")]
+    named = re.findall(r"`((?:\w+/)+\w*(?:\.(?:py|md))?)`", text)
+    missing = [name for name in named if not ((ROOT / name).exists() or (ROOT / "mapf_pz" / name).exists())]
+    assert missing == []
+    assert len(named) > 40
+
+
 def test_files_that_do_not_decide_exist():
     for name in NOT_DECIDING:
         assert (ROOT / "mapf_pz" / name).exists(), name

@@ -139,7 +139,7 @@ def command_of(options: MakeOptions) -> str:
 
 
 def _export(options: ExportOptions) -> None:
-    from mapf_pz.rl.algorithms.dataset_batches import export_demonstrations  # import torch only when it is needed
+    from mapf_pz.rl.demonstrations.export import export_demonstrations  # import torch only when it is needed
 
     env = options.env.keywords | {"reward": options.reward_name}
     exported = export_demonstrations(load_dataset(options.dataset), options.output, env)

@@ -35,7 +35,7 @@ from mapf_pz.evaluation.reports.report import exhausted
 from mapf_pz.evaluation.tracker import known_cost
 from mapf_pz.instances import load_instances
 from mapf_pz.instances.instance import Scenario
-from mapf_pz.simulator.configured import goals_per_agent
+from mapf_pz.simulator.source import goals_per_agent
 
 TABLE_FILE = "evaluation.md"
 DEFAULT_AGENTS = 10

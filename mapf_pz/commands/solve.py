@@ -16,7 +16,7 @@ from mapf_pz.planners import planner_of, validate, write_trace
 from mapf_pz.planners.base import simulator_of
 from mapf_pz.planners.plans.files import PlanMetadata, check_format, write_plan
 from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.simulator.configured import sample_instance
+from mapf_pz.simulator.source import sample_instance
 
 
 class PlanningKeywords(EnvKeywords):

@@ -23,7 +23,7 @@ from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.task import EvaluationTask
 from mapf_pz.guidance.library import guidance_file
 from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.simulator.configured import make_source
+from mapf_pz.simulator.source import make_source
 
 Identity = Mapping[str, Any]
 """Named numbers, texts and digests, as JSON."""

@@ -9,8 +9,8 @@ from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances.instance import Grid
 from mapf_pz.planners import PLANNERS
 from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.simulator.configured import make_source
 from mapf_pz.simulator.saved_config import SavedEnv
+from mapf_pz.simulator.source import make_source
 
 LIFELONG = EnvConfig(on_target="restart", max_steps=1000)
 """The protocol of Zhang et al., *Guidance Graph Optimization for Lifelong MAPF*, IJCAI 2024."""

@@ -15,10 +15,10 @@ from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl.checks import check_counts, check_from_zero, check_names, check_part, check_positive
 from mapf_pz.simulator.actions import ActionMode
 from mapf_pz.simulator.config import DEFAULT_NUM_AGENTS, EnvConfig
-from mapf_pz.simulator.configured import goals_per_agent, make_source
 from mapf_pz.simulator.recommended import RECOMMENDED
 from mapf_pz.simulator.saved_config import SavedEnv
 from mapf_pz.simulator.seeds import FIRST_EVALUATION_SEED
+from mapf_pz.simulator.source import goals_per_agent, make_source
 
 Credit = Literal["team", "agent"]
 CuriosityName = Literal["none", "rnd", "random-features", "inverse-dynamics"]

@@ -33,8 +33,8 @@ from mapf_pz.instances.instance import Grid, HeadingName, Instance, Scenario
 from mapf_pz.instances.sources import FixedMap, FixedScenario, InstanceList, SourceMixture
 from mapf_pz.instances.warehouse import WarehouseTasks
 from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.simulator.configured import make_source
 from mapf_pz.simulator.kernels.reward import RewardConfig
+from mapf_pz.simulator.source import make_source
 
 OBJECT_FIELDS = ("map", "scenario", "edge_weights", "source")
 """The fields of `EnvConfig` that may hold an object, which is saved in a separate file."""

@@ -11,7 +11,6 @@ from mapf_pz._internal.arrays import Bools, Floats, Ints, coordinates
 from mapf_pz._internal.jit import numba_config
 from mapf_pz.instances.instance import Grid, Instance
 from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.simulator.configured import goals_per_agent, make_source
 from mapf_pz.simulator.episode import EpisodeLoader, shares_map
 from mapf_pz.simulator.kernels import world
 from mapf_pz.simulator.kernels.conflict import COLLISION_SYSTEMS, write_masks
@@ -26,6 +25,7 @@ from mapf_pz.simulator.kernels.step import ON_TARGET, step
 from mapf_pz.simulator.metrics import EpisodeRecord, episode_metrics
 from mapf_pz.simulator.observation import ObservationLayout
 from mapf_pz.simulator.observer import Observer
+from mapf_pz.simulator.source import goals_per_agent, make_source
 from mapf_pz.simulator.transition import Transition
 
 

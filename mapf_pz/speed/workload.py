@@ -11,8 +11,8 @@ import numpy as np
 from mapf_pz.instances import FixedMap, RandomObstacles
 from mapf_pz.instances.instance import InstanceSource
 from mapf_pz.simulator.config import DEFAULT_NUM_AGENTS, EnvConfig
-from mapf_pz.simulator.configured import goals_per_agent, make_source
 from mapf_pz.simulator.simulator import Simulator
+from mapf_pz.simulator.source import goals_per_agent, make_source
 
 if TYPE_CHECKING:
     from typing_extensions import Self

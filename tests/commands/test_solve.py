@@ -8,7 +8,7 @@ from mapf_pz.instances import load_instance
 from mapf_pz.planners import PLANNERS, Plan, Planner
 from mapf_pz.planners.base import wait_action
 from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.simulator.configured import sample_instance
+from mapf_pz.simulator.source import sample_instance
 from tests.helpers.text_instances import drawn
 from tests.instances.problem_files import write_lorr, write_pogema
 

@@ -13,8 +13,8 @@ from torchrl.envs.utils import step_mdp
 
 from mapf_pz.instances import InstanceList
 from mapf_pz.rl import demonstrations as exporting
-from mapf_pz.rl.algorithms.dataset_batches import export_demonstrations
 from mapf_pz.rl.demonstrations import load_dataset, make_dataset
+from mapf_pz.rl.demonstrations.export import export_demonstrations
 from mapf_pz.rl.environments.batched_env import BatchedMapfEnv
 from mapf_pz.simulator.config import EnvConfig
 from tests.demonstrations.small_dataset import small

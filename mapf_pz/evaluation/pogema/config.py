@@ -11,8 +11,8 @@ from mapf_pz._internal.arrays import Bools
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.instances.instance import Grid, Scenario
 from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.simulator.configured import goals_per_agent
 from mapf_pz.simulator.kernels.reward import RewardConfig
+from mapf_pz.simulator.source import goals_per_agent
 
 _DEFAULTS: dict[str, Any] = {
     "on_target": "finish",

@@ -10,8 +10,8 @@ from mapf_pz.instances.instance import InstanceSource
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.planners import Planner, planner_of
 from mapf_pz.simulator.config import DEFAULT_NUM_AGENTS, EnvConfig, check_whole
-from mapf_pz.simulator.configured import goals_per_agent, make_source
 from mapf_pz.simulator.seeds import FIRST_EVALUATION_SEED
+from mapf_pz.simulator.source import goals_per_agent, make_source
 
 RULES = ("action_model", "collision_system", "on_target", "max_steps", "edge_weights")
 """The keywords of the environment that are stored with the demonstrations."""
