@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from tyro.conf import Positional, arg, subcommand
 
 from mapf_pz.commands.env_flags import EnvKeywords
-from mapf_pz.config import EnvConfig
+from mapf_pz.config import OBSERVATION_FIELDS, EnvConfig
 from mapf_pz.demonstrations import DatasetConfig, load_dataset, make_dataset
 from mapf_pz.evaluation.parallel import job_runner
 from mapf_pz.instances.mixture import MapMixture
@@ -39,10 +39,7 @@ EPISODES = EpisodeKeywords.of(EnvConfig())
 class ObservationKeywords(EnvKeywords):
     """The fields of an environment that determine observations."""
 
-    FIELDS: ClassVar[tuple[str, ...]] = (
-        *("view_size", "view", "frame", "see_through_walls", "channels", "features", "num_last_actions"),
-        *("num_frames", "num_neighbors", "neighbor_radius"),
-    )
+    FIELDS: ClassVar[tuple[str, ...]] = OBSERVATION_FIELDS
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from mapf_pz.config import EnvConfig
 from mapf_pz.core.reward import REWARDS
 from mapf_pz.environment import MapfEnv
 from mapf_pz.evaluation.episodes import actions_of, changed_keywords
-from mapf_pz.evaluation.policies import policy_factory
+from mapf_pz.evaluation.policies import check_observed, policy_factory
 from mapf_pz.render.rgb import Canvas
 from mapf_pz.render.window import Window
 
@@ -51,6 +51,7 @@ class PlayOptions:
 
 def play(options: PlayOptions) -> None:
     """Control agent 0 with the arrow keys. Each key press is one step."""
+    check_observed(options.policy, options.env)
     make = policy_factory(options.policy, options.seed, trust_remote_code=options.trust_remote_code)
     env, policy = make(changed_keywords(options.env))
     inner = cast("MapfEnv", env.unwrapped)

@@ -11,7 +11,7 @@ from pydantic import ConfigDict
 from tyro.conf import arg
 
 from mapf_pz.action_modes import ActionMode
-from mapf_pz.config import DEFAULT_NUM_AGENTS, EnvConfig
+from mapf_pz.config import DEFAULT_NUM_AGENTS, OBSERVATION_FIELDS, EnvConfig
 from mapf_pz.instance import InstanceSource
 from mapf_pz.instances.configured import goals_per_agent, make_source
 from mapf_pz.instances.mixture import MapMixture
@@ -28,7 +28,7 @@ from mapf_pz.rl.saved_env import SavedEnv
 from mapf_pz.seeds import FIRST_EVALUATION_SEED
 
 __all__ = [
-    "OBSERVATION_FIELDS",
+    "POLICY_FIELDS",
     "TRAINING_ENV",
     "AlgorithmName",
     "CollectorName",
@@ -56,20 +56,7 @@ PrecisionName = Literal["float32", "bfloat16", "auto"]
 TRAINING_ENV = EnvConfig(num_agents=8, max_steps=96, **RECOMMENDED)
 """The default environment of a training task."""
 
-OBSERVATION_FIELDS = (
-    "action_model",
-    "view_size",
-    "view",
-    "frame",
-    "see_through_walls",
-    "channels",
-    "features",
-    "num_last_actions",
-    "num_frames",
-    "num_neighbors",
-    "neighbor_radius",
-    "edge_weights",
-)
+POLICY_FIELDS = ("action_model", *OBSERVATION_FIELDS, "edge_weights")
 """The environment's keywords that determine a policy's observations and actions."""
 
 
@@ -114,7 +101,7 @@ class TaskConfig:
 
     def observation_keywords(self) -> dict[str, Any]:
         """Return the keywords that an environment needs so that a policy of this task can act in it."""
-        return {name: getattr(self.env, name) for name in OBSERVATION_FIELDS}
+        return {name: getattr(self.env, name) for name in POLICY_FIELDS}
 
 
 @dataclass(frozen=True)
