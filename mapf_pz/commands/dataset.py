@@ -18,7 +18,7 @@ from mapf_pz._internal.parallel import job_runner
 from mapf_pz.commands.env_flags import EnvKeywords
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl.demonstrations import DatasetConfig, load_dataset, make_dataset
-from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.config import OBSERVATION_FIELDS, EnvConfig
 
 
 @dataclass(frozen=True)
@@ -39,10 +39,7 @@ EPISODES = EpisodeKeywords.of(EnvConfig())
 class ObservationKeywords(EnvKeywords):
     """The fields of an environment that determine observations."""
 
-    FIELDS: ClassVar[tuple[str, ...]] = (
-        *("view_size", "view", "frame", "see_through_walls", "channels", "features", "num_last_actions"),
-        *("num_frames", "num_neighbors", "neighbor_radius"),
-    )
+    FIELDS: ClassVar[tuple[str, ...]] = OBSERVATION_FIELDS
 
 
 @dataclass(frozen=True)

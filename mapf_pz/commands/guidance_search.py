@@ -15,6 +15,7 @@ from rich.table import Table
 from tyro.conf import Positional
 
 from mapf_pz._internal.interrupts import interruptible
+from mapf_pz.evaluation.episodes import changed_keywords
 from mapf_pz.guidance.library import guidance_graph
 from mapf_pz.optimization import search
 from mapf_pz.optimization.config import OptimizeConfig
@@ -67,6 +68,8 @@ class ResumeGuidance:
 def evaluate_guidance(options: EvaluateGuidance) -> None:
     """Compare guidance graphs, and print a table."""
     task = options.task
+    if "edge_weights" in changed_keywords(task.env):
+        raise ValueError("edge_weights: expected --graphs, which are compared")
     graphs = {name: guidance_graph(name, task.grid) for name in options.graphs}
     with interruptible() as check, _bar("evaluating", len(graphs) * options.num_seeds) as advance:
 

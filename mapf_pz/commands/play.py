@@ -7,7 +7,7 @@ from typing import Any, cast
 
 from mapf_pz.environment.mapf_env import MapfEnv
 from mapf_pz.evaluation.episodes import actions_of, changed_keywords
-from mapf_pz.evaluation.policies import policy_factory
+from mapf_pz.evaluation.policies import check_observed, policy_factory
 from mapf_pz.render.rgb import Canvas
 from mapf_pz.render.window import Window
 from mapf_pz.simulator.actions import Action, CardinalAction
@@ -51,6 +51,7 @@ class PlayOptions:
 
 def play(options: PlayOptions) -> None:
     """Control agent 0 with the arrow keys. Each key press is one step."""
+    check_observed(options.policy, options.env)
     make = policy_factory(options.policy, options.seed, trust_remote_code=options.trust_remote_code)
     env, policy = make(changed_keywords(options.env))
     inner = cast("MapfEnv", env.unwrapped)

@@ -12,7 +12,7 @@ from tyro.conf import Positional, UseAppendAction
 
 from mapf_pz.commands.planfile import LoadedPlan, load_plan
 from mapf_pz.evaluation.episodes import AnyEnv, Policy, changed_keywords, rollout
-from mapf_pz.evaluation.policies import policy_factory
+from mapf_pz.evaluation.policies import check_observed, policy_factory
 from mapf_pz.planners import record_plan, violations
 from mapf_pz.render import Recording, save_html, save_recording, save_viewer
 from mapf_pz.render.recording import RecordedViolation
@@ -61,6 +61,7 @@ def render(episode: EpisodeOptions) -> None:
     if max(len(episode.plan), len(episode.policy)) > 1 and episode.output.suffix.lower() != ".html":
         raise ValueError(f"{episode.output}: expected an .html file for several episodes")
     if episode.plan:
+        _check_unused(episode, "--plan", ("map", "scenario", "num_agents"))
         recordings = [_plan_recording(episode, plan) for plan in episode.plan]
     else:
         recordings = [_episode_recording(episode, policy) for policy in episode.policy or ("random",)]
@@ -83,9 +84,18 @@ def record_episode(env: AnyEnv, policy: Policy, seed: int, policy_name: str) -> 
 
 
 def _episode_recording(episode: EpisodeOptions, policy_name: str) -> Recording:
+    check_observed(policy_name, episode.env)
     make = policy_factory(policy_name, episode.seed, trust_remote_code=episode.trust_remote_code)
     env, policy = make(changed_keywords(episode.env))
     return record_episode(env, policy, episode.seed, policy_name)
+
+
+def _check_unused(episode: EpisodeOptions, option: str, used: tuple[str, ...] = ()) -> None:
+    """Raise `ValueError` if an environment other than the `used` fields, or a seed, is given with this option."""
+    given = changed_keywords(episode.env) | ({"seed": episode.seed} if episode.seed else {})
+    for name in given:
+        if name not in used:
+            raise ValueError(f"{name}: not expected with {option}")
 
 
 def _plan_recording(episode: EpisodeOptions, path: Path) -> Recording:
@@ -115,6 +125,7 @@ def _plan_metrics(loaded: LoadedPlan) -> dict[str, float]:
 def _save_viewer(episode: EpisodeOptions) -> None:
     if episode.output.suffix.lower() != ".html" or episode.plan or episode.policy:
         raise ValueError("--viewer: expected an .html file, and neither --policy nor --plan")
+    _check_unused(episode, "--viewer")
     episode.output.parent.mkdir(parents=True, exist_ok=True)
     save_viewer(episode.output)
     print(f"{episode.output}: drop a map, a scenario and a plan on this page")

@@ -19,6 +19,7 @@ from mapf_pz.evaluation.random_policy import RandomPolicy
 from mapf_pz.planners import PLANNERS, Planner, Shield, planner_of
 from mapf_pz.planners.named import parse_options, planner_options
 from mapf_pz.planners.pibt.shield import DEPTH, PATIENCE
+from mapf_pz.simulator.config import OBSERVATION_FIELDS, EnvConfig
 
 SHIELD_SUFFIX = "+pibt"
 """Suffix of a trained policy's name: PIBT executes its preferences without collisions."""
@@ -72,6 +73,13 @@ def _factory_of_trained(name: str, seed: int, deterministic: bool, trust_remote_
 def _is_known(trained: str) -> bool:
     """Return whether there is a trained policy of this name, or a file or folder."""
     return trained in _bundled_names() or (trained != "" and Path(trained).exists())
+
+
+def check_observed(name: str, config: EnvConfig) -> None:
+    """Raise `ValueError` if `config` changes observations, and the policy of this name has none."""
+    changed = [field for field in OBSERVATION_FIELDS if getattr(config, field) != getattr(EnvConfig(), field)]
+    if changed and not is_trained(name):
+        raise ValueError(f"{changed[0]}: expected only with a trained policy, since {name!r} has no observations")
 
 
 def is_trained(name: str) -> bool:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+from mapf_pz.evaluation.episodes import changed_keywords
+from mapf_pz.evaluation.policies import check_observed
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances.instance import Grid
 from mapf_pz.planners import PLANNERS
@@ -24,7 +26,7 @@ class GuidanceTask:
     otherwise it is minus the sum of costs per agent, where agents that do not arrive cost twice the maximum number of
     steps.
 
-    Raises `ValueError` if the episodes have different maps.
+    Raises `ValueError` if the episodes have different maps, for another reward, and for observations of a planner.
     """
 
     env: SavedEnv = field(default_factory=lambda: LIFELONG)
@@ -35,7 +37,10 @@ class GuidanceTask:
     """Load a policy whose configuration names code outside this package (`package.module:name`), and run that code."""
 
     def __post_init__(self) -> None:
-        """Check that all episodes have one map."""
+        """Check that all episodes have one map, and that no field is without effect."""
+        check_observed(self.planner, self.env)
+        if "reward" in changed_keywords(self.env):
+            raise ValueError("reward: expected that of the environment, since the score does not depend on it")
         if make_source(self.env).grid is None:
             raise ValueError("a guidance graph belongs to one map: expected episodes that share one")
 

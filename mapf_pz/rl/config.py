@@ -14,7 +14,7 @@ from mapf_pz.instances.instance import InstanceSource
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl.checks import check_counts, check_from_zero, check_names, check_part, check_positive
 from mapf_pz.simulator.actions import ActionMode
-from mapf_pz.simulator.config import DEFAULT_NUM_AGENTS, EnvConfig
+from mapf_pz.simulator.config import DEFAULT_NUM_AGENTS, OBSERVATION_FIELDS, EnvConfig
 from mapf_pz.simulator.recommended import RECOMMENDED
 from mapf_pz.simulator.saved_config import SavedEnv
 from mapf_pz.simulator.seeds import FIRST_EVALUATION_SEED
@@ -135,7 +135,7 @@ class ImitationConfig:
 
 
 __all__ = [
-    "OBSERVATION_FIELDS",
+    "POLICY_FIELDS",
     "TRAINING_ENV",
     "AlgorithmName",
     "CollectorName",
@@ -163,20 +163,7 @@ PrecisionName = Literal["float32", "bfloat16", "auto"]
 TRAINING_ENV = EnvConfig(num_agents=8, max_steps=96, **RECOMMENDED)
 """The default environment of a training task."""
 
-OBSERVATION_FIELDS = (
-    "action_model",
-    "view_size",
-    "view",
-    "frame",
-    "see_through_walls",
-    "channels",
-    "features",
-    "num_last_actions",
-    "num_frames",
-    "num_neighbors",
-    "neighbor_radius",
-    "edge_weights",
-)
+POLICY_FIELDS = ("action_model", *OBSERVATION_FIELDS, "edge_weights")
 """The environment's keywords that determine a policy's observations and actions."""
 
 
@@ -221,7 +208,7 @@ class TaskConfig:
 
     def observation_keywords(self) -> dict[str, Any]:
         """Return the keywords that an environment needs so that a policy of this task can act in it."""
-        return {name: getattr(self.env, name) for name in OBSERVATION_FIELDS}
+        return {name: getattr(self.env, name) for name in POLICY_FIELDS}
 
 
 @dataclass(frozen=True)

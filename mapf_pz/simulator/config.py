@@ -37,6 +37,19 @@ DEFAULT_NUM_AGENTS = 4
 """The number of agents if nothing else determines it."""
 MAX_WHOLE = 2**30
 """Maximum of the fields that are whole numbers, except bytes."""
+OBSERVATION_FIELDS = (
+    "view_size",
+    "view",
+    "frame",
+    "see_through_walls",
+    "channels",
+    "features",
+    "num_last_actions",
+    "num_frames",
+    "num_neighbors",
+    "neighbor_radius",
+)
+"""The fields that determine only observations."""
 _OBJECT_ALLOWED = ("initial_heading",)  # fields that need not be a name
 
 

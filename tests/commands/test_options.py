@@ -1,152 +1,75 @@
-"""Every option of these commands has an effect on what the command prints and writes, or is refused."""
+"""Every option of every command has an effect on what the command prints and writes, or is refused."""
 
-import csv
+import hashlib
 import re
-from collections.abc import Callable
+import shutil
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from mapf_pz.commands.main import main
-from mapf_pz.instances import load_map, place, write_scenario
+from mapf_pz.commands.main import COMMANDS, main
+from mapf_pz.guidance import save_moves
+from mapf_pz.instances import Scenario, load_map, place, write_scenario
+from mapf_pz.rl.presets import PRESETS
+from tests.commands.option_cases import CASES
+from tests.instances.problem_files import write_lorr
 
 SEVERAL = {
     "suite.json": '{"tasks": [{"map": "empty-8-8", "num_agents": [3, 5], "max_steps": 9, "episodes": 2}]}',
 }
-TIMES = re.compile(r"[\d.e-]+ seconds|comp_time=\d+")
 
 
-class Case(NamedTuple):
-    """A command, and a use of each of its options."""
+class Keyboard:
+    """A window in which keys are pressed; prints what it shows."""
 
-    words: str
-    """The command with its arguments, in a folder with `a.scen`, `suite.json` and `plan.txt`."""
-    options: dict[str, str]
-    """Uses by option: words that are added to the command. `!` at the front: the use is refused by the command. Words
-    before `|` are added without the option, too."""
-    ignored: Callable[[str], str] = lambda text: TIMES.sub("", text)
-    """Removes from a text, of a file or the output, what differs between two equal runs."""
+    is_closed = False
 
+    def __init__(self, *_, **__):
+        self._keys = iter(["up", "left", "up", "right", "up", "up", *["space"] * 6, "escape"])
 
-def without_times(text):
-    """Remove the columns of times from the episodes; other files and the output repeat them."""
-    if not text.startswith("policy,"):
-        return ""
-    rows = list(csv.DictReader(text.splitlines()))
-    return str([{name: row[name] for name in row if name not in ("runtime", "step_ms", "agent_us")} for row in rows])
+    def show(self, picture, message):
+        print(hashlib.sha256(picture.tobytes()).hexdigest(), message)
+
+    def wait(self):
+        return [next(self._keys)]
+
+    def close(self):
+        self.is_closed = True
 
 
-CASES = {
-    "evaluate": Case(
-        "evaluate --policy pibt --map empty-8-8 --num-agents 4 --max-steps 9 --episodes 2 --output out",
-        {
-            "--policy": "--policy random",
-            "--suite": "!--suite quickstart",
-            "--map": "--map random-16-16-20",
-            "--scenario": "--scenario a.scen",
-            "--num-agents": "--num-agents 5",
-            "--max-steps": "--max-steps 8",
-            "--action-model": "--action-model cardinal",
-            "--collision-system": "--policy random --num-agents 25 | --collision-system block_both",
-            "--on-target": "--on-target restart",
-            "--goals": "!--goals alternating",
-            "--initial-heading": "--initial-heading east",
-            "--edge-weights": "--edge-weights crisscross",
-            "--distance-bytes": "!--distance-bytes 1",
-            "--episodes": "--episodes 3",
-            "--seed": "--seed 5",
-            "--policy-seed": "--policy-seed 5",
-            "--deterministic": "",  # below
-            "--jobs": "!--jobs 0",
-            "--output": "--output other",
-            "--overwrite": "",  # tests/evaluation/test_identity.py
-        },
-        without_times,
-    ),
-    "evaluate a suite": Case(
-        "evaluate --policy pibt --suite suite.json --output out",
-        {
-            "--num-agents": "--num-agents 3",
-            "--episodes": "--episodes 1",
-            "--seed": "--seed 5",
-            "--max-steps": "--max-steps 8",
-            "--map": "!--map empty-8-8",
-            "--scenario": "!--scenario a.scen",
-            "--action-model": "--action-model cardinal",
-        },
-        without_times,
-    ),
-    "evaluate a trained policy": Case(
-        "evaluate --policy mappo --map empty-8-8 --max-steps 9 --episodes 2 --output out",
-        {"--deterministic": "--deterministic", "--action-model": "!--action-model cardinal"},
-        without_times,
-    ),
-    "solve": Case(
-        "solve new.txt --map empty-8-8 --num-agents 20 --action-model cardinal",
-        {
-            "--planner": "--planner lacam:anytime=False",
-            "--map": "--map random-16-16-20",
-            "--scenario": "--num-agents 4 | --scenario a.scen",
-            "--num-agents": "--num-agents 5",
-            "--max-steps": "!--max-steps 2",
-            "--action-model": "--action-model rotate",
-            "--initial-heading": "--action-model rotate | --initial-heading random",
-            "--edge-weights": "--edge-weights crisscross",
-            "--distance-bytes": "!--distance-bytes 1",
-            "--time-limit": "!--time-limit 0",
-            "--seed": "--seed 5",
-            "--trace": "--trace trace.csv",
-        },
-    ),
-    "validate": Case(
-        "validate plan.txt --map empty-8-8",
-        {
-            "--map": "!--map nowhere",
-            "--scenario": "!--scenario a.scen",
-            "--num-agents": "!--num-agents 7",
-            "--problem": "!--problem suite.json",
-            "--all": "--all",
-        },
-    ),
-    "maps generate": Case(
-        "maps generate new --maps random maze room warehouse walls --num-agents 3 --number 20 --height 14 --width 14",
-        {
-            "--maps": "--maps maze",
-            "--height": "--height 15",
-            "--width": "--width 15",
-            "--density": "--density 0.3",
-            "--corridor": "--corridor 2",
-            "--room-size": "--room-size 3",
-            "--shelf-length": "--shelf-length 3",
-            "--loops": "--loops 0.5",
-            "--wall-density": "--wall-density 0.1",
-            "--num-agents": "--num-agents 4",
-            "--number": "--number 1",
-            "--seed": "--seed 5",
-        },
-    ),
-    "report": Case(
-        "report results",
-        {
-            "--columns": "--columns ISR",
-            "--format": "--format latex",
-            "--baseline": "--baseline random",
-            "--output": "--output table.md",
-            "--figures": "--figures figures",
-            "--figure-format": "--figures figures | --figure-format svg",
-            "--published": "!--figures figures --published nowhere.csv",
-        },
-    ),
-}
+def show_arguments(*arguments, **keywords):
+    """Print the arguments."""
+    print(arguments, keywords)
+    return ()
+
+
+def help_of(capsys, words):
+    with pytest.raises(SystemExit):
+        main([*words, "--help"])
+    return re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out)
+
+
+def subcommands(capsys, words):
+    """Yield a command, or the commands that it consists of."""
+    found = re.search(r"^usage: [^\[]*\[-h\] \{([\w,\n-]+)\}", help_of(capsys, words))
+    if found is None:
+        yield " ".join(words)
+        return
+    for name in found[1].split(","):
+        yield from subcommands(capsys, [*words, name])
+
+
+def test_every_command_is_used_here(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "300")
+    commands = {name for command in COMMANDS for name in subcommands(capsys, [command])}
+    presets = {f"train {name}" for name in PRESETS} - {"train quickstart"}  # they have the same options
+    assert {name for name in CASES if " a " not in name} == commands - presets
 
 
 def options_in_help(capsys, words):
     """Return the options of a command, without the negative forms of those that are True or False."""
-    with pytest.raises(SystemExit):
-        main([*words, "--help"])
-    text = re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out)
+    text = help_of(capsys, words)
     return {name for name in re.findall(r"(?<![\w-])--[a-z][\w-]*", text) if not name.startswith("--no-")} - {"--help"}
 
 
@@ -168,17 +91,40 @@ def material(tmp_path_factory):
     policies = ["--policy", "pibt", "--policy", "random", "--num-agents", "2", "3"]
     words = ["--map", "empty-8-8", "--max-steps", "9", "--episodes", "2", "--output", str(folder / "results")]
     assert main(["evaluate", *policies, *words]) == 0
+    write_lorr(folder)
+    write_scenario(Scenario([[4, 4]], [[3, 4]]), grid, folder / "near.scen")
+    (folder / "arrows.txt").write_text(">>>>>>>v\n" + "^......v\n" * 6 + "^<<<<<<<\n")
+    save_moves(np.arange(256).reshape(4, 8, 8), folder / "moves.npz")
+    words = ["--map", "empty-8-8", "--output", str(folder / "weights.npz")]
+    assert main(["guidance", "generate", "crisscross", *words]) == 0
     return folder
+
+
+@pytest.fixture(scope="module")
+def trained(material):
+    """Add a dataset, and the folder of a training run to the material."""
+    pytest.importorskip("torchrl")
+    words = ["--num-agents", "4", "--episodes", "2", "--max-steps", "20", "--no-solved-only"]
+    assert main(["dataset", "make", str(material / "data"), "--planner", "pibt", *words]) == 0
+    words = "--agent-steps 100 --num-envs 4 --steps-per-batch 8 --num-epochs 1 --num-agents 3 --height 7 --width 7"
+    output = ["--max-steps", "6", "--evaluate", "none", "--output", str(material / "run")]
+    assert main(["train", "quickstart", *words.split(), *output]) == 0
 
 
 def outcome(capsys, folder, material, case, use, monkeypatch):
     """Run a command in a new folder; return its status, and what it printed and wrote."""
     folder.mkdir(parents=True)
     for file in material.iterdir():
-        (folder / file.name).symlink_to(file)
+        if file.is_dir():
+            (folder / file.name).symlink_to(file)
+        else:
+            shutil.copy(file, folder)  # a problem's files must not lead out of its folder
     given = {path.name for path in material.iterdir()}
     monkeypatch.chdir(folder)
-    status = main([*case.words.split(), *use.split()])
+    try:
+        status = main([*case.words.split(), *use.split()])
+    except SystemExit as ended:
+        status = ended.code
     printed = "".join(capsys.readouterr())
     files = [path for path in sorted(Path().rglob("*")) if path.is_file() and path.parts[0] not in given]
     texts = {path.as_posix(): case.ignored(path.read_bytes().decode(errors="replace")) for path in files}
@@ -186,10 +132,14 @@ def outcome(capsys, folder, material, case, use, monkeypatch):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_every_option_has_an_effect_or_is_refused(capsys, tmp_path, material, monkeypatch, name):
+def test_every_option_has_an_effect_or_is_refused(capsys, tmp_path, material, monkeypatch, request, name):
     case = CASES[name]
-    if "mappo" in case.words:
-        pytest.importorskip("torch")
+    if name.startswith(("train", "plot", "dataset export")) or "mappo" in case.words:
+        request.getfixturevalue("trained")
+    for function in case.replaced:
+        monkeypatch.setattr(function, show_arguments)
+    monkeypatch.setattr("mapf_pz.commands.play.Window", Keyboard)
+    monkeypatch.setenv("MAPF_PZ_CACHE", "cache")
     if name == "report":
         pytest.importorskip("matplotlib")
     monkeypatch.setattr("mapf_pz.commands.evaluate.find_spec", lambda name: None)  # figures take seconds
@@ -203,7 +153,7 @@ def test_every_option_has_an_effect_or_is_refused(capsys, tmp_path, material, mo
             if shared:
                 before = outcome(capsys, tmp_path / f"{number}-without", material, case, shared, monkeypatch)
             after = outcome(capsys, tmp_path / str(number), material, case, f"{shared} {added}", monkeypatch)
-            refused = after[0] == 1 and after[1:] != before[1:]
+            refused = after[0] in (1, 2) and after[1:] != before[1:]
             if after == before or (use.startswith("!") and not refused):
                 without.append(option)
     assert without == []
