@@ -115,7 +115,7 @@ def train_from(file: Path, trust_remote_code: bool = False) -> Callable[[TrainOp
 
 def _train_seeds(run: TrainOptions) -> None:
     """Train with several seeds, in sequence."""
-    from mapf_pz.rl import curves
+    from mapf_pz.rl.training import curves
     from mapf_pz.rl.training.launch import is_first
     from mapf_pz.rl.training.run import CURVE, CURVES
 
