@@ -1,12 +1,14 @@
-# make train   sets everything up, trains a policy, evaluates it and shows it: see runs/quickstart
-# make test    sets everything up and runs the tests
-# make bench-peers   measures the speed beside POGEMA's, which it installs in .venv-peers
+# make train      sets everything up, trains a policy, evaluates it and shows it: see runs/quickstart
+# make test       sets everything up and runs the tests
+# make lint       checks style, types and words; make format corrects the style
+# make docs       builds the documentation: site/index.html
 # make examples   runs the examples that need separate virtual environments, which it creates
-# make lint    checks style, types and words
-# make docs    builds the documentation: site/index.html
-# make wheel   builds the source archive and the wheel, and tries them outside of this tree
-# make results   measures the documentation's result tables again
-# make soak, make faults, make coverage, make mutation, make mutation-sample, make record-pogema   see docs/verification.md
+# make results    measures the documentation's result tables again
+# make bench      measures the speed beside POGEMA's, which it installs in .venv-peers
+# make wheel      builds the source archive and the wheel, and tries them outside of this tree
+# make clean      removes the virtual environments and what they have written
+# make long RUN=soak   or another run of minutes to days, in docs/verification.md: faults, coverage, mutation, mutation-sample, record-pogema;
+#                      for the documentation: figures, reproduction, report
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -15,7 +17,9 @@ PLAIN_TESTS := tests/core $(addprefix tests/planners/test_, pibt.py epibt.py shi
 OUTSIDE_TESTS := tests/test_env.py tests/wrappers tests/instances/test_library.py tests/render
 KERNEL_TESTS := $(addprefix tests/core/test_, properties.py symmetry.py collision_table.py cost_to_go.py)
 
-.PHONY: train test examples lint format docs figures reproduction report bench-peers soak faults coverage mutation mutation-sample record-pogema wheel clean results
+LONG := soak faults coverage mutation mutation-sample record-pogema figures reproduction report
+
+.PHONY: train test lint format docs examples results bench wheel clean long $(addprefix long-,$(LONG))
 
 train: .venv/installed
 	$(BIN)/mapf-pz train quickstart --num-learners auto --output runs/quickstart --overwrite
@@ -37,17 +41,6 @@ format: .venv/installed
 docs: .venv/installed
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-figures: .venv/installed
-	$(BIN)/python experiments/figures.py
-	$(BIN)/python experiments/concept_figures.py
-	$(BIN)/python experiments/screenshots.py
-
-reproduction: .venv/installed
-	$(BIN)/python -m experiments.reproduction
-
-report: .venv/installed
-	$(BIN)/python -m experiments.report
-
 # Hours; MAPF_PZ_BENCHMARK names the folders of benchmark data. Resumes where it was stopped.
 results: .venv/installed
 	$(BIN)/python -m experiments.results measure
@@ -59,39 +52,7 @@ results: .venv/installed
 		--config-settings editable_mode=compat --editable '.[train,render,dev]'
 	touch $@
 
-soak: .venv/installed
-	$(BIN)/python -m tests.soak
-	$(BIN)/python -m pytest -n 2 --hypothesis-profile=random tests/core tests/planners tests/plans tests/guidance
-
-faults: .venv/installed
-	$(BIN)/python -m tests.faults
-
-coverage: .venv/installed
-	$(BIN)/python -m pytest -n 2 $(COVERAGE) --cov-report=
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 $(COVERAGE) --cov-append --cov-report=term-missing:skip-covered \
-		--hypothesis-profile=quick -W ignore:overflow:RuntimeWarning $(PLAIN_TESTS) -k 'not (ten_thousand or benchmark or turned or time_makes)'
-
-# Mutants are made in a clone. Finished ones are kept in runs/NAME.sqlite, from which the next run resumes.
-mutation: SAMPLE := true
-mutation-sample: SAMPLE := python -m tests.mutation_sample ../mutation-sample.sqlite
-mutation mutation-sample: .venv/installed .venv-mutation/installed
-	rm -rf runs/$@
-	git clone --quiet . runs/$@
-	cd runs/$@ && export PATH=$(CURDIR)/.venv-mutation/bin:$$PATH MAPF_PZ_PYTHON=$(CURDIR)/$(BIN)/python && \
-		{ test -e ../$@.sqlite || { cosmic-ray init tests/$@.toml ../$@.sqlite && \
-		cr-filter-operators ../$@.sqlite tests/$@.toml && $(SAMPLE); }; } && \
-		cosmic-ray exec tests/$@.toml ../$@.sqlite
-	.venv-mutation/bin/cr-report --surviving-only --show-diff runs/$@.sqlite
-
-.venv-mutation/installed:
-	$(PYTHON) -m venv .venv-mutation
-	.venv-mutation/bin/pip install --quiet --disable-pip-version-check 'cosmic-ray==8.7.*'
-	touch $@
-
-record-pogema: .venv-peers/installed
-	PYTHONPATH=. .venv-peers/bin/python -m tests.recordings.record_pogema tests/recordings
-
-bench-peers: .venv/installed .venv-peers/installed
+bench: .venv/installed .venv-peers/installed
 	$(BIN)/mapf-pz benchmark --pogema .venv-peers/bin/python
 
 .venv-peers/installed:
@@ -115,3 +76,50 @@ wheel: .venv/installed
 
 clean:
 	rm -rf .venv .venv-peers .venv-mutation .venv-rllib .venv-benchmarl runs site dist
+
+long:
+	@: $(if $(filter $(RUN),$(LONG)),,$(error RUN=$(RUN): expected one of $(LONG)))
+	$(MAKE) long-$(RUN)
+
+long-soak: .venv/installed
+	$(BIN)/python -m tests.soak
+	$(BIN)/python -m pytest -n 2 --hypothesis-profile=random tests/core tests/planners tests/plans tests/guidance
+
+long-faults: .venv/installed
+	$(BIN)/python -m tests.faults
+
+long-coverage: .venv/installed
+	$(BIN)/python -m pytest -n 2 $(COVERAGE) --cov-report=
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 $(COVERAGE) --cov-append --cov-report=term-missing:skip-covered \
+		--hypothesis-profile=quick -W ignore:overflow:RuntimeWarning $(PLAIN_TESTS) -k 'not (ten_thousand or benchmark or turned or time_makes)'
+
+# Mutants are made in a clone. Finished ones are kept in runs/NAME.sqlite, from which the next run resumes.
+long-mutation: SAMPLE := true
+long-mutation-sample: SAMPLE := python -m tests.mutation_sample ../mutation-sample.sqlite
+long-mutation long-mutation-sample: long-%: .venv/installed .venv-mutation/installed
+	rm -rf runs/$*
+	git clone --quiet . runs/$*
+	cd runs/$* && export PATH=$(CURDIR)/.venv-mutation/bin:$$PATH MAPF_PZ_PYTHON=$(CURDIR)/$(BIN)/python && \
+		{ test -e ../$*.sqlite || { cosmic-ray init tests/$*.toml ../$*.sqlite && \
+		cr-filter-operators ../$*.sqlite tests/$*.toml && $(SAMPLE); }; } && \
+		cosmic-ray exec tests/$*.toml ../$*.sqlite
+	.venv-mutation/bin/cr-report --surviving-only --show-diff runs/$*.sqlite
+
+.venv-mutation/installed:
+	$(PYTHON) -m venv .venv-mutation
+	.venv-mutation/bin/pip install --quiet --disable-pip-version-check 'cosmic-ray==8.7.*'
+	touch $@
+
+long-record-pogema: .venv-peers/installed
+	PYTHONPATH=. .venv-peers/bin/python -m tests.recordings.record_pogema tests/recordings
+
+long-figures: .venv/installed
+	$(BIN)/python experiments/figures.py
+	$(BIN)/python experiments/concept_figures.py
+	$(BIN)/python experiments/screenshots.py
+
+long-reproduction: .venv/installed
+	$(BIN)/python -m experiments.reproduction
+
+long-report: .venv/installed
+	$(BIN)/python -m experiments.report

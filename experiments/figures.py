@@ -1,4 +1,4 @@
-"""Draw the figures of the documentation: `make figures`.
+"""Draw the figures of the documentation: `make long RUN=figures`.
 
 Maps that are not bundled are read from the folder `MAPF_PZ_BENCHMARK`. If it is not set, their figures are omitted.
 """

@@ -13,15 +13,15 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import tyro
 
 from mapf_pz.guidance import GuidanceGraph, save_guidance
 from mapf_pz.guidance.library import guidance_graph
-from mapf_pz.optimization.config import OptimizeConfig
+from mapf_pz.optimization.config import Method, OptimizeConfig
 from mapf_pz.optimization.evaluate import compare as compare_graphs
-from mapf_pz.optimization.methods import METHODS
 from mapf_pz.optimization.optimize import optimize as run_optimization
 from mapf_pz.optimization.task import GuidanceTask
 from mapf_pz.simulator.config import EnvConfig, Goals
@@ -180,7 +180,7 @@ def methods(minutes: float = 1.0, seeds: tuple[int, ...] = (0, 1, 2), num_seeds:
     """
     task = GuidanceTask(env=BUNDLED[-1].env(Path()))
     print(f"| method | {BUNDLED[-1].name}, {minutes:g} min |\n| --- | --- |")
-    for method in (*METHODS, "evolution+flips"):
+    for method in get_args(Method):
         graphs = {}
         for seed in seeds:
             config = OptimizeConfig(task=task, method=method, minutes=minutes, seed=seed, jobs=jobs)

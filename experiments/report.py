@@ -1,4 +1,4 @@
-"""Run the report's experiment in its own setting, and what makes it work: `make report`.
+"""Run the report's experiment in its own setting, and what makes it work: `make long RUN=report`.
 
 Ten agents in the report's warehouse, with the report's observations, rewards and network, are trained by `central-ppo`
 and by Stable-Baselines3. Then changes are added to `central-ppo` in sequence. All runs have the same length.

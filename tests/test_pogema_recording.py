@@ -1,4 +1,4 @@
-"""The same episodes as in POGEMA 1.4.0, recorded by `make record-pogema`: moves, rewards, ends and metrics."""
+"""The same episodes as in POGEMA 1.4.0, recorded by `make long RUN=record-pogema`: moves, rewards, ends and metrics."""
 
 import json
 import random

@@ -26,7 +26,7 @@ class BenchmarkOptions(Workload):
     seconds: float = 10.0
     """Duration of the measurement per table in seconds; there are at least five runs."""
     pogema: str | None = None
-    """Python interpreter with POGEMA 1.4.0 (`make bench-peers`). None: POGEMA is omitted."""
+    """Python interpreter with POGEMA 1.4.0 (`make bench`). None: POGEMA is omitted."""
 
 
 TABLES: dict[str, Callable[[BenchmarkOptions], Table]] = {

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from tyro.conf import Positional, arg, subcommand
 
 from mapf_pz._internal.interrupts import interruptible
 from mapf_pz._internal.parallel import job_runner
 from mapf_pz.commands.env_flags import EnvKeywords
+from mapf_pz.commands.progress import progress_bar
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl.demonstrations import DatasetConfig, load_dataset, make_dataset
 from mapf_pz.simulator.config import OBSERVATION_FIELDS, EnvConfig
@@ -110,7 +108,14 @@ def dataset(task: Annotated[MakeOptions, subcommand("make")] | Annotated[ExportO
 
 
 def _make(options: MakeOptions, check: Callable[[], None]) -> None:
-    with job_runner(options.jobs) as run, _progress_bar(check) as show:
+    with job_runner(options.jobs) as run, progress_bar("making files") as update:
+        counts: list[int] = []
+
+        def show(left: int) -> None:
+            check()
+            counts.append(left)
+            update(total=counts[0], completed=counts[0] - left)
+
         make_dataset(options.config(), options.output, run, show, command_of(options))
     made = load_dataset(options.output)
     print(f"{options.output}: {len(made)} demonstrations, {made.num_agent_steps} agent steps")
@@ -142,19 +147,3 @@ def _export(options: ExportOptions) -> None:
     exported = export_demonstrations(load_dataset(options.dataset), options.output, env)
     for num_agents, steps in exported.items():
         print(f"{options.output / f'agents-{num_agents}'}: {len(steps)} steps")
-
-
-@contextmanager
-def _progress_bar(check: Callable[[], None]) -> Generator[Callable[[int], None]]:
-    """Show a progress bar; yield the function that updates it with the number of files left, and calls `check`."""
-    columns = (TextColumn("making files"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("", total=None)
-
-        def show(left: int) -> None:
-            check()
-            total = bar.tasks[task].total
-            bar.update(task, total=left if total is None else total, completed=0 if total is None else total - left)
-
-        yield show

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from glob import glob, has_magic
 from importlib.util import find_spec
@@ -13,13 +12,13 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from tyro.conf import UseAppendAction, arg
 
 from mapf_pz._internal.atomic import write_whole
 from mapf_pz._internal.interrupts import interruptible
 from mapf_pz._internal.lock import locked
 from mapf_pz.commands.env_flags import EnvKeywords
+from mapf_pz.commands.progress import progress_bar
 from mapf_pz.evaluation import (
     Episode,
     EvaluationTask,
@@ -202,7 +201,15 @@ def report(
     overwrite: bool = False,
 ) -> None:
     """Evaluate policies, print the table, and write the table and figures to `output`, if given."""
-    with interruptible() as check, _progress_bar(check) as show:
+    with interruptible() as check, progress_bar("evaluating") as update:
+
+        def show(episode: Episode | None, left: int) -> None:
+            check()
+            if episode is None:
+                update(total=left)
+            else:
+                update(advance=1, description=f"{episode.policy}, {episode.num_agents} agents on {episode.task}")
+
         episodes = evaluate(policies, tasks, output, jobs, show, overwrite)
     Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200).print(terminal_table(episodes))
     for line in exhausted(episodes):
@@ -218,22 +225,3 @@ def report(
 
     for file in draw_figures(episodes, output):
         print(f"figure written to {file}")
-
-
-@contextmanager
-def _progress_bar(check: Callable[[], None]) -> Generator[Callable[[Episode | None, int], None]]:
-    """Show a progress bar; yield the function that updates it and calls `check`."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("evaluating", total=None)
-
-        def show(episode: Episode | None, left: int) -> None:
-            check()
-            if episode is None:
-                bar.update(task, total=left)
-            else:
-                label = f"{episode.policy}, {episode.num_agents} agents on {episode.task}"
-                bar.update(task, advance=1, description=label)
-
-        yield show

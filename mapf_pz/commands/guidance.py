@@ -2,28 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+from rich.console import Console
+from rich.table import Table
 from tyro.conf import Positional, subcommand
 
+from mapf_pz._internal.interrupts import interruptible
 from mapf_pz._internal.text import read_text
-from mapf_pz.commands.guidance_search import (
-    EvaluateGuidance,
-    OptimizeGuidance,
-    ResumeGuidance,
-    evaluate_guidance,
-    optimize_guidance,
-    resume_guidance,
-)
+from mapf_pz.commands.progress import progress_bar
+from mapf_pz.evaluation.episodes import changed_keywords
 from mapf_pz.guidance import GuidanceGraph, load_guidance, load_moves, save_guidance
 from mapf_pz.guidance.files import check_guidance_file
 from mapf_pz.guidance.graph import AGAINST, ALONG, CONGESTION, CONTRAFLOW, HIGH, LOW
 from mapf_pz.guidance.library import guidance_graph
 from mapf_pz.instances import load_map
 from mapf_pz.instances.instance import Grid
+from mapf_pz.optimization.config import OptimizeConfig
+from mapf_pz.optimization.evaluate import Comparison, compare
+from mapf_pz.optimization.folder import GRAPH_FILE, read_optimization
+from mapf_pz.optimization.optimize import Optimized, optimize, resume
+from mapf_pz.optimization.search import Progress
+from mapf_pz.optimization.task import GuidanceTask
 from mapf_pz.render.guidance import check_picture, save_guidance_picture
 
 
@@ -128,6 +134,46 @@ class GenerateGuidance:
     """How the weights are generated."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class EvaluateGuidance:
+    """Compare guidance graphs on the same seeds: mean scores and their standard errors."""
+
+    task: GuidanceTask = field(default_factory=GuidanceTask)
+    """The planner or policy, and its episodes."""
+    graphs: tuple[str, ...] = ("uniform", "crisscross")
+    """Guidance graphs by name, or paths of their files."""
+    num_seeds: int = 50
+    """Number of episodes of each graph."""
+    first_seed: int = 0
+    """Seed of the first episode, which increases by one per episode."""
+    jobs: int | str = 1
+    """Number of processes; `ray`: run on a Ray cluster."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OptimizeGuidance:
+    """Optimize a guidance graph for a planner or policy on a map."""
+
+    config: OptimizeConfig = field(default_factory=OptimizeConfig)
+    """The optimization."""
+    output: Path = Path("runs/guidance")
+    """Folder for the graph (`guidance.json`), the history (CSV), the candidates and pictures."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResumeGuidance:
+    """Continue an optimization with its configuration and candidates, for another time budget."""
+
+    output: Positional[Path]
+    """The folder of the optimization."""
+    minutes: float | None = None
+    """Time budget in minutes, the final selection included. None: as configured."""
+    jobs: int | str | None = None
+    """Number of processes; `ray`: run on a Ray cluster. None: as configured."""
+    trust_remote_code: bool = False
+    """Load a configuration and a policy that name code outside this package, and run that code."""
+
+
 def guidance(
     task: Annotated[ShowGuidance, subcommand("show")]
     | Annotated[ConvertGuidance, subcommand("convert")]
@@ -145,11 +191,11 @@ def guidance(
         case GenerateGuidance(generator):
             _generate(generator)
         case EvaluateGuidance():
-            evaluate_guidance(task)
+            _evaluate(task)
         case OptimizeGuidance():
-            optimize_guidance(task)
+            _optimize(task.config, task.output, partial(optimize, task.config, task.output))
         case ResumeGuidance():
-            resume_guidance(task)
+            _resume(task)
 
 
 def _show(task: ShowGuidance) -> None:
@@ -193,3 +239,51 @@ def _save(graph: GuidanceGraph, output: Path, grid: Grid) -> None:
     output.parent.mkdir(parents=True, exist_ok=True)
     save_guidance(graph, output, grid)
     print(f"{output}: guidance graph of map {grid.name}")
+
+
+def _evaluate(options: EvaluateGuidance) -> None:
+    """Compare guidance graphs, and print a table."""
+    task = options.task
+    if "edge_weights" in changed_keywords(task.env):
+        raise ValueError("edge_weights: expected --graphs, which are compared")
+    graphs = {name: guidance_graph(name, task.grid) for name in options.graphs}
+    with interruptible() as check, progress_bar("evaluating", len(graphs) * options.num_seeds) as update:
+
+        def on_episode() -> None:
+            check()
+            update(advance=1)
+
+        found = compare(task, graphs, options.num_seeds, options.first_seed, options.jobs, on_episode)
+    _print_table(task, found)
+
+
+def _print_table(task: GuidanceTask, found: list[Comparison]) -> None:
+    table = Table("guidance graph", "goals per step" if task.is_lifelong else "- cost per agent", "standard error")
+    for row in found:
+        table.add_row(row.name, f"{row.mean:.3f}", f"{row.standard_error:.3f}")
+    Console(file=sys.stdout, width=None if sys.stdout.isatty() else 120).print(table)
+
+
+def _resume(options: ResumeGuidance) -> None:
+    """Continue the optimization in a folder."""
+    trusted = options.trust_remote_code
+    config = read_optimization(options.output, trusted)
+    if options.minutes is not None:
+        config = replace(config, minutes=options.minutes)
+    run = partial(resume, options.output, options.minutes, options.jobs, trust_remote_code=trusted)
+    _optimize(config, options.output, run)
+
+
+def _optimize(config: OptimizeConfig, output: Path, run: Callable[[Callable[[Progress], None]], Optimized]) -> None:
+    """Run an optimization with a progress bar, and print its result."""
+    with interruptible() as check, progress_bar("optimizing", round(60 * config.minutes)) as update:
+
+        def on_progress(progress: Progress) -> None:
+            check()
+            state = f"best {progress.best:.3f} in {progress.simulations} simulations"
+            update(completed=round(progress.seconds), state=state)
+
+        result = run(on_progress)
+    ending = "interrupted; the best graph so far" if result.interrupted else "the best graph"
+    unit = "goals per step" if config.task.is_lifelong else "score"
+    print(f"{ending}: {result.score:.3f} {unit} in {result.num_scores} episodes, written to {output / GRAPH_FILE}")

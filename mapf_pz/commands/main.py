@@ -44,7 +44,7 @@ COMMANDS: dict[str, Command] = {
     "render": Command("mapf_pz.commands.render:render", "save an episode or a plan as a web page, video or image"),
     "report": Command("mapf_pz.commands.report:report", "make tables and figures of evaluations, for papers"),
     "schedule": Command(
-        "mapf_pz.commands.schedule:schedule", "run a League of Robot Runners problem, tasks assigned by a scheduler"
+        "mapf_pz.commands.solve:schedule", "run a League of Robot Runners problem, tasks assigned by a scheduler"
     ),
     "serve": Command("mapf_pz.commands.serve:serve", "act in POGEMA's environment, from a separate Python"),
     "solve": Command("mapf_pz.commands.solve:solve", "solve an instance with a planner, and write the plan"),

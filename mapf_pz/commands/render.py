@@ -6,11 +6,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
-from rich.console import Console
-from rich.progress import Progress
 from tyro.conf import Positional, UseAppendAction
 
 from mapf_pz.commands.planfile import LoadedPlan, load_plan
+from mapf_pz.commands.progress import progress_bar
 from mapf_pz.evaluation.episodes import AnyEnv, Policy, changed_keywords, rollout
 from mapf_pz.evaluation.policies import check_observed, policy_factory
 from mapf_pz.planners import record_plan, violations
@@ -75,10 +74,9 @@ def save_episode(env: AnyEnv, policy: Policy, seed: int, output: Path, fps: floa
 
 def record_episode(env: AnyEnv, policy: Policy, seed: int, policy_name: str) -> Recording:
     """Run an episode of `env` with a progress bar, and return its recording, which is named after the policy."""
-    console, recorded = Console(stderr=True), RecordEpisode(env)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("Running", total=env.config.max_steps + 1)
-        rollout(recorded, policy, seed, on_step=lambda: bar.advance(task))
+    recorded = RecordEpisode(env)
+    with progress_bar("running", total=env.config.max_steps + 1) as update:
+        rollout(recorded, policy, seed, on_step=lambda: update(advance=1))
     recording = recorded.recording
     return replace(recording, name=policy_name, facts={"policy": policy_name, "seed": str(seed)})
 

@@ -1,4 +1,4 @@
-"""The command `mapf-pz solve`: solve an instance with a planner, and write the plan."""
+"""The commands `mapf-pz solve` and `mapf-pz schedule`: solve an instance or run a problem, and write the plan."""
 
 from __future__ import annotations
 
@@ -11,10 +11,13 @@ from tyro.conf import Positional
 
 from mapf_pz.commands.env_flags import EnvKeywords
 from mapf_pz.evaluation.tracker import known_cost
+from mapf_pz.instances.files.lorr import load_problem
 from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.planners import planner_of, validate, write_trace
 from mapf_pz.planners.base import simulator_of
 from mapf_pz.planners.plans.files import PlanMetadata, check_format, write_plan
+from mapf_pz.planners.plans.plan import Plan
+from mapf_pz.planners.scheduling import SCHEDULERS, run_problem
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.source import sample_instance
 
@@ -51,6 +54,36 @@ class SolveOptions:
     found, and the seconds until then. None: not written."""
 
 
+class GuidanceKeywords(EnvKeywords):
+    """The guidance graph of an environment."""
+
+    FIELDS: ClassVar[tuple[str, ...]] = ("edge_weights",)
+
+
+UNIFORM = GuidanceKeywords.of(EnvConfig())
+"""The default guidance graph."""
+
+
+@dataclass(frozen=True)
+class ScheduleOptions:
+    """Options of `mapf-pz schedule`: a problem, a planner, and a scheduler."""
+
+    problem: Positional[Path]
+    """Problem file of the League of Robot Runners, `.json`."""
+    output: Positional[Path | None] = None
+    """Output file of the plan, `.json` or `.txt`. Default: the plan is not written."""
+    planner: str = "epibt"
+    """Name of the planner, with options as in `epibt:depth=5,time_limit=0.1`."""
+    scheduler: str = "shortest"
+    """Name of the scheduler: `keep`, `nearest` or `shortest`."""
+    env: GuidanceKeywords = UNIFORM
+    """The guidance graph."""
+    num_steps: int = 600
+    """Number of steps."""
+    seed: int = 0
+    """Random seed."""
+
+
 def solve(options: SolveOptions) -> None:
     """Solve an instance, validate and write the plan, and print its costs. The exit status is 1 if there is no plan."""
     planner = planner_of(options.planner, options.seed)
@@ -64,16 +97,12 @@ def solve(options: SolveOptions) -> None:
     if plan is None:
         limits = f"{options.time_limit:g} seconds and {env.max_steps} steps"
         raise RuntimeError(f"{options.planner} found no plan for {instance.num_agents} agents within {limits}")
-    violation = validate(instance, plan)
-    if violation is not None:
-        raise RuntimeError(f"{options.planner} returned an illegal plan: {violation}")
-    options.output.parent.mkdir(parents=True, exist_ok=True)
+    bound = plan.sum_of_costs if planner.optimal else lower_bound(instance, env.distance_bytes)
+    scenario = _scenario_name(env)
+    _write(plan, instance, options.output, PlanMetadata(scenario, options.planner, seconds, bound))
     if options.trace is not None:
         options.trace.parent.mkdir(parents=True, exist_ok=True)
         write_trace(planner.trace, options.trace)
-    bound = plan.sum_of_costs if planner.optimal else lower_bound(instance, env.distance_bytes)
-    scenario = _scenario_name(env)
-    write_plan(plan, options.output, instance, PlanMetadata(scenario, options.planner, seconds, bound))
     ratio = plan.sum_of_costs / bound if bound else 1.0
     print(
         f"{options.output}: {plan.num_agents} agents, sum of costs {plan.sum_of_costs}, makespan {plan.makespan}, "
@@ -83,6 +112,36 @@ def solve(options: SolveOptions) -> None:
     if env.action_model == "cardinal" and known.best:
         ratio = plan.sum_of_costs / known.best
         print(f"MAPF tracker: {ratio:.3f} times the best known cost {known.best}, lower bound {known.lower}")
+
+
+def schedule(options: ScheduleOptions) -> None:
+    """Run a problem, validate and write the plan, and print the number of finished tasks."""
+    if options.scheduler not in SCHEDULERS:
+        raise ValueError(f"scheduler {options.scheduler!r}: expected one of {', '.join(SCHEDULERS)}")
+    if options.output is not None:
+        check_format(options.output, "rotate")
+    problem = load_problem(options.problem)
+    planner, scheduler = planner_of(options.planner, options.seed), SCHEDULERS[options.scheduler]
+    planner.compile("rotate")
+    start = time.perf_counter()
+    run = run_problem(problem, planner, scheduler, options.num_steps, options.seed, options.env.config().edge_weights)
+    seconds = time.perf_counter() - start
+    metadata = PlanMetadata(problem.name, options.planner, seconds, schedule=run.schedule)
+    _write(run.plan, run.instance, options.output, metadata)
+    print(
+        f"{problem.name}: {problem.team_size} agents finished {run.num_finished} tasks in {options.num_steps} steps, "
+        f"{1000 * seconds / options.num_steps:.1f} ms a step"
+    )
+
+
+def _write(plan: Plan, instance: Instance, output: Path | None, metadata: PlanMetadata) -> None:
+    """Validate a plan, and write it if there is an output; raises `RuntimeError` if it is illegal."""
+    violation = validate(instance, plan)
+    if violation is not None:
+        raise RuntimeError(f"{metadata.solver} returned an illegal plan: {violation}")
+    if output is not None:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        write_plan(plan, output, instance, metadata)
 
 
 def _scenario_name(env: EnvConfig) -> str:

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from rich.console import Console
 from rich.logging import RichHandler
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from tyro.conf import Positional, subcommand
 from tyro.extras import subcommand_type_from_defaults
 
 from mapf_pz._internal.interrupts import interruptible
 from mapf_pz._internal.lock import locked
 from mapf_pz.commands.evaluate import report
+from mapf_pz.commands.progress import progress_bar
 from mapf_pz.commands.render import save_episode
 from mapf_pz.evaluation import EvaluationTask, load_suite
 from mapf_pz.evaluation.policies import SHIELD_SUFFIX, policy_factory
@@ -199,7 +199,7 @@ def _learn(run: Run, config: TrainConfig) -> None:
     print(f"training: {config.num_updates} updates of {config.steps_per_update} agent steps, {agent_steps} in all")
     console = Console(stderr=True)
     try:
-        with _progress_bar(console, agent_steps) if console.is_terminal else nullcontext(Lines(agent_steps)) as show:
+        with _training_bar(console, agent_steps) if console.is_terminal else nullcontext(Lines(agent_steps)) as show:
             _train_policy(run, show)
     except KeyboardInterrupt:
         if any((run.output / "checkpoints").glob("*")):
@@ -226,27 +226,15 @@ def _train_policy(run: Run, show: Callable[[dict[str, float]], None]) -> None:
 
 
 @contextmanager
-def _progress_bar(console: Console, agent_steps: int) -> Generator[Callable[[dict[str, float]], None]]:
+def _training_bar(console: Console, agent_steps: int) -> Generator[Callable[[dict[str, float]], None]]:
     """Show a bar and messages on a terminal; yield what feeds it a row of progress."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:3.0f} %"),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[means]}"),
-    )
     logger, handler = logging.getLogger("mapf_pz"), RichHandler(console=console, show_path=False)
     logger.addHandler(handler)
     logger.setLevel(logging.INFO)
     try:
-        with Progress(*columns, console=console) as bar:
-            task = bar.add_task("training", total=agent_steps, means="")
-
-            def show(row: dict[str, float]) -> None:
-                bar.update(task, completed=row["agent_steps"], means=_means(row))
-
-            yield show
-            bar.update(task, completed=agent_steps)
+        with progress_bar("training", agent_steps, console, transient=False) as update:
+            yield lambda row: update(completed=row["agent_steps"], state=_means(row))
+            update(completed=agent_steps)
     finally:
         logger.removeHandler(handler)
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal, get_args
 
 from mapf_pz._internal.machine import usable_cores
-from mapf_pz.optimization.methods import METHODS
 from mapf_pz.optimization.task import GuidanceTask
+
+Method = Literal["evolution", "piu"]
+"""The methods of optimization."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,9 +19,8 @@ class OptimizeConfig:
 
     task: GuidanceTask = field(default_factory=GuidanceTask)
     """The planner or policy, and its episodes."""
-    method: str = "evolution"
-    """`evolution`, `feedback`, `cma`, `cma-weights`, `piu` or `flips`; joined by `+`, they share the time, as in
-    `evolution+flips`."""
+    method: Method = "evolution"
+    """`evolution`: a population of graphs; `piu`: a small model that updates weights, which transfers to other maps."""
     minutes: float = 10.0
     """Time budget in minutes, the final selection included."""
     seed: int = 0
@@ -32,8 +34,7 @@ class OptimizeConfig:
         """Check the fields."""
         if self.minutes <= 0:
             raise ValueError(f"minutes={self.minutes}: expected more than 0")
-        for name in self.method.split("+"):
-            if name not in METHODS:
-                raise ValueError(f"method {name!r}: expected {', '.join(METHODS)}, or several joined by +")
-        if self.model is not None and "piu" not in self.method.split("+"):
+        if self.method not in get_args(Method):
+            raise ValueError(f"method {self.method!r}: expected {' or '.join(get_args(Method))}")
+        if self.model is not None and self.method != "piu":
             raise ValueError("model: expected only with the method 'piu'")

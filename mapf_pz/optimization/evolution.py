@@ -22,8 +22,8 @@ START_SCALE, MUTATION = 0.7, 0.3
 """Standard deviations of the first parameters and of changes, in `STEP_SIZES`."""
 
 
-def evolution(search: Search, share: float = 1.0) -> None:
-    """Improve a population until `share` of the time budget is spent.
+def evolution(search: Search) -> None:
+    """Improve a population until the search is over.
 
     A child applies the rule once more to its parent's traffic and usage, with the parameters of one or two parents and
     random changes: population-based training (Jaderberg et al., 2017) with the feedback rule in place of gradients.
@@ -32,7 +32,7 @@ def evolution(search: Search, share: float = 1.0) -> None:
     if len(population) < POPULATION:
         population += _first(search, POPULATION - len(population))
     generation = 0
-    while not search.is_over(share):
+    while not search.is_over():
         generation += 1
         population = ranked(population)[:POPULATION]
         children = [_child(search, population) for _ in range(CHILDREN)]

@@ -15,15 +15,12 @@ from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.guidance.library import guidance_graph
 from mapf_pz.optimization.candidate import Candidate
 from mapf_pz.optimization.config import OptimizeConfig
+from mapf_pz.optimization.evolution import evolution
 from mapf_pz.optimization.folder import OptimizationFolder, read_optimization
-from mapf_pz.optimization.methods import METHODS
 from mapf_pz.optimization.search import Progress, Search
 from mapf_pz.optimization.simulation import simulate
 from mapf_pz.optimization.task import GuidanceTask
 from mapf_pz.optimization.update_model import UpdateModel, piu
-
-SELECTION = 0.12
-"""Share of the time budget that is spent to choose among the best candidates."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +104,6 @@ def _optimize(
             run,
             seconds=60 * config.minutes,
             rng=np.random.default_rng([config.seed, 0 if folder is None else folder.num_rows]),
-            num_jobs=config.jobs if isinstance(config.jobs, int) else 8,
             archive=[] if folder is None else folder.load_candidates(),
         )
         search.on_progress = partial(_report, search, folder, on_progress)
@@ -131,17 +127,13 @@ def baselines(task: GuidanceTask) -> list[Candidate]:
 
 
 def _improve(search: Search, config: OptimizeConfig, folder: OptimizationFolder | None) -> None:
-    """Run the methods in sequence, for equal shares of the time."""
-    names = config.method.split("+")
-    for number, name in enumerate(names, 1):
-        search.method = name
-        share = (1 - SELECTION) * number / len(names)
-        if name != "piu":
-            METHODS[name](search, share)
-            continue
-        model = piu(search, share, None if config.model is None else UpdateModel.load(config.model))
-        if folder is not None:
-            folder.save_model(model)
+    """Run the method; save the model of `piu`."""
+    if config.method == "evolution":
+        evolution(search)
+        return
+    model = piu(search, None if config.model is None else UpdateModel.load(config.model))
+    if folder is not None:
+        folder.save_model(model)
 
 
 def _report(

@@ -1,4 +1,4 @@
-"""What all methods of optimization share: simulations in parallel, a time budget, and the best candidates so far."""
+"""What both methods of optimization share: simulations in parallel, a time budget, and the best candidates so far."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ from mapf_pz.planners.deadline import Clock
 
 ARCHIVE_SIZE = 24
 """Number of candidates that are kept."""
+SELECTION = 0.12
+"""Share of the time budget that is spent to choose among the best candidates."""
 FIRST_SEED = 10**6
 """Seeds of the search are drawn from here on; smaller ones are left for tests of the result."""
 
@@ -26,8 +28,6 @@ FIRST_SEED = 10**6
 class Progress:
     """The state of a search, after some simulations."""
 
-    method: str
-    """Name of the method."""
     seconds: float
     """Seconds since the start."""
     simulations: int
@@ -55,14 +55,10 @@ class Search:
     """Time budget in seconds."""
     rng: np.random.Generator
     """Draws everything random, the seeds of simulations included."""
-    num_jobs: int = 1
-    """Number of simulations that run at the same time."""
     archive: list[Candidate] = field(default_factory=list)
     """The best candidates, the best first."""
     on_progress: Callable[[Progress], object] = lambda progress: None
     """Is called after each round of simulations."""
-    method: str = ""
-    """Name of the method that runs."""
     simulations: int = 0
     """Number of simulations so far."""
 
@@ -78,40 +74,34 @@ class Search:
         """Seconds since the start."""
         return self.clock() - self._started
 
-    def is_over(self, share: float = 1.0) -> bool:
-        """Return whether this share of the time budget is spent."""
-        return self.elapsed >= share * self.seconds
+    def is_over(self) -> bool:
+        """Return whether the time budget is spent, except for the share of the selection."""
+        return self.elapsed >= (1 - SELECTION) * self.seconds
 
     def draw_seed(self) -> int:
         """Return a new seed for simulations."""
         return int(self.rng.integers(FIRST_SEED, 2**31))
 
-    def simulate(
-        self, graphs: Sequence[GuidanceGraph], seeds: Sequence[int], num_steps: int | None = None
-    ) -> list[Simulation]:
+    def simulate(self, graphs: Sequence[GuidanceGraph], seeds: Sequence[int]) -> list[Simulation]:
         """Run an episode for each graph and its seed, and return the results in this order."""
         jobs = [
-            _Job(index, self.task, graph, seed, num_steps)
-            for index, (graph, seed) in enumerate(zip(graphs, seeds, strict=True))
+            _Job(index, self.task, graph, seed) for index, (graph, seed) in enumerate(zip(graphs, seeds, strict=True))
         ]
         results = dict(self.run(_run, jobs))
         self.simulations += len(jobs)
         return [results[index] for index in range(len(jobs))]
 
-    def evaluate(self, candidates: Sequence[Candidate], seeds: Sequence[int] | None = None) -> list[Simulation]:
-        """Run an episode of each candidate, add the results to it, and let all compete for the archive.
-
-        Without `seeds`, all candidates have the same new seed.
-        """
-        chosen = seeds or [self.draw_seed()] * len(candidates)
-        results = self.simulate([candidate.graph for candidate in candidates], chosen)
+    def evaluate(self, candidates: Sequence[Candidate]) -> list[Simulation]:
+        """Run an episode of each candidate with the same new seed, and let all compete for the archive."""
+        seeds = [self.draw_seed()] * len(candidates)
+        results = self.simulate([candidate.graph for candidate in candidates], seeds)
         for candidate, result in zip(candidates, results, strict=True):
             candidate.add(result)
         known = {id(candidate): candidate for candidate in (*self.archive, *candidates)}
         self.archive = ranked(known.values())[:ARCHIVE_SIZE]
         best = self.archive[0]
         latest = float(np.mean([result.score for result in results]))
-        self.on_progress(Progress(self.method, self.elapsed, self.simulations, best.mean, len(best.scores), latest))
+        self.on_progress(Progress(self.elapsed, self.simulations, best.mean, len(best.scores), latest))
         return results
 
     def select(self, extra: Sequence[Candidate] = (), most: int = 8) -> Candidate:
@@ -130,7 +120,7 @@ class Search:
             ):
                 candidate.add(result)
             fresh.sort(key=lambda candidate: -candidate.mean)
-            if self.is_over() or (len(fresh) <= 2 and len(fresh[0].scores) >= 16):
+            if self.elapsed >= self.seconds or (len(fresh) <= 2 and len(fresh[0].scores) >= 16):
                 return fresh[0]
             fresh = fresh[: max(2, 2 * len(fresh) // 3)]
 
@@ -143,8 +133,7 @@ class _Job:
     task: GuidanceTask
     graph: GuidanceGraph
     seed: int
-    num_steps: int | None
 
 
 def _run(job: _Job) -> tuple[int, Simulation]:
-    return job.index, simulate(job.task, job.graph, job.seed, job.num_steps)
+    return job.index, simulate(job.task, job.graph, job.seed)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,6 @@ from mapf_pz.guidance import GuidanceGraph, open_edges
 from mapf_pz.guidance.edges import opposite_edges
 from mapf_pz.instances.heading import HEADING_STEPS
 from mapf_pz.optimization.candidate import Candidate
-from mapf_pz.optimization.cma_es import strategy_for
 from mapf_pz.optimization.rule import LARGEST_LOG_WEIGHT, FeedbackRule
 from mapf_pz.optimization.search import Search
 from mapf_pz.optimization.usage import Usage
@@ -119,30 +119,38 @@ def _neighbors(values: Floats, turn: int) -> Floats:
     return shifted
 
 
-def piu(search: Search, share: float = 1.0, model: UpdateModel | None = None) -> UpdateModel:
-    """Train a model until `share` of the time budget is spent, from `model` if given; return the best one.
+def piu(search: Search, model: UpdateModel | None = None) -> UpdateModel:
+    """Train a model until the search is over, from `model` if given; return the best one.
 
     The score of a model is the best score of the graphs that it makes in sequence, from uniform weights on.
     """
+    from cma import CMAEvolutionStrategy  # an optional dependency
+
     start = UpdateModel.initial() if model is None else model
-    deviations = np.full(NUM_PARAMETERS, NETWORK_DEVIATION)
-    strategy = strategy_for(search, start.parameters, 1.0, popsize=MODELS, CMA_stds=deviations, CMA_diagonal=True)
+    options = {
+        "seed": int(search.rng.integers(1, 2**31)),
+        "verbose": -9,
+        "popsize": MODELS,
+        "CMA_stds": np.full(NUM_PARAMETERS, NETWORK_DEVIATION),
+        "CMA_diagonal": True,
+    }
+    strategy: Any = CMAEvolutionStrategy(start.parameters, 1.0, options)
     best, best_score = start, -np.inf
     vectors = [start.parameters]
     while True:
         models = [UpdateModel(np.asarray(vector)) for vector in vectors]
-        scores = _iterate(search, models, share)
+        scores = _iterate(search, models)
         top = int(np.argmax(scores))
         if scores[top] > best_score:
             best, best_score = models[top], scores[top]
-        if search.is_over(share):
+        if search.is_over():
             return best
         if len(vectors) == MODELS:
             strategy.tell(vectors, [-score for score in scores])
         vectors = strategy.ask()
 
 
-def _iterate(search: Search, models: list[UpdateModel], share: float) -> list[float]:
+def _iterate(search: Search, models: list[UpdateModel]) -> list[float]:
     """Apply each model `ITERATIONS` times, side by side, and return the best score of each."""
     free = search.task.grid.free
     log_weights = [np.zeros((4, *free.shape)) for _ in models]
@@ -153,7 +161,7 @@ def _iterate(search: Search, models: list[UpdateModel], share: float) -> list[fl
         ]
         results = search.evaluate(candidates)
         best = [max(pair) for pair in zip(best, (result.score for result in results), strict=True)]
-        if search.is_over(share):
+        if search.is_over():
             break
         log_weights = [
             model.update(log_weight, result.usage, free)

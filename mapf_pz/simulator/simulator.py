@@ -20,7 +20,7 @@ from mapf_pz.simulator.kernels.cost_to_go import shortest_lengths
 from mapf_pz.simulator.kernels.observation.inputs import ObservationInputs
 from mapf_pz.simulator.kernels.observation.layers import allocate_layers, allocate_origins
 from mapf_pz.simulator.kernels.reward import reward_terms
-from mapf_pz.simulator.kernels.state import CostToGo, PlanningView, Rules, allocate_state, reset
+from mapf_pz.simulator.kernels.state import CostToGo, PlanningView, Rules, allocate_state, planning_view_of, reset
 from mapf_pz.simulator.kernels.step import ON_TARGET, step
 from mapf_pz.simulator.metrics import EpisodeRecord, episode_metrics
 from mapf_pz.simulator.observation import ObservationLayout
@@ -213,16 +213,7 @@ class Simulator:
     def planning_view(self, b: int = 0) -> PlanningView:
         """Return environment `b` as planners read it, with the cost to go to every agent's goal."""
         self.require_cost_to_go()
-        m = self.state.map[b]
-        world, tables, state = self.world, self.tables.arrays, self.state
-        return PlanningView(
-            world.leads_to[m],
-            world.weight[m],
-            tables.slot[m],
-            CostToGo(*tables[1:]),
-            state.agents[b],
-            state.occupant[b],
-        )
+        return planning_view_of(self.world, self.tables.arrays, self.state, b)
 
     def cost_to_go(self) -> Floats:
         """Return the cost to go (B, N) float32 of all agents; `inf` where there is no path."""

@@ -21,7 +21,7 @@ from mapf_pz.planners.pibt.kernels import CARDINAL_ACTIONS, decide, write_cardin
 from mapf_pz.planners.pibt.preference import rank_choices, sort_ranks
 from mapf_pz.planners.pibt.priority import prioritize
 from mapf_pz.planners.pibt.state import LATE, NO_AGENT, STAY, UNDECIDED, PibtState, to_go
-from mapf_pz.simulator.kernels.state import CostToGo, Distances, PlanningView, State, World
+from mapf_pz.simulator.kernels.state import Distances, PlanningView, State, World, planning_view_of
 
 _ACTION_OF_CHOICE = np.array(CARDINAL_ACTIONS)
 
@@ -59,7 +59,7 @@ def choose_cardinal(
         actions: the output.
     """
     for b in range(actions.shape[0]):
-        planning_view, own = view_of(world, distances, state, b), _state_of(pibt, b)
+        planning_view, own = planning_view_of(world, distances, state, b), _state_of(pibt, b)
         agents = planning_view.agents
         prioritize(planning_view, passing, LATE, own)
         own.taken[:] = NO_AGENT
@@ -111,20 +111,6 @@ def _prefer(leads_to: Array, cell: int, preferences: Array, rank: Array) -> None
         better = rank.size if blocked else num_better(preferences, _ACTION_OF_CHOICE[choice])
         rank[k] = (better << 6) | (k << 3) | choice
     sort_ranks(rank)
-
-
-@jit
-def view_of(world: World, distances: Distances, state: State, b: int) -> PlanningView:
-    """Return environment `b` as planners read it."""
-    m = state.map[b]
-    return PlanningView(
-        world.leads_to[m],
-        world.weight[m],
-        distances.slot[m],
-        CostToGo(distances.packed, distances.exact, distances.least),
-        state.agents[b],
-        state.occupant[b],
-    )
 
 
 @jit

@@ -13,8 +13,8 @@ from typing import NamedTuple
 from mapf_pz._internal.jit import Array, jit
 from mapf_pz.planners.epibt.kernels import continue_operations, decide, evaluate, first_actions, pack_option
 from mapf_pz.planners.epibt.state import LAST_OPERATION, EpibtState, Operations
-from mapf_pz.planners.pibt.shield_kernels import Progress, is_stuck, num_better, view_of
-from mapf_pz.simulator.kernels.state import Distances, State, World
+from mapf_pz.planners.pibt.shield_kernels import Progress, is_stuck, num_better
+from mapf_pz.simulator.kernels.state import Distances, State, World, planning_view_of
 
 _CLASS_BIT = 56
 """The first bit of an option after those of its operation and its cost."""
@@ -59,7 +59,7 @@ def choose_rotating(
         actions: the output.
     """
     for b in range(actions.shape[0]):
-        planning_view = view_of(world, distances, state, b)
+        planning_view = planning_view_of(world, distances, state, b)
         agents = planning_view.agents
         scratch.choice[:], scratch.away[:] = intentions.choice[b], intentions.away[b]
         scratch.cell[:], scratch.heading[:] = intentions.cell[b], intentions.heading[b]

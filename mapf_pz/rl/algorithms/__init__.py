@@ -1,1 +1,1 @@
-"""Algorithms. Read `algorithm.py` first, their base class, then `ppo_learner.py`, which computes PPO's loss."""
+"""Algorithms. Read `algorithm.py` first, their base class, then `ppo.py`, which computes PPO's loss."""

@@ -57,15 +57,25 @@ class ExecutePreferences(Transform):
         return whole
 
 
-class SamplePreferences(nn.Module):
-    """Preferences from logits: the order of the actions is a sample without replacement from their distribution.
+def sampled_preferences(logits: Tensor, temperature: float, noise: Tensor) -> Tensor:
+    """Return preferences (..., A) whose order is a sample of actions without replacement, from p^(1 / temperature).
 
     Adding Gumbel noise to logits and sorting them is such a sample (Kool et al., *Stochastic Beams and Where to Find
-    Them*, ICML 2019).
+    Them*, ICML 2019); the best action is a sample from the distribution.
+
+    Args:
+        logits: the logarithms (..., A) of the distribution p, up to a constant.
+        temperature: 0 or more.
+        noise: (..., A), from the exponential distribution with the rate 1.
     """
+    return logits - temperature * noise.log()
+
+
+class SamplePreferences(nn.Module):
+    """Preferences from logits: see `sampled_preferences`."""
 
     def __init__(self, temperature: float = 1.0) -> None:
-        """Create the module: logits are divided by `temperature`; with 0, they are the preferences."""
+        """Create the module for a temperature; with 0, the logits are the preferences."""
         super().__init__()
         self._temperature = temperature
 
@@ -73,7 +83,7 @@ class SamplePreferences(nn.Module):
         """Return the preferences (..., A)."""
         if self._temperature == 0:
             return logits
-        return logits / self._temperature - torch.empty_like(logits).exponential_().log()
+        return sampled_preferences(logits, self._temperature, torch.empty_like(logits).exponential_())
 
 
 class OrderActions(nn.Module):

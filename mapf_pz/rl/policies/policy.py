@@ -21,6 +21,7 @@ from mapf_pz.errors import FormatError
 from mapf_pz.rl.algorithms.named import algorithm_of
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
+from mapf_pz.rl.environments.execution import sampled_preferences
 from mapf_pz.rl.networks.batched_network import BatchedNetwork, Memory, Seen
 from mapf_pz.rl.networks.observation_shape import ObservationShape, described, shapes_of
 from mapf_pz.simulator.actions import ACTION_MODES
@@ -185,9 +186,7 @@ class SharedPolicy(LearnedPolicy):
         noise = torch.empty_like(logits)
         for part, memory in zip(noise.split(list(seen.counts)), memories, strict=True):
             part.exponential_(generator=memory.generator)
-        # The argmax of logits with Gumbel noise is a sample from their distribution; the order of all of them is a
-        # sample without replacement.
-        return logits - self.temperature * noise.log()
+        return sampled_preferences(logits, self.temperature, noise)
 
     def choose(self, preferences: Floats, counts: Sequence[int], memories: Sequence[Memory]) -> Ints:
         """Return each agent's best action."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba.extending import register_jitable
 
 from mapf_pz._internal.jit import Array, jit, numba_config
 
@@ -106,6 +107,20 @@ class State(NamedTuple):
     history: Array  # (B, N, L, 2) int8: the last L actions, newest first, and whether they moved; action -1: none
     occupant: Array  # (B, C + 1) int32: the agent on each cell; -1: none
     claim: Array  # (B, C + 1) int32: scratch of the conflict kernels, -1 between steps
+
+
+@register_jitable
+def planning_view_of(world: World, distances: Distances, state: State, b: int) -> PlanningView:
+    """Return environment `b` as planners read it; kernels call this, too."""
+    m = state.map[b]
+    return PlanningView(
+        world.leads_to[m],
+        world.weight[m],
+        distances.slot[m],
+        CostToGo(distances.packed, distances.exact, distances.least),
+        state.agents[b],
+        state.occupant[b],
+    )
 
 
 def allocate_state(num_envs: int, num_agents: int, num_cells: int, num_goals: int, remembered: int) -> State:
