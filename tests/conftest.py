@@ -20,6 +20,9 @@ settings.load_profile("mapf_pz")
 # What a shell starts in the background ignores Ctrl-C, and so would all that the tests start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# Several threads take longer for networks this small, and wait for each other at the expense of all other processes.
+os.environ["OMP_NUM_THREADS"] = "1"
+
 # Windows open where nobody sees them.
 os.environ["SDL_VIDEODRIVER"] = "dummy"
 

@@ -117,13 +117,13 @@ def kill(
         tempfile.TemporaryFile("w+") as message,
         subprocess.Popen(command(words), stdout=-3, stderr=message, start_new_session=True) as running,
     ):
-        wait_for(lambda: ready(running.pid) or running.poll() is not None, 120)
+        wait_for(lambda: ready(running.pid) or running.poll() is not None)
         time.sleep(after)
         others = children_of(running.pid)
         workers = [running.pid]
         if whom == "worker":  # one that is between two jobs cannot be identified
             workers = []
-            wait_for(lambda: running.poll() is not None or workers.extend(workers_of(running.pid)) or workers, 120)
+            wait_for(lambda: running.poll() is not None or workers.extend(workers_of(running.pid)) or workers)
         killed = running.poll() is None and bool(workers)
         if killed:
             (os.kill if whom == "worker" else os.killpg)(workers[0], sent)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mapf_pz
-from mapf_pz import cli
+from mapf_pz.commands import main as cli
 from mapf_pz.commands.main import COMMANDS, Command, main
 from mapf_pz.instances import load_map, map_names, place, write_map, write_scenario
 from mapf_pz.instances.instance import Grid

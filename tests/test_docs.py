@@ -2,7 +2,8 @@
 
 All blocks of a page run in order, in one folder that is empty at first: `python` in one namespace; commands of
 `mapf-pz` in tutorials and how-to guides; a block with `title="NAME"` is written to that file. A comment
-`<!-- not run: WHY -->` just above a block excludes it.
+`<!-- not run: WHY -->` just above a block excludes it. Commands run as the reader sees them, but for no longer than
+`BUDGETS` allows.
 """
 
 import dataclasses
@@ -31,6 +32,16 @@ FENCE = re.compile(
 TITLE = re.compile(r'title="([\w.-]+)"')
 NEEDS_TORCH = re.compile(r"mapf_pz\.rl|mapf-pz train|--policy (mappo|ippo|central)")
 TRAINS = re.compile(r"mapf-pz train|\btrain\(")
+BUDGETS = {"--agent-steps": 12_000, "--validation-interval": 6_000, "--episodes": 4, "--max-steps": 64}
+"""The largest numbers of options that say only how much a command computes."""
+
+
+def within_budget(words):
+    """Return a command's words with smaller numbers for the options in `BUDGETS`."""
+    names = [None, *words[:-1]]
+    return [
+        str(min(int(word), BUDGETS[name])) if name in BUDGETS else word for name, word in zip(names, words, strict=True)
+    ]
 
 
 @dataclass(frozen=True)
@@ -54,7 +65,7 @@ class Block:
             for command in self.code.replace("\\\n", " ").splitlines():
                 program, *words = shlex.split(command, comments=True)
                 assert program == "mapf-pz", f"{self.page.name}:{self.line + 1}: expected mapf-pz or a mark"
-                assert main(words) == 0, f"{self.page.name}:{self.line + 1}: {command}"
+                assert main(within_budget(words)) == 0, f"{self.page.name}:{self.line + 1}: {command}"
 
 
 def blocks(page):

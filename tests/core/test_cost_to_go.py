@@ -4,7 +4,7 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from mapf_pz import machine
+from mapf_pz._internal import machine
 from mapf_pz._internal.machine import usable_memory
 from mapf_pz.guidance import GuidanceGraph, open_edges
 from mapf_pz.guidance.library import guidance_graph

@@ -57,7 +57,8 @@ def test_jobs_run_in_sequence():
     assert done == [1]
 
 
-def test_in_processes():
+def test_in_processes(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "2")
     assert sorted(run_jobs(squared, range(20), 2)) == [number**2 for number in range(20)]
     workers = set(run_jobs(process, range(20), 2))
     assert os.getpid() not in workers

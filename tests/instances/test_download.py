@@ -15,9 +15,9 @@ import pytest
 
 from mapf_pz.commands.main import main
 from mapf_pz.errors import FormatError
-from mapf_pz.instances import archive as archives
 from mapf_pz.instances import format_map, format_scenario, load_map, load_scenario
 from mapf_pz.instances.download import PIECE, download
+from mapf_pz.instances.files import archive as archives
 from mapf_pz.instances.files.archive import ARCHIVES, Archive, unpack
 from mapf_pz.instances.instance import Grid, Scenario
 

@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.reports.bounds import most_goals
-from mapf_pz.instances import InstanceList, load_pogema, pogema
+from mapf_pz.instances import InstanceList, load_pogema
+from mapf_pz.instances.files import pogema
 from tests.helpers.corrupt_files import near_misses
 
 MAPS = {"a": [".@#", "$!."], "b": ["...."]}

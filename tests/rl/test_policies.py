@@ -9,7 +9,7 @@ from mapf_pz.commands.train import SUITES
 from mapf_pz.evaluation import EvaluationTask, load_suite, make_env, policy_factory
 from mapf_pz.evaluation.episodes import run_episodes
 from mapf_pz.rl import load_policy, policy_names, train
-from mapf_pz.rl import policy as policies
+from mapf_pz.rl.policies import policy as policies
 from mapf_pz.rl.presets import PRESETS
 from tests.helpers.small_run import TINY, changed
 

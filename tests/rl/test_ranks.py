@@ -1,12 +1,12 @@
 """Several processes that train together."""
 
 import dataclasses
-import functools
 import math
 import os
 import signal
 import subprocess
 import sys
+from contextlib import nullcontext
 from multiprocessing import active_children
 
 import pytest
@@ -15,7 +15,7 @@ import torch
 from mapf_pz.commands.main import main
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.algorithms.named import ALGORITHMS
-from mapf_pz.rl.config import CuriosityConfig, ImitationConfig
+from mapf_pz.rl.config import ImitationConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
 from mapf_pz.rl.policies.policy import WEIGHTS
 from mapf_pz.rl.training.checkpoint import Checkpoints, read_position
@@ -78,45 +78,26 @@ def test_a_single_process_exchanges_with_itself():
     assert Ranks().from_first(row) is row
 
 
-def fail(_ranks, status):
-    os._exit(status)
+def fail(_ranks):
+    os._exit(3)
 
 
 def test_a_process_that_fails_is_reported():
     with (
         pytest.raises(ChildProcessError, match=r"^learner 1 of 2 \(from 0\) has ended: exit status 3$"),
-        connecting(2, functools.partial(fail, status=3)) as ranks,
+        connecting(2, fail) as ranks,
     ):
         ranks.gather({"a": 0.0})
 
 
-@pytest.mark.parametrize(
-    "fields",
-    [
-        {},
-        {"curiosity": CuriosityConfig(kind="rnd")},
-        {"algorithm": "dagger", "imitation": ImitationConfig(expert="pibt", buffer_size=501)},
-    ],
-    ids=["mappo", "curiosity", "dagger"],
-)
-def test_a_seed_decides_a_run_of_several_learners(tmp_path, fields):
-    config = dataclasses.replace(PAIR, **fields)
+def test_a_seed_decides_a_run_of_several_learners(tmp_path):
+    imitation = ImitationConfig(expert="pibt", buffer_size=501)
+    config = dataclasses.replace(PAIR, algorithm="dagger", imitation=imitation, agent_steps=2 * PER_UPDATE)
     runs = [train(config, tmp_path / name) for name in "ab"]
     assert untimed(runs[0]) == untimed(runs[1])
     assert (runs[0] / WEIGHTS).read_bytes() == (runs[1] / WEIGHTS).read_bytes()
-    assert [int(row["agent_steps"]) for row in rows(runs[0])] == [PER_UPDATE * (i + 1) for i in range(3)]
+    assert [int(row["agent_steps"]) for row in rows(runs[0])] == [PER_UPDATE, 2 * PER_UPDATE]
     assert load_policy(runs[0]).config == config
-
-
-def test_learners_divide_the_environments_of_one(tmp_path):
-    # The policy's first batch is the same function of the instances, but other actions are sampled.
-    seen = []
-    for number in (1, 2):
-        config = dataclasses.replace(PAIR, agent_steps=PER_UPDATE, num_learners=number, validation_interval=1)
-        [row] = rows(train(config, tmp_path / str(number)))
-        seen.append(row)
-    assert seen[0].keys() == seen[1].keys()
-    assert seen[0]["episodes"] == seen[1]["episodes"] == "4"
 
 
 class Comparing(ALGORITHMS["mappo"]):
@@ -136,43 +117,38 @@ class Comparing(ALGORITHMS["mappo"]):
         return learner
 
 
-def test_all_ranks_have_the_same_weights(tmp_path):
-    train(PAIR, tmp_path, make_algorithm=Comparing)
-    assert {(row["spread"], row["environments"]) for row in rows(tmp_path)} == {("0", "2")}
-
-
-def interrupt_after(updates, seen):
-    def on_progress(row):
+def test_learners_divide_the_environments_of_one_and_have_the_same_weights(tmp_path):
+    # The policy's first batch is the same function of the instances, but other actions are sampled.
+    seen = []
+    for number in (1, 2):
+        config = dataclasses.replace(PAIR, agent_steps=PER_UPDATE, num_learners=number, validation_interval=1)
+        [row] = rows(train(config, tmp_path / str(number), make_algorithm=Comparing))
         seen.append(row)
-        if len(seen) == updates:
-            raise KeyboardInterrupt
-
-    return on_progress
-
-
-@pytest.mark.parametrize(("first", "then"), [(2, 1), (1, 2)])
-def test_a_run_continues_with_another_number_of_learners(tmp_path, first, then):
-    with pytest.raises(KeyboardInterrupt):
-        train(dataclasses.replace(PAIR, num_learners=first), tmp_path, interrupt_after(2, []))
-    before = rows(tmp_path)
-    assert len(before) == 2
-    resume(tmp_path, num_learners=then)
-    assert rows(tmp_path)[:2] == before
-    assert len(rows(tmp_path)) == 3
-    assert load_policy(tmp_path).config.num_learners == then
-    assert active_children() == []
+    assert seen[0].keys() == seen[1].keys()
+    assert seen[0]["episodes"] == seen[1]["episodes"] == "4"
+    assert (seen[1]["spread"], seen[1]["environments"]) == ("0", "2")
 
 
-def test_a_killed_learner_ends_the_run_which_can_be_continued(tmp_path):
+def test_a_run_continues_after_a_kill_and_with_another_number_of_learners(tmp_path):
     def kill_the_other(row):
         if row["agent_steps"] == 2 * PER_UPDATE:
             active_children()[0].kill()
 
+    def interrupt(_row):
+        raise KeyboardInterrupt
+
+    config = dataclasses.replace(PAIR, agent_steps=5 * PER_UPDATE)
     with pytest.raises(ChildProcessError, match=r"^learner 1 of 2 \(from 0\) has ended: killed by SIGKILL"):
-        train(PAIR, tmp_path, kill_the_other)
+        train(config, tmp_path, kill_the_other)
     assert read_position(Checkpoints(tmp_path).latest()).updates == 2
-    resume(tmp_path)
-    assert len(rows(tmp_path)) == 3
+    for updates, number in ((3, 2), (4, 1), (5, 2)):
+        before = rows(tmp_path)[: updates - 1]
+        with nullcontext() if updates == 5 else pytest.raises(KeyboardInterrupt):
+            resume(tmp_path, on_progress=interrupt if updates < 5 else None, num_learners=number)
+        assert rows(tmp_path)[:-1] == before
+        assert len(rows(tmp_path)) == updates
+        assert load_config(tmp_path / CONFIG).num_learners == number
+    assert active_children() == []
 
 
 def test_an_interrupt_ends_all_learners(tmp_path):
@@ -191,7 +167,7 @@ def test_an_interrupt_ends_all_learners(tmp_path):
 
 
 def test_torchrun_trains_like_processes_that_are_started_here(tmp_path):
-    words = LONG.replace("400000", "2000").split()
+    words = [*LONG.replace("400000", "288").split(), "--curiosity", "rnd"]
     launch = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", "-m", "mapf_pz"]
     subprocess.run([*launch, *words, "--output", str(tmp_path / "a")], check=True, capture_output=True)
     assert main([*words, "--num-learners", "2", "--output", str(tmp_path / "b")]) == 0
