@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-CARD = ROOT / "mapf_pz" / "rl" / "policies" / "README.md"
+CARD = ROOT / "mapf_pz" / "rl" / "policies" / "bundled" / "README.md"
 GENERATED = re.compile(r"<!-- table: .*?<!-- end of table -->", re.S)
 NOT_MEASURED = "<!-- not measured -->"
 _ROW = re.compile(r"(?m)^\|.*(?<![\w.])\d+\.\d+(?![\w.]).*$")

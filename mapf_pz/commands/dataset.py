@@ -12,24 +12,20 @@ from tyro.conf import Positional, arg, subcommand
 
 from mapf_pz._internal.interrupts import interruptible
 from mapf_pz._internal.parallel import job_runner
-from mapf_pz.commands.env_flags import EnvKeywords
+from mapf_pz.commands.env_flags import EnvKeywords, EpisodeKeywords
 from mapf_pz.commands.progress import progress_bar
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl.demonstrations import DatasetConfig, load_dataset, make_dataset
 from mapf_pz.simulator.config import OBSERVATION_FIELDS, EnvConfig
 
 
-@dataclass(frozen=True)
-class EpisodeKeywords(EnvKeywords):
-    """The fields of an environment that determine the episodes."""
+class DatasetKeywords(EpisodeKeywords):
+    """The fields of an environment that determine the episodes of a dataset."""
 
-    FIELDS: ClassVar[tuple[str, ...]] = (
-        *("map", "scenario", "source", "max_steps", "action_model", "collision_system", "on_target", "goals"),
-        *("initial_heading", "edge_weights", "distance_bytes"),
-    )
+    FIELDS: ClassVar[tuple[str, ...]] = (*EpisodeKeywords.FIELDS, "source")
 
 
-EPISODES = EpisodeKeywords.of(EnvConfig())
+EPISODES = DatasetKeywords.of(EnvConfig())
 """The default episodes."""
 
 
@@ -48,7 +44,7 @@ class MakeOptions:
     """Folder of the dataset."""
     planner: str = DatasetConfig.planner
     """Name of the planner, with options as in `lacam:time_limit=5`. Time limits are in seconds of CPU time."""
-    env: EpisodeKeywords = EPISODES
+    env: DatasetKeywords = EPISODES
     """The environment. Without a map, scenario or source, episodes use the maps of the mixture."""
     mixture: MapMixture = field(default_factory=MapMixture)
     """The maps, if there is no map, scenario or source."""

@@ -61,6 +61,16 @@ class EnvKeywords:
         return EnvConfig(**(defaults | self.keywords))
 
 
+@dataclass(frozen=True)
+class EpisodeKeywords(EnvKeywords):
+    """The fields that determine episodes; policies determine the others."""
+
+    FIELDS: ClassVar[tuple[str, ...]] = (
+        *("map", "scenario", "max_steps", "action_model", "collision_system", "on_target", "goals"),
+        *("initial_heading", "edge_weights", "distance_bytes"),
+    )
+
+
 _REWARD_HELP = "Reward by name (`report`, `progress`) or as `package.module:name`, instead of the terms below."
 
 

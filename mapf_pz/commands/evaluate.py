@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from glob import glob, has_magic
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from rich.console import Console
 from tyro.conf import UseAppendAction, arg
@@ -17,7 +17,7 @@ from tyro.conf import UseAppendAction, arg
 from mapf_pz._internal.atomic import write_whole
 from mapf_pz._internal.interrupts import interruptible
 from mapf_pz._internal.lock import locked
-from mapf_pz.commands.env_flags import EnvKeywords
+from mapf_pz.commands.env_flags import EpisodeKeywords
 from mapf_pz.commands.progress import progress_bar
 from mapf_pz.evaluation import (
     Episode,
@@ -44,16 +44,6 @@ DEFAULTS: dict[str, Any] = {"max_steps": 512}
 
 
 @dataclass(frozen=True)
-class EvaluationKeywords(EnvKeywords):
-    """The fields of an environment that determine episodes; policies determine the others."""
-
-    FIELDS: ClassVar[tuple[str, ...]] = (
-        *("map", "scenario", "max_steps", "action_model", "collision_system", "on_target", "goals"),
-        *("initial_heading", "edge_weights", "distance_bytes"),
-    )
-
-
-@dataclass(frozen=True)
 class EvaluateOptions:
     """Options of `mapf-pz evaluate`: policies, and suites or a map."""
 
@@ -64,7 +54,7 @@ class EvaluateOptions:
     `mappo+pibt:patience=4,temperature=0.5`."""
     suite: Annotated[tuple[str, ...], UseAppendAction] = ()
     """Name of a suite, or path of a suite file; may be given several times. Default: `standard`, if there is no map."""
-    env: EvaluationKeywords = EvaluationKeywords()
+    env: EpisodeKeywords = field(default_factory=EpisodeKeywords)
     """The environment, in place of a suite, if a map or scenario is given: the files of `--scenario`, which may also be
     patterns such as "tests/*.scen", have an episode each; otherwise starts and goals are random. Other fields that are
     given override those of the suite. None: the suite's or policy's value."""

@@ -19,7 +19,7 @@ from mapf_pz.planners.deadline import Clock, Deadline
 from mapf_pz.planners.plans.plan import Plan
 from mapf_pz.planners.problem import Path, Problem, problem_of
 from mapf_pz.planners.trace import Trace
-from mapf_pz.simulator.actions import Action, CardinalAction
+from mapf_pz.simulator.actions import wait_action
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.simulator import Simulator
 
@@ -170,7 +170,8 @@ class PlanFollower(Planner):
         if not as_planned:
             self._replan(simulator, b)
         is_over = self._step >= len(self._actions)
-        actions = np.full(len(agents), wait_action(simulator)) if is_over else self._actions[self._step]
+        wait = wait_action(simulator.config.action_model)
+        actions = np.full(len(agents), wait) if is_over else self._actions[self._step]
         self._step += 1
         return actions
 
@@ -183,7 +184,8 @@ class PlanFollower(Planner):
         self._step, self._goals = 0, agents["goal"].copy()
         steps = 0 if path is None else len(path.cells) - 1
         self._cells = np.tile(agents["cell"], (steps + 1, 1))
-        self._actions = np.full((steps, len(agents)), wait_action(simulator), np.int64)
+        wait = wait_action(simulator.config.action_model)
+        self._actions = np.full((steps, len(agents)), wait, np.int64)
         if path is not None:
             self._cells[:, active] = path.cells
             self._actions[:, active] = path.actions(simulator.leads_to(b))
@@ -196,11 +198,6 @@ class PlanFollower(Planner):
         if path is None or len(path.cells) > simulator.config.max_steps + 1:
             return None
         return Plan(simulator.coordinates(path.cells), path.headings)
-
-
-def wait_action(simulator: Simulator) -> int:
-    """Return the number of the wait action."""
-    return int(CardinalAction.WAIT if simulator.config.action_model == "cardinal" else Action.WAIT)
 
 
 def action_model_of(instance: Instance) -> ActionModel:

@@ -14,11 +14,11 @@ from mapf_pz.instances.instance import InstanceSource
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl.checks import check_counts, check_from_zero, check_names, check_part, check_positive
 from mapf_pz.simulator.actions import ActionMode
-from mapf_pz.simulator.config import DEFAULT_NUM_AGENTS, OBSERVATION_FIELDS, EnvConfig
+from mapf_pz.simulator.config import OBSERVATION_FIELDS, EnvConfig
 from mapf_pz.simulator.recommended import RECOMMENDED
 from mapf_pz.simulator.saved_config import SavedEnv
 from mapf_pz.simulator.seeds import FIRST_EVALUATION_SEED
-from mapf_pz.simulator.source import goals_per_agent, make_source
+from mapf_pz.simulator.source import make_source
 
 Credit = Literal["team", "agent"]
 CuriosityName = Literal["none", "rnd", "random-features", "inverse-dynamics"]
@@ -188,10 +188,7 @@ class TaskConfig:
     @cached_property
     def source(self) -> InstanceSource:
         """The source of episodes; the files of the map or the scenario are read on first use."""
-        env = self.env
-        if (env.map, env.scenario, env.source) != (None, None, None):
-            return make_source(env)
-        return self.mixture.source(env.num_agents or DEFAULT_NUM_AGENTS, goals_per_agent(env))
+        return make_source(self.env, self.mixture.source)
 
     @property
     def num_agents(self) -> int:

@@ -35,6 +35,11 @@ class CardinalAction(IntEnum):
     RIGHT = 4
 
 
+def wait_action(action_model: str) -> int:
+    """Return the number of the wait action: `action_model` is `rotate` or `cardinal`."""
+    return int(CardinalAction.WAIT if action_model == "cardinal" else Action.WAIT)
+
+
 def check_agents(actions: Mapping[str, object], active: Iterable[str], possible: Sequence[str]) -> None:
     """Raise `ValueError` for unknown agents and missing actions; agents that have disappeared may have actions."""
     for agent in actions:

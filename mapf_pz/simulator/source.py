@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,18 +20,23 @@ def goals_per_agent(config: EnvConfig) -> int:
     return config.max_steps + 1 if config.on_target == "restart" else 1
 
 
-def make_source(config: EnvConfig) -> InstanceSource:
+def make_source(config: EnvConfig, otherwise: Callable[[int, int], InstanceSource] | None = None) -> InstanceSource:
     """Return `config.source`, or else a source of the instances of `config.scenario` or of random ones on `config.map`.
 
-    Raises as `load_map`, `load_instances` and `load_warehouse` do.
+    Without source, scenario and map, it is the source that `otherwise` returns for the numbers of agents and of goals
+    per agent, or one of random instances on the default map.
+
+    Raises as `load_map`, `load_instances` and `load_warehouse` do, and as `otherwise` does.
     """
     source = config.resolved_source
     if source is not None:
         return source
     if config.scenarios:
         return InstanceList(load_instances(config.scenarios, config.map, config.num_agents, goals_per_agent(config)))
-    map = DEFAULT_MAP if config.map is None else config.map
     num_agents, num_goals = config.num_agents or DEFAULT_NUM_AGENTS, goals_per_agent(config)
+    if config.map is None and otherwise is not None:
+        return otherwise(num_agents, num_goals)
+    map = DEFAULT_MAP if config.map is None else config.map
     if config.goals == "alternating":
         if not isinstance(map, (str, Path)):
             raise ValueError("goals='alternating': expected a map's name or file, which says where the stations are")

@@ -10,9 +10,9 @@ import numpy as np
 
 from mapf_pz.instances import FixedMap, RandomObstacles
 from mapf_pz.instances.instance import InstanceSource
-from mapf_pz.simulator.config import DEFAULT_NUM_AGENTS, EnvConfig
+from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.simulator import Simulator
-from mapf_pz.simulator.source import goals_per_agent, make_source
+from mapf_pz.simulator.source import make_source
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -55,14 +55,14 @@ class Workload:
     @cached_property
     def source(self) -> InstanceSource:
         """The source of instances; raises `ValueError` if there are too many agents for the map."""
-        env = self.env
-        if (env.map, env.scenario, env.source) != (None, None, None):
-            return make_source(env)
-        num_agents = env.num_agents or DEFAULT_NUM_AGENTS
-        maps = RandomObstacles(self.height, self.width, self.density, num_agents, goals_per_agent(env))
+        return make_source(self.env, self._random_maps)
+
+    def _random_maps(self, num_agents: int, num_goals: int) -> InstanceSource:
+        """Return a source of random maps, or of random instances on one of them."""
+        maps = RandomObstacles(self.height, self.width, self.density, num_agents, num_goals)
         if self.new_maps:
             return maps
-        return FixedMap(maps.sample(np.random.default_rng(self.seed)).grid, num_agents, goals_per_agent(env))
+        return FixedMap(maps.sample(np.random.default_rng(self.seed)).grid, num_agents, num_goals)
 
     @property
     def num_agents(self) -> int:

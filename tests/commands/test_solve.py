@@ -6,7 +6,7 @@ from mapf_pz.commands.main import main
 from mapf_pz.commands.solve import lower_bound
 from mapf_pz.instances import load_instance
 from mapf_pz.planners import PLANNERS, Plan, Planner
-from mapf_pz.planners.base import wait_action
+from mapf_pz.simulator.actions import wait_action
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.source import sample_instance
 from tests.helpers.text_instances import drawn
@@ -86,7 +86,7 @@ class Idle(Planner):
     plan = None
 
     def decide(self, simulator, b=0):
-        return np.full(simulator.num_agents, wait_action(simulator))
+        return np.full(simulator.num_agents, wait_action(simulator.config.action_model))
 
     def _solve(self, simulator, deadline):
         return self.plan

@@ -12,8 +12,6 @@ from mapf_pz.simulator.kernels.cost_lookup import cost_at
 from mapf_pz.simulator.kernels.state import PlanningView
 
 NO_AGENT, UNDECIDED, STAY = -1, -1, 4
-NO_RANK = 2**63 - 1
-"""The rank of a choice that is not available."""
 NEAREST, ELAPSED, LATE = range(3)
 """The priorities, as in `mapf_pz.planners.pibt.priority`."""
 

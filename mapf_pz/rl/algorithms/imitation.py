@@ -18,7 +18,7 @@ from mapf_pz.rl.algorithms.learner import Learner
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.environments.execution import ExecutePreferences, SamplePreferences
 from mapf_pz.rl.environments.transfer import to_device
-from mapf_pz.simulator.actions import Action, CardinalAction
+from mapf_pz.simulator.actions import wait_action
 
 
 class ImitationLearner(Learner):
@@ -39,7 +39,7 @@ class ImitationLearner(Learner):
         self._network, self._keys = self.compiled(network), keys
         rate = config.optimization.learning_rate
         self.optimizer = torch.optim.Adam([{"params": parameters, "initial_lr": rate}], lr=rate)
-        self._wait = int(CardinalAction.WAIT if config.task.env.action_model == "cardinal" else Action.WAIT)
+        self._wait = wait_action(config.task.env.action_model)
         self._minibatch_size = config.optimization.minibatch_size * config.task.num_agents
         self._sample_size = config.task.num_agents if config.model.communication else 1  # in agent steps
         self._buffer = TensorDictReplayBuffer(

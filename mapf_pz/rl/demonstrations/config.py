@@ -9,9 +9,9 @@ from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances.instance import InstanceSource
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.planners import Planner, planner_of
-from mapf_pz.simulator.config import DEFAULT_NUM_AGENTS, EnvConfig, check_whole
+from mapf_pz.simulator.config import EnvConfig, check_whole
 from mapf_pz.simulator.seeds import FIRST_EVALUATION_SEED
-from mapf_pz.simulator.source import goals_per_agent, make_source
+from mapf_pz.simulator.source import make_source
 
 RULES = ("action_model", "collision_system", "on_target", "max_steps", "edge_weights")
 """The keywords of the environment that are stored with the demonstrations."""
@@ -65,10 +65,7 @@ class DatasetConfig:
 
     def source(self, num_agents: int | None) -> InstanceSource:
         """Return the source of episodes with this number of agents; raises as `make_source` and `MapMixture.source`."""
-        env = replace(self.env, num_agents=num_agents)
-        if (env.map, env.scenario, env.source) == (None, None, None):
-            return self.mixture.source(num_agents or DEFAULT_NUM_AGENTS, goals_per_agent(env))
-        return make_source(env)
+        return make_source(replace(self.env, num_agents=num_agents), self.mixture.source)
 
     def env_config(self, num_agents: int) -> EnvConfig:
         """Return the environment with this number of agents, and with observations that cost little."""

@@ -188,14 +188,8 @@ class TeamValue(nn.Module):
         return self.head(self.encoder(image, features)).unflatten(-1, self.shape)
 
 
-class PooledValue(nn.Module):
+class PooledValue(LocalCritic):
     """Value `(..., 1)` of the team from the mean of the agents' embeddings, for any number of agents."""
-
-    def __init__(self, shape: ObservationShape, config: ModelConfig) -> None:
-        """Build the encoder and the head."""
-        super().__init__()
-        self.encoder = make_team_encoder(shape, config)
-        self.head = _head(config.hidden, config.head, 1, scale=1.0)
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> Tensor:
         """Return the values; the agents' dimension is the one before the image's three."""
