@@ -32,15 +32,16 @@ FENCE = re.compile(
 TITLE = re.compile(r'title="([\w.-]+)"')
 NEEDS_TORCH = re.compile(r"mapf_pz\.rl|mapf-pz train|--policy (mappo|ippo|central)")
 TRAINS = re.compile(r"mapf-pz train|\btrain\(")
-BUDGETS = {"--agent-steps": 12_000, "--validation-interval": 6_000, "--episodes": 4, "--max-steps": 64}
-"""The largest numbers of options that say only how much a command computes."""
+BUDGETS = {"--agent-steps": (40_000, 5_000), "--validation-interval": (40_000, 2_500), "--episodes": (8, 4)}
+"""Options that say only how much a command computes: the most that is run, and what is run instead of more."""
 
 
 def within_budget(words):
     """Return a command's words with smaller numbers for the options in `BUDGETS`."""
     names = [None, *words[:-1]]
     return [
-        str(min(int(word), BUDGETS[name])) if name in BUDGETS else word for name, word in zip(names, words, strict=True)
+        str(BUDGETS[name][1]) if name in BUDGETS and int(word) > BUDGETS[name][0] else word
+        for name, word in zip(names, words, strict=True)
     ]
 
 

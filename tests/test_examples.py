@@ -1,5 +1,6 @@
 import ast
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -8,6 +9,8 @@ import pytest
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
+pytestmark = pytest.mark.filterwarnings("default")  # as where a user runs them
+
 
 def run(name, *options):
     done = subprocess.run([sys.executable, EXAMPLES / name, *options], capture_output=True, text=True, check=False)
@@ -15,21 +18,27 @@ def run(name, *options):
     return done.stdout
 
 
-RUN_AND_COUNT = """
-import runpy, sys, torch
-torch.set_num_threads(2)
-sys.argv = sys.argv[1:]
-runpy.run_path(sys.argv[0], run_name="__main__")
-assert torch.get_num_threads() == 1
-"""
+@pytest.fixture
+def run_here(monkeypatch, capsys):
+    """Return a function that runs an example in this process, where torch is loaded once, and returns its output.
 
+    The example must set the number of torch's threads itself.
+    """
+    torch = pytest.importorskip("torch")
+    monkeypatch.syspath_prepend(str(EXAMPLES))
 
-def run_with_one_thread(name, *options):
-    """Run an example, which must set the number of torch's threads itself."""
-    command = [sys.executable, "-c", RUN_AND_COUNT, str(EXAMPLES / name), *options]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    def ran(name, *options):
+        monkeypatch.setattr(sys, "argv", [str(EXAMPLES / name), *map(str, options)])
+        torch.set_num_threads(2)
+        try:
+            runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+            assert torch.get_num_threads() == 1
+        finally:
+            torch.set_num_threads(1)
+            sys.modules.pop(name.removesuffix(".py"), None)  # as an example's own parts are loaded
+        return capsys.readouterr().out
+
+    return ran
 
 
 def test_random_agents():
@@ -55,29 +64,27 @@ def test_evaluate_your_policy():
         ("train_centralized_ppo.py", "CSR on 2 unseen maps"),
     ],
 )
-def test_training(tmp_path, name, told):
+def test_training(run_here, tmp_path, name, told):
     pytest.importorskip("torchrl")
-    assert told in run(name, "--agent-steps", "20000", "--episodes", "2", "--output", str(tmp_path))
+    assert told in run_here(name, "--agent-steps", 2000, "--episodes", 2, "--output", tmp_path)
     assert (tmp_path / "policy.safetensors").exists()
 
 
-def test_own_torchrl_training():
+def test_own_torchrl_training(run_here):
     pytest.importorskip("torchrl")
-    *_, last = run_with_one_thread("torchrl_ppo.py", "--batches", "20").splitlines()
+    *_, last = run_here("torchrl_ppo.py", "--batches", 20, "--epochs", 2).splitlines()
     assert float(last.removeprefix(" 163840 agent steps: CSR ")) > 0.5
 
 
 @pytest.mark.parametrize("algorithm", ["mappo", "ippo", "central-ppo"])
-def test_custom_parts(tmp_path, algorithm):
-    output = run(
-        "custom_parts.py", "--algorithm", algorithm, "--agent-steps", "4000", "--output", str(tmp_path / "run")
-    )
+def test_custom_parts(run_here, tmp_path, algorithm):
+    output = run_here("custom_parts.py", "--algorithm", algorithm, "--agent-steps", 2000, "--output", tmp_path / "run")
     assert output.splitlines()[-1] == "custom_parts:Pooled"
 
 
-def test_stable_baselines():
+def test_stable_baselines(run_here):
     pytest.importorskip("stable_baselines3")
-    assert "CSR on 2 unseen maps" in run_with_one_thread("centralized_sb3.py", "--steps", "2048", "--episodes", "2")
+    assert "CSR on 2 unseen maps" in run_here("centralized_sb3.py", "--steps", 2048, "--episodes", 2)
 
 
 def test_the_report_with_stable_baselines(tmp_path):
@@ -88,10 +95,10 @@ def test_the_report_with_stable_baselines(tmp_path):
     assert {"progress.csv", "results.json"} <= {file.name for file in tmp_path.iterdir()}
 
 
-def test_a_shared_policy_of_stable_baselines():
+def test_a_shared_policy_of_stable_baselines(run_here):
     pytest.importorskip("stable_baselines3")
     pytest.importorskip("supersuit")
-    assert "CSR on 2 unseen maps" in run_with_one_thread("shared_sb3.py", "--steps", "2048", "--episodes", "2")
+    assert "CSR on 2 unseen maps" in run_here("shared_sb3.py", "--steps", 2048, "--episodes", 2)
 
 
 @pytest.mark.parametrize("mode", ["vector_entry_point", "sync", "async"])
