@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 from typing import Any, Protocol, TypeAlias, cast
@@ -17,7 +17,6 @@ from mapf_pz.evaluation.measures import Measures, Metrics
 from mapf_pz.evaluation.task import EvaluationTask
 from mapf_pz.instances.instance import Instance
 from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.simulator.kernels.reward import RewardConfig
 from mapf_pz.simulator.simulator import Simulator
 
 AnyEnv: TypeAlias = "MapfEnv | BaseParallelWrapper[str, AgentObservation, Any]"
@@ -71,8 +70,11 @@ def actions_of(policy: Policy, observations: dict[str, Any], infos: dict[str, An
 
 def changed_keywords(config: EnvConfig) -> dict[str, Any]:
     """Return the fields that are not at their defaults, as keywords of `parallel_env`; a policy sets the others."""
-    defaults = replace(EnvConfig(), reward=RewardConfig())
-    return {name: value for name, value in config.keywords().items() if value != getattr(defaults, name)}
+    defaults = EnvConfig()
+    keywords = config.keywords()
+    if keywords["reward"] == defaults.reward_config:  # the terms that the default names
+        del keywords["reward"]
+    return {name: value for name, value in keywords.items() if value != getattr(defaults, name)}
 
 
 def simulator_of(env: AnyEnv) -> Simulator:
