@@ -41,11 +41,12 @@ TASKS = {
 
 
 def measure(config, seed):
-    """Train; return the mean return in updates 2 to 4, and the policy's entropy in the last update."""
+    """Train; return the mean return of episodes that start in updates 2 to 4, and the entropy in the last update."""
     rows = []
     with TemporaryDirectory() as folder:
         train(dataclasses.replace(config, seed=seed), Path(folder), rows.append)
-    return np.mean([row["return"] for row in rows[1:4]]), rows[-1]["entropy"]
+    # A row has the return of the episodes that started in the update before.
+    return np.mean([row["return"] for row in rows[2:5]]), rows[-1]["entropy"]
 
 
 if __name__ == "__main__":

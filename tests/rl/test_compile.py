@@ -30,7 +30,7 @@ def test_a_compiled_loss_is_the_same(tmp_path, fields):
     for one, other in zip(plain, compiled, strict=True):
         for name in ("return", "loss_critic", "entropy", "loss", "agreement"):
             if name in one:
-                assert float(other[name]) == pytest.approx(float(one[name]), rel=1e-3)
+                assert float(other[name]) == pytest.approx(float(one[name]), rel=1e-3, nan_ok=True)
 
 
 def test_without_a_compiler(monkeypatch):

@@ -12,7 +12,7 @@ from torchrl.data.replay_buffers.samplers import SliceSampler
 from torchrl.envs.utils import step_mdp
 
 from mapf_pz.instances import InstanceList
-from mapf_pz.rl import demonstrations as exporting
+from mapf_pz.rl.demonstrations import export as exporting
 from mapf_pz.rl.demonstrations import load_dataset, make_dataset
 from mapf_pz.rl.demonstrations.export import export_demonstrations
 from mapf_pz.rl.environments.batched_env import BatchedMapfEnv

@@ -29,6 +29,7 @@ def trained(tmp_path_factory):
     folder = tmp_path_factory.mktemp("trained")
     algorithm = ALGORITHMS[TINY.algorithm](TINY)
     learner, checkpoints = algorithm.make_learner(), Checkpoints(folder)
+    learner.step(sum(parameter.sum() for parameter in algorithm.network.parameters()), 1.0)  # has a state from now on
     save_weights(folder, algorithm.network)
     checkpoints.save(learner, Position(1, 192, 0.5))
     with zipfile.ZipFile(checkpoints.latest()) as archive:

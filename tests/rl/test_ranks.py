@@ -121,11 +121,11 @@ def test_learners_divide_the_environments_of_one_and_have_the_same_weights(tmp_p
     # The policy's first batch is the same function of the instances, but other actions are sampled.
     seen = []
     for number in (1, 2):
-        config = dataclasses.replace(PAIR, agent_steps=PER_UPDATE, num_learners=number, validation_interval=1)
-        [row] = rows(train(config, tmp_path / str(number), make_algorithm=Comparing))
+        config = dataclasses.replace(PAIR, agent_steps=2 * PER_UPDATE, num_learners=number, validation_interval=1)
+        _, row = rows(train(config, tmp_path / str(number), make_algorithm=Comparing))
         seen.append(row)
     assert seen[0].keys() == seen[1].keys()
-    assert seen[0]["episodes"] == seen[1]["episodes"] == "4"
+    assert seen[0]["episodes"] == seen[1]["episodes"] == "8"  # two of each environment start in the first update
     assert (seen[1]["spread"], seen[1]["environments"]) == ("0", "2")
 
 

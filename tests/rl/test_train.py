@@ -158,7 +158,6 @@ def test_a_run_is_replaced_only_when_asked_to(tmp_path):
         {"scenario": ("absent.scen", "absent-too.scen")},
         {"scenario": "absent.json"},
         {"num_agents": 500},
-        {"view_size": (7, 7)},
         {"source": RandomObstacles(6, 6, 0.1, 3)},  # a run cannot save it
         {"source": SourceMixture([RandomObstacles(6, 6, 0.1, 3)])},
     ],
