@@ -166,7 +166,7 @@ def test_wrong_options_of_trained_policies(name, message):
 def test_the_name_of_a_folder_may_have_a_colon(tmp_path):
     pytest.importorskip("torch")
     folder = tmp_path / "a:b"
-    shutil.copytree(resources.files("mapf_pz.rl") / "policies" / "mappo", folder)
+    shutil.copytree(resources.files("mapf_pz.rl.policies") / "bundled" / "mappo", folder)
     assert actions(str(folder)) == actions("mappo")
     assert actions(f"{folder}:temperature=0") == actions("mappo:temperature=0")
     assert actions(f"{folder}+pibt:temperature=0") == actions("mappo+pibt:temperature=0")
