@@ -91,7 +91,7 @@ long-faults: .venv/installed
 long-coverage: .venv/installed
 	$(BIN)/python -m pytest -n 2 $(COVERAGE) --cov-report=
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 $(COVERAGE) --cov-append --cov-report=term-missing:skip-covered \
-		--hypothesis-profile=quick -W ignore:overflow:RuntimeWarning $(PLAIN_TESTS) -k 'not (thousands or benchmark or turned or time_makes)'
+		--hypothesis-profile=quick -W ignore:overflow:RuntimeWarning $(PLAIN_TESTS) -k 'not (ten_thousand or benchmark or turned or time_makes)'
 
 # Mutants are made in a clone. Finished ones are kept in runs/NAME.sqlite, from which the next run resumes.
 long-mutation: SAMPLE := true

@@ -10,7 +10,7 @@ rules() {
     tests 30 "$reference::test_observations[rotate-soft-restart]" "$reference::test_observations[cardinal-priority-nothing]"
     # Of the slowest, some.
     tests 90 tests/core/test_collision_table.py tests/test_env.py tests/core/test_cost_to_go.py "$reference" \
-        -k "not (thousands or api or registries or seeds or aec or reproducible or nothing-many or nothing-one \
+        -k "not (ten_thousand or api or registries or seeds or aec or reproducible or nothing-many or nothing-one \
             or restart-one or (hands and (cardinal-soft or rotate-block or cardinal-priority or rotate-priority-nothing)) \
             or (observations and (cardinal-soft-nothing or cardinal-soft-finish or rotate-priority \
             or rotate-block_both-finish or rotate-block_both-restart or cardinal-block_both-nothing \
