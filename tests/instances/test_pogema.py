@@ -183,7 +183,7 @@ def test_any_value_is_instances_or_a_format_error(tmp_path_factory, member, valu
 
 @pytest.mark.parametrize(
     ("name", "instances", "num_maps", "most_agents"),
-    [("01-random", 64, 64, 64), ("03-warehouse", 64, 1, 192), ("05-puzzles", 160, 16, 4)],
+    [("01-random", 128, 128, 64), ("03-warehouse", 128, 1, 192), ("05-puzzles", 160, 16, 4)],
 )
 def test_published_instances(pogema_benchmark, name, instances, num_maps, most_agents):
     for num_agents in (1, most_agents):
