@@ -100,6 +100,7 @@ def test_page(name, tmp_path, monkeypatch):
         pytest.importorskip("stable_baselines3")
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setenv("PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
     files = {Path(block.title).stem for block in PAGES[name] if block.title}
     namespace = {"__name__": f"docs.{Path(name).stem}"}
     try:

@@ -29,8 +29,10 @@ from mapf_pz.evaluation import (
     terminal_table,
 )
 from mapf_pz.evaluation.episodes import Policy, PolicyFactory, simulator_of
+from mapf_pz.evaluation.external.command import PREFIX, TIME_LIMIT, CommandFactory
+from mapf_pz.evaluation.external.plan_folder import PlanFolderFactory
 from mapf_pz.evaluation.policies import is_trained
-from mapf_pz.evaluation.reports.report import exhausted
+from mapf_pz.evaluation.reports.report import exhausted, failures
 from mapf_pz.evaluation.tracker import known_cost
 from mapf_pz.instances import load_instances
 from mapf_pz.instances.instance import Scenario
@@ -45,13 +47,20 @@ DEFAULTS: dict[str, Any] = {"max_steps": 512}
 
 @dataclass(frozen=True)
 class EvaluateOptions:
-    """Options of `mapf-pz evaluate`: policies, and suites or a map."""
+    """Options of `mapf-pz evaluate`: policies or plans, and suites or a map."""
 
-    policy: Annotated[tuple[str, ...], UseAppendAction]
+    policy: Annotated[tuple[str, ...], UseAppendAction] = ()
     """Policy to evaluate; may be given several times. `random`, a planner (`pibt`, `epibt:depth=5,time_limit=0.1`),
     the name of a bundled trained policy, or the folder of a training run. With the suffix `+pibt`, PIBT executes the
     preferences of a trained policy without collisions. Options follow a colon: `mappo:temperature=0.5`,
-    `mappo+pibt:patience=4,temperature=0.5`."""
+    `mappo+pibt:patience=4,temperature=0.5`. A planner of your own is a command that reads `.map` and `.scen` files and
+    writes a plan file: "command:./lacam -m {map} -i {scen} -N {agents} -o {plan} -t {seconds}", or with a name for the
+    table, "lacam=command:...". It is run without a shell for each episode; illegal plans fail."""
+    plans: Annotated[tuple[str, ...], UseAppendAction] = ()
+    """Folder of plan files to evaluate, as FOLDER or NAME=FOLDER; may be given several times. The plan for an instance
+    is the file INSTANCE-Nagents.txt (or .json, .csv), such as `random-32-32-20-random-1-50agents.txt`."""
+    time_limit: float | None = None
+    """Time limit in seconds that commands get as `{seconds}`. A command that takes twice as long is ended. None: 10."""
     suite: Annotated[tuple[str, ...], UseAppendAction] = ()
     """Name of a suite, or path of a suite file; may be given several times. Default: `standard`, if there is no map."""
     env: EpisodeKeywords = field(default_factory=EpisodeKeywords)
@@ -115,10 +124,27 @@ class EvaluateOptions:
         keywords = {name: value for name, value in self.env.keywords.items() if name not in ("map", "scenario")}
         return task.with_(keywords=task.keywords | keywords, episodes=self.episodes, seed=self.seed)
 
-    def label(self, policy: str) -> str:
-        """Return the label of a policy in the results, which is unique for different settings."""
+    def factories(self) -> dict[str, PolicyFactory]:
+        """Return the factories of the policies by their labels in the results, which differ for different settings."""
+        if not self.policy and not self.plans:
+            raise ValueError("expected --policy or --plans at least once")
+        factories = dict(map(self._labeled, self.policy))
+        if self.time_limit is not None and not any(isinstance(one, CommandFactory) for one in factories.values()):
+            raise ValueError("--time-limit: expected only with a policy 'command:...'")
+        for plans in self.plans:
+            name, _, folder = plans.rpartition("=")
+            factories[name or folder] = PlanFolderFactory(Path(folder))
+        return factories
+
+    def _labeled(self, policy: str) -> tuple[str, PolicyFactory]:
+        """Return the label of a policy, and its factory."""
         seed = f", seed {self.policy_seed}" if self.policy_seed else ""
-        return policy + seed + (", deterministic" if self.deterministic and is_trained(policy) else "")
+        name, separator, command = policy.partition(PREFIX)
+        if separator and (not name or name.endswith("=")):
+            limit = TIME_LIMIT if self.time_limit is None else self.time_limit
+            return (name[:-1] or policy) + seed, CommandFactory(command, limit, self.policy_seed)
+        factory = policy_factory(policy, self.policy_seed, self.deterministic, self.trust_remote_code)
+        return policy + seed + (", deterministic" if self.deterministic and is_trained(policy) else ""), factory
 
     def _on_map(self) -> list[EvaluationTask]:
         """Return a task with random instances for each number of agents."""
@@ -156,14 +182,9 @@ def _files(names: Sequence[str | Path | Scenario]) -> tuple[str, ...]:
 
 def evaluate_policies(options: EvaluateOptions) -> None:
     """Evaluate policies and planners on the same episodes, and print a table of results."""
-    if not options.policy:
-        raise ValueError("expected --policy at least once")
     # These small networks are several times slower with two threads. Set this before torch is imported.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    factories = {
-        options.label(name): policy_factory(name, options.policy_seed, options.deterministic, options.trust_remote_code)
-        for name in options.policy
-    }
+    factories = options.factories()
     tasks = options.tasks()
     for task in tasks:
         _check_repetitions(task, factories)
@@ -202,7 +223,7 @@ def report(
 
         episodes = evaluate(policies, tasks, output, jobs, show, overwrite)
     Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200).print(terminal_table(episodes))
-    for line in exhausted(episodes):
+    for line in (*exhausted(episodes), *failures(episodes)):
         print(line)
     if output is None:
         return

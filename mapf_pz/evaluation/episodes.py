@@ -13,6 +13,7 @@ from pettingzoo.utils import BaseParallelWrapper
 
 from mapf_pz.environment.mapf_env import AgentObservation, MapfEnv, parallel_env
 from mapf_pz.evaluation.batch import BatchPolicy, EpisodeBatch, batch_of
+from mapf_pz.evaluation.external.planned_policy import PlannedPolicy
 from mapf_pz.evaluation.measures import Measures, Metrics
 from mapf_pz.evaluation.task import EvaluationTask
 from mapf_pz.instances.instance import Instance
@@ -127,7 +128,12 @@ def rollout(
     return Rollout(env.metrics(), env.step_count, runtime)
 
 
-def run_episodes(factory: PolicyFactory, task: EvaluationTask, episodes: Iterable[int]) -> Iterator[Metrics]:
+def run_episodes(
+    factory: PolicyFactory,
+    task: EvaluationTask,
+    episodes: Iterable[int],
+    on_note: Callable[[int, str], object] = lambda episode, note: None,
+) -> Iterator[Metrics]:
     """Yield the metrics of some of a task's episodes.
 
     In addition to those of `mapf_pz.simulator.metrics`, they are: `runtime`, the runtime of the policy in an episode in
@@ -137,18 +143,24 @@ def run_episodes(factory: PolicyFactory, task: EvaluationTask, episodes: Iterabl
 
     A policy with `in_batch` acts in several episodes at the same time, and its runtime in a step is divided equally
     among them. The other metrics do not depend on which episodes these are.
+
+    `on_note` is called with the number and the note of each episode that gets an `Episode.note`.
     """
     for _, group in groupby(episodes, partial(_map_size, task)):
         numbers = list(group)
         env, policy = factory(task.env_keywords(numbers[0]))
         batch = _batch(env, policy, task, numbers)
         if batch is not None:
-            metrics = batch.run(numbers)
-            yield from (metrics[number] for number in numbers)
+            of_all = batch.run(numbers)
+            yield from (of_all[number] for number in numbers)
         else:
-            _compile(env, policy, task.seed + numbers[0])
+            if not isinstance(policy, PlannedPolicy):  # which runs another program
+                _compile(env, policy, task.seed + numbers[0])
             for number in numbers:
-                yield _metrics(env, policy, task, number)
+                metrics = _metrics(env, policy, task, number)
+                if isinstance(policy, PlannedPolicy) and policy.note:
+                    on_note(number, policy.note)
+                yield metrics
 
 
 def _map_size(task: EvaluationTask, episode: int) -> tuple[int, int] | None:
@@ -182,6 +194,8 @@ def _metrics(env: AnyEnv, policy: Policy, task: EvaluationTask, episode: int) ->
         if env.step_count:
             measures.add_step(int(agents["was_active"].sum()), int(agents["blocked"].sum()))
 
+    if isinstance(policy, PlannedPolicy):
+        policy.instance_name = task.instance_name(episode)
     result = rollout(env, policy, task.seed + episode, task.instance(episode), measure)
-    measures.runtime = result.runtime
+    measures.runtime = policy.seconds if isinstance(policy, PlannedPolicy) else result.runtime
     return measures.added_to(result.metrics, task.best_result(episode, simulator_of(env).config))

@@ -10,6 +10,7 @@ from mapf_pz._internal.lock import locked
 from mapf_pz._internal.parallel import run_jobs
 from mapf_pz.evaluation.batch import MAX_AGENTS
 from mapf_pz.evaluation.episodes import Policy, PolicyFactory, run_episodes
+from mapf_pz.evaluation.external.command import PREFIX, CommandFactory
 from mapf_pz.evaluation.identity import Identities
 from mapf_pz.evaluation.policies import factory_for, policy_factory
 from mapf_pz.evaluation.results import Episode, Results
@@ -44,7 +45,8 @@ def evaluate(
 
     Args:
         policies: one or more names that `policy_factory` accepts, or a mapping from names to policies, policy
-            factories, or such names.
+            factories, or such names. A planner outside of this package is `command:` and a command, see
+            `CommandFactory`, or its plan files, `PlanFolderFactory(folder)`.
         suite: the name of a suite, the path of a suite file, or tasks.
         output: a folder to which every finished episode is written. Existing results of the same policies and tasks are
             reused: those with the same identities, see `mapf_pz.evaluation.identity`. A policy that is given as an
@@ -91,6 +93,8 @@ def evaluate(
 
 
 def _factory(policy: PolicyFactory | Policy | str, trust_remote_code: bool) -> PolicyFactory:
+    if isinstance(policy, str) and policy.startswith(PREFIX):
+        return CommandFactory(policy.removeprefix(PREFIX))
     if isinstance(policy, str):
         return policy_factory(policy, trust_remote_code=trust_remote_code)
     if callable(policy) and not isinstance(policy, type) and not hasattr(policy, "act"):
@@ -122,8 +126,10 @@ def _in_chunks(episodes: Sequence[int], size: int) -> Iterator[Sequence[int]]:
 
 def _run(job: Job) -> list[Episode]:
     """Run the episodes of a job."""
-    task, measured = job.task, run_episodes(job.factory, job.task, job.episodes)
+    task = job.task
+    notes: dict[int, str] = {}
+    measured = list(run_episodes(job.factory, task, job.episodes, notes.__setitem__))
     return [
-        Episode(*_key(job.name, task, number), metrics, task.instance_name(number), task.seed + number)
-        for number, metrics in zip(job.episodes, measured, strict=True)
+        Episode(*_key(job.name, task, e), metrics, task.instance_name(e), task.seed + e, notes.get(e, ""))
+        for e, metrics in zip(job.episodes, measured, strict=True)
     ]

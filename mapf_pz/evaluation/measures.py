@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 Metrics = dict[str, float]
@@ -14,7 +15,7 @@ class Measures:
     num_steps: int = 0
     """Number of steps."""
     runtime: float = 0.0
-    """Runtime of the policy in seconds."""
+    """Runtime of the policy in seconds; NaN: unknown."""
     agent_steps: int = 0
     """Number of steps of all agents together, other than those that have disappeared."""
     blocked: int = 0
@@ -34,8 +35,10 @@ class Measures:
             best: the best known throughput, or the best known sum of costs; None: not known.
         """
         agent_steps = max(self.agent_steps, 1)
-        added = {"runtime": self.runtime, "collisions": self.blocked / agent_steps}
-        added |= {"step_ms": 1e3 * self.runtime / max(self.num_steps, 1), "agent_us": 1e6 * self.runtime / agent_steps}
+        added = {"collisions": self.blocked / agent_steps}
+        if not math.isnan(self.runtime):
+            step_ms, agent_us = 1e3 * self.runtime / max(self.num_steps, 1), 1e6 * self.runtime / agent_steps
+            added |= {"runtime": self.runtime, "step_ms": step_ms, "agent_us": agent_us}
         if best and "avg_throughput" in metrics:
             added["best_ratio"] = metrics["avg_throughput"] / best
         elif best and metrics["CSR"] == 1:

@@ -32,7 +32,7 @@ METRICS = (
     "agent_us",
 )
 """All metrics, in the order of the file's columns. Which of them an episode has depends on its mode."""
-COLUMNS = ("policy", "task", "num_agents", "episode", "instance", "seed", *METRICS)
+COLUMNS = ("policy", "task", "num_agents", "episode", "instance", "seed", *METRICS, "note")
 EPISODES_FILE = "episodes.csv"
 NOTHING = Identities()
 """No policies and no tasks, as for reading episodes."""
@@ -58,6 +58,8 @@ class Episode:
     """Name of the instance; empty if the environment generated it."""
     seed: int = 0
     """Random seed of the episode."""
+    note: str = ""
+    """Why an external planner's plan was not executed, such as the first violation of the rules; otherwise empty."""
 
     @property
     def key(self) -> tuple[str, str, int, int]:
@@ -139,7 +141,7 @@ def discard(folder: Path) -> None:
 def _row(episode: Episode) -> list[object]:
     policy, task, instance = map(to_cell, (episode.policy, episode.task, episode.instance))
     metrics = (episode.metrics.get(name, "") for name in METRICS)
-    return [policy, task, episode.num_agents, episode.number, instance, episode.seed, *metrics]
+    return [policy, task, episode.num_agents, episode.number, instance, episode.seed, *metrics, to_cell(episode.note)]
 
 
 def _write_all(file: Path, episodes: Iterable[Episode]) -> None:
@@ -179,9 +181,9 @@ def _episode(row: list[str], line: int, file: Path) -> Episode:
     if len(row) != len(COLUMNS):
         raise FormatError(file, f"expected an episode of {len(COLUMNS)} values, got {len(row)}", line)
     try:
-        policy, task_name, num_agents, number, instance, seed, *values = map(from_cell, row)
+        policy, task_name, num_agents, number, instance, seed, *values, note = map(from_cell, row)
         named = zip(METRICS, values, strict=True)
         metrics = {name: float(value) for name, value in named if value}
-        return Episode(policy, task_name, int(num_agents), int(number), metrics, instance, int(seed))
+        return Episode(policy, task_name, int(num_agents), int(number), metrics, instance, int(seed), note)
     except ValueError as error:
         raise FormatError(file, f"expected an episode: {error}", line) from None

@@ -94,6 +94,8 @@ CASES = {
         "evaluate --policy pibt --map empty-8-8 --num-agents 4 --max-steps 9 --episodes 2 --output out",
         {
             "--policy": "--policy random",
+            "--plans": "!--plans .",
+            "--time-limit": "!--time-limit 5",
             "--suite": "!--suite quickstart",
             "--map": "--map random-16-16-20",
             "--scenario": "--scenario a.scen",

@@ -187,6 +187,28 @@ def test_several_scenarios_and_numbers_of_agents(capsys, tmp_path):
     assert bounds(tmp_path / "out") == [costs[number](count) for count in (4, 2) for number in (2, 0, 1)]
 
 
+OURS = "mapf-pz solve {plan} --map {map} --scenario {scen} --planner lacam:anytime=False --action-model cardinal"
+
+
+def test_planners_outside_of_the_package(capsys, tmp_path, monkeypatch):
+    """A planner of this package, once inside, once as a program, and once as its plan files."""
+    monkeypatch.setenv("PATH", os.pathsep.join([os.path.dirname(sys.executable), os.environ["PATH"]]))
+    list(written_scenarios(tmp_path, 3))
+    plans, solver = tmp_path / "plans", ["--scenario", tmp_path / "0.scen", "--action-model", "cardinal"]
+    assert main(["solve", f"{plans}/0-3agents.json", *map(str, solver), "--planner", "lacam:anytime=False"]) == 0
+    words = ["--policy", "lacam:anytime=False", "--policy", f"ours=command:{OURS}", "--plans", f"file={plans}"]
+    status, out, _ = run(capsys, *words, *solver, "--max-steps", 50, "--time-limit", 60, "--output", tmp_path / "out")
+    assert status == 0
+    assert not any("failed" in line for line in out)
+    found = rows(tmp_path / "out")
+    assert [row["policy"] for row in found] == ["lacam:anytime=False", "ours", "file"]
+    assert len({(row["CSR"], row["SoC"], row["makespan"]) for row in found}) == 1
+    assert [row["runtime"] != "" for row in found] == [True, True, False]
+    status, out, _ = run(capsys, "--plans", plans, *solver[:2], "--max-steps", 50)
+    message = "1 episodes failed; the first, 0: illegal plan: expected headings, got none; see action_model"
+    assert (status, out[-1]) == (0, f"{plans}, 3 agents on 0.scen: {message}")
+
+
 def test_all_agents_of_the_smallest_scenario_are_used(capsys, tmp_path):
     costs = list(written_scenarios(tmp_path, 6, 5))
     assert run(capsys, *ON_SCENARIOS, "--scenario", tmp_path / "*.scen", "--output", tmp_path / "out")[0] == 0
@@ -261,7 +283,10 @@ def test_different_settings_have_different_labels(capsys, tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ([], "expected --policy at least once"),
+        ([], "expected --policy or --plans at least once"),
+        (["--policy", "pibt", "--time-limit", 5], "--time-limit: expected only with a policy 'command:...'"),
+        (["--policy", "ours=command:nothing"], "command:nothing: expected {map}, {scen}, {plan} among its arguments"),
+        (["--plans", "nowhere"], "nowhere: expected a folder with plans, files INSTANCE-Nagents.json|.csv|.txt"),
         (["--policy", "nobody"], "policy 'nobody': expected random, a planner (pibt, epibt, "),
         (["--policy", "pibt:depth=3"], "option 'depth=3': PIBT has the options priority, swap, preference"),
         (["--policy", "pibt", "--suite", "nothing"], "suite 'nothing': expected a .json file, or one of "),

@@ -124,14 +124,14 @@ def test_a_file_with_other_columns_is_not_changed(tmp_path, text):
     [
         ("right,drawn,1", f"expected an episode of {len(COLUMNS)} values, got 3"),
         ("", f"expected an episode of {len(COLUMNS)} values, got 0"),
-        ("right,drawn,1,two,,0" + "," * len(METRICS), "expected an episode: .*'two'"),
-        ("right,drawn,1,2,,0,high" + "," * (len(METRICS) - 1), "expected an episode: .*'high'"),
+        ("right,drawn,1,two,,0" + "," * (len(METRICS) + 1), "expected an episode: .*'two'"),
+        ("right,drawn,1,2,,0,high" + "," * len(METRICS), "expected an episode: .*'high'"),
         (
-            "right,drawn,1,2,,0," + "x" * 9999 + "," * (len(METRICS) - 1),
+            "right,drawn,1,2,,0," + "x" * 9999 + "," * len(METRICS),
             r"expected an episode: .* float: 'x{443} \.\.\.$",
         ),
-        ("right,drawn,1,2,,one" + "," * len(METRICS), "expected an episode: .*'one'"),
-        ('right,"drawn,1,2,,0' + "," * len(METRICS), "expected CSV"),
+        ("right,drawn,1,2,,one" + "," * (len(METRICS) + 1), "expected an episode: .*'one'"),
+        ('right,"drawn,1,2,,0' + "," * (len(METRICS) + 1), "expected CSV"),
     ],
 )
 def test_a_malformed_row_is_an_error(tmp_path, row, message):

@@ -126,6 +126,19 @@ def exhausted(episodes: Iterable[Episode]) -> list[str]:
     ]
 
 
+def failures(episodes: Iterable[Episode]) -> list[str]:
+    """Return a line for each task and policy with plans that were not executed, with the reason of the first."""
+    noted: dict[Group, list[Episode]] = defaultdict(list)
+    for episode in episodes:
+        if episode.note:
+            noted[episode.task, episode.num_agents, episode.policy].append(episode)
+    return [
+        f"{policy}, {num_agents} agents on {task_name}: {len(failed)} episodes failed; "
+        f"the first, {failed[0].instance or f'number {failed[0].number}'}: {failed[0].note}"
+        for (task_name, num_agents, policy), failed in noted.items()
+    ]
+
+
 def _table(rows: Sequence[Summary], columns: Sequence[str]) -> SummaryTable:
     """Return the rows by task and number of agents, with tasks and policies in the order in which they come first."""
     tasks, policies = list(dict.fromkeys(r.task for r in rows)), list(dict.fromkeys(r.policy for r in rows))
