@@ -5,15 +5,26 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
-from tyro.conf import Positional
+from tyro.conf import Positional, UseAppendAction
 
 from mapf_pz._internal.atomic import write_whole
+from mapf_pz.evaluation.reports.aggregates import improvements, interquartile_means
 from mapf_pz.evaluation.reports.figures import FigureFormat, draw_figures
 from mapf_pz.evaluation.reports.formats import FORMATS, TableFormat
 from mapf_pz.evaluation.reports.published import load_published
-from mapf_pz.evaluation.reports.report import ALL_COLUMNS, COLUMNS, differences, summaries
-from mapf_pz.evaluation.results import read_episodes
+from mapf_pz.evaluation.reports.report import (
+    ALL_COLUMNS,
+    COLUMNS,
+    SummaryTable,
+    check_methods,
+    differences,
+    summaries,
+)
+from mapf_pz.evaluation.results import Episode, read_episodes
+
+Statistic = Literal["mean", "difference", "iqm", "improvement"]
 
 
 @dataclass(frozen=True)
@@ -27,8 +38,15 @@ class ReportOptions:
     episodes only, such as `"SoC (solved)"`."""
     format: TableFormat = "markdown"
     """Format of the table; `latex` requires the package booktabs."""
+    statistic: Statistic | None = None
+    """What the table shows of each policy: in each task the `mean`, or the mean `difference` to the baseline in the
+    same episodes; over all tasks the interquartile mean `iqm` of the tasks' means, or the probability of `improvement`:
+    to be better than the baseline in an episode. Default: `difference` with a baseline, otherwise `mean`."""
     baseline: str | None = None
-    """Show the mean differences to this policy on the same episodes instead of the means."""
+    """Policy or method to compare with."""
+    method: Annotated[tuple[str, ...], UseAppendAction] = ()
+    """NAME=PATTERN: policies that match the pattern, such as "ours=runs/seed-*", are runs of one method with different
+    training seeds, and have one row, with intervals over the runs; may be given several times."""
     output: Path | None = None
     """File of the table. Default: the table is printed."""
     figures: Path | None = None
@@ -46,10 +64,7 @@ def report(options: ReportOptions) -> None:
         raise ValueError(f"columns {unknown}: expected some of {', '.join(map(repr, ALL_COLUMNS))}")
     episodes = [episode for folder in options.folders for episode in read_episodes(folder)]
     published = [episode for file in options.published for episode in load_published(file)]
-    if options.baseline is None:
-        table = summaries(episodes, options.columns)
-    else:
-        table = differences(episodes, options.baseline, options.columns)
+    table = _table(options, episodes)
     text = FORMATS[options.format](table)
     if options.output is None:
         sys.stdout.write(text)
@@ -58,3 +73,24 @@ def report(options: ReportOptions) -> None:
     if options.figures is not None:
         for file in draw_figures(episodes, options.figures, options.figure_format, published):
             print(f"figure written to {file}", file=sys.stderr)
+
+
+def _table(options: ReportOptions, episodes: list[Episode]) -> SummaryTable:
+    """Return the table of the chosen statistic."""
+    statistic = options.statistic or ("mean" if options.baseline is None else "difference")
+    methods = dict(map(_named_pattern, options.method))
+    check_methods(episodes, methods)
+    if (options.baseline is None) != (statistic in ("mean", "iqm")):
+        raise ValueError(f"statistic={statistic!r}: expected {'no' if options.baseline else 'a'} baseline")
+    if statistic == "difference":
+        return differences(episodes, str(options.baseline), options.columns, methods)
+    if statistic == "improvement":
+        return improvements(episodes, str(options.baseline), options.columns, methods)
+    return (summaries if statistic == "mean" else interquartile_means)(episodes, options.columns, methods)
+
+
+def _named_pattern(text: str) -> tuple[str, str]:
+    name, _, pattern = text.partition("=")
+    if not name or not pattern:
+        raise ValueError(f"--method {text}: expected NAME=PATTERN")
+    return name, pattern

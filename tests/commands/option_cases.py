@@ -187,6 +187,8 @@ CASES = {
             "--columns": "--columns ISR",
             "--format": "--format latex",
             "--baseline": "--baseline random",
+            "--statistic": "--statistic iqm",
+            "--method": "--method mine=ran*",
             "--output": "--output table.md",
             "--figures": "--figures figures",
             "--figure-format": "--figures figures | --figure-format svg",

@@ -168,10 +168,19 @@ def test_latex():
 def test_csv_has_numbers():
     text = comma_separated(summaries(EPISODES[2:], ["CSR", "best_ratio"]))
     header, first, *_, last = csv.reader(text.splitlines())
-    assert header[3:] == ["episodes", "CSR", "CSR low", "CSR high", "best_ratio", "best_ratio low", "best_ratio high"]
+    assert header[3:] == [
+        "runs",
+        "episodes",
+        "CSR",
+        "CSR low",
+        "CSR high",
+        "best_ratio",
+        "best_ratio low",
+        "best_ratio high",
+    ]
     assert (first[:3], last[:3]) == (["maze", "4", "random"], ["lifelong", "4", "pibt"])
-    assert [float(value) for value in first[4:7]] == pytest.approx([0, 0, 0.79345], abs=1e-4)
-    assert last[4:] == ["", "", "", "0.123456", "0.123456", "0.123456"]
+    assert [float(value) for value in first[5:8]] == pytest.approx([0, 0, 0.79345], abs=1e-4)
+    assert last[3:] == ["1", "1", "", "", "", "0.123456", "0.123456", "0.123456"]
 
 
 def test_cells_of_csv_are_no_formulas():

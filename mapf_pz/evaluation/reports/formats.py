@@ -25,17 +25,18 @@ _LATEX = {
 
 def cells(table: SummaryTable) -> list[list[str]]:
     """Return the header, and a row for each task and policy, with means and their 95 % intervals."""
+    counts = ["runs", "episodes"] if any(row.runs > 1 for row in table.rows) else ["episodes"]
     body = [
         [
             row.task,
-            str(row.num_agents),
+            "" if row.num_agents is None else str(row.num_agents),
             row.policy,
-            str(row.episodes),
+            *(str(getattr(row, count)) for count in counts),
             *(_cell(row.estimates.get(n)) for n in table.columns),
         ]
         for row in table.rows
     ]
-    return [["task", "agents", "policy", "episodes", *table.columns], *body]
+    return [["task", "agents", "policy", *counts, *table.columns], *body]
 
 
 def terminal_table(episodes: Iterable[Episode]) -> Table:
@@ -75,11 +76,11 @@ def comma_separated(table: SummaryTable) -> str:
     text = io.StringIO(newline="")
     out = csv.writer(text, lineterminator="\n")
     ends = [part for name in table.columns for part in (name, f"{name} low", f"{name} high")]
-    out.writerow(["task", "num_agents", "policy", "episodes", *ends])
+    out.writerow(["task", "num_agents", "policy", "runs", "episodes", *ends])
     for each in table.rows:
         found = [each.estimates.get(name) for name in table.columns]
         values = [number for e in found for number in (("", "", "") if e is None else (e.mean, e.low, e.high))]
-        out.writerow([to_cell(each.task), each.num_agents, to_cell(each.policy), each.episodes, *values])
+        out.writerow([to_cell(each.task), each.num_agents, to_cell(each.policy), each.runs, each.episodes, *values])
     return text.getvalue()
 
 

@@ -30,11 +30,13 @@ BOUND_WEIGHT = 0.5
 """Weight of a bound beside the weights of 1 of the values."""
 
 
-def interval(metric: str, values: Sequence[float]) -> tuple[float, float]:
-    """Return the interval of the mean of a metric: Wilson's for `CSR`, which is 0 or 1, otherwise `mean_interval`.
+def bounds_of(metric: str) -> tuple[float, float]:
+    """Return the bounds of a metric, none of which is negative."""
+    return (0.0, 1.0) if metric == "CSR" else BOUNDS.get(metric, (0.0, math.inf))
 
-    No metric is negative.
-    """
+
+def interval(metric: str, values: Sequence[float]) -> tuple[float, float]:
+    """Return the interval of the mean of a metric: Wilson's for `CSR`, which is 0 or 1, otherwise `mean_interval`."""
     if metric == "CSR":
         return wilson(float(np.mean(values)), len(values))
     low, high = mean_interval(values, *BOUNDS.get(metric, UNBOUNDED))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 
 import numpy as np
 
-from mapf_pz.evaluation.reports.intervals import difference_interval, interval
+from mapf_pz.evaluation.reports.intervals import bounds_of, difference_interval, interval, mean_interval
 from mapf_pz.evaluation.results import METRICS, Episode
 
 SOLVED = " (solved)"
@@ -22,7 +23,13 @@ ALL_COLUMNS = (*METRICS, *(f"{name}{SOLVED}" for name in ("SoC", "SoC_ratio", "m
 """All columns that tables may have."""
 
 Group = tuple[str, int, str]
-"""A task's name, its number of agents, and a policy."""
+"""A task's name, its number of agents, and a policy or method."""
+Key = tuple[str, int, int]
+"""A task's name, its number of agents, and the number of an episode."""
+Methods = Mapping[str, str]
+"""Patterns of policies, such as `runs/mine/seed-*`, by the name of a method whose runs, of several seeds, they are."""
+NO_METHODS: Methods = {}
+"""Each policy is a method of its own."""
 
 
 @dataclass(frozen=True)
@@ -43,14 +50,16 @@ class Summary:
 
     task: str
     """The task's name."""
-    num_agents: int
-    """Number of agents."""
+    num_agents: int | None
+    """Number of agents; None: of tasks with several numbers."""
     policy: str
-    """The policy."""
+    """The policy or method."""
     episodes: int
     """Number of episodes."""
     estimates: Mapping[str, Estimate]
     """Estimates by column, out of `ALL_COLUMNS`."""
+    runs: int = 1
+    """Number of policies, of several training seeds, that the method has."""
 
 
 @dataclass(frozen=True)
@@ -81,39 +90,96 @@ def grouped(episodes: Iterable[Episode]) -> dict[Group, dict[str, list[float]]]:
     return groups
 
 
-def summaries(episodes: Iterable[Episode], columns: Sequence[str] = COLUMNS) -> SummaryTable:
+def method_of(policy: str, methods: Methods) -> str:
+    """Return the name of the method that a policy is a run of, the first with a matching pattern; else its own name."""
+    return next((name for name, pattern in methods.items() if fnmatchcase(policy, pattern)), policy)
+
+
+def check_methods(episodes: Iterable[Episode], methods: Methods) -> None:
+    """Raise `ValueError` for a method without runs, and for one that has the name of another policy."""
+    policies = dict.fromkeys(episode.policy for episode in episodes)
+    found = {policy: method_of(policy, methods) for policy in policies}
+    for name, pattern in methods.items():
+        if name not in found.values():
+            raise ValueError(f"method {name!r}: no policy matches {pattern!r}, expected some of {', '.join(policies)}")
+        if name in policies and sum(method == name for method in found.values()) > 1:
+            raise ValueError(f"method {name!r}: expected another name than that of a policy")
+
+
+def summaries(
+    episodes: Iterable[Episode], columns: Sequence[str] = COLUMNS, methods: Methods = NO_METHODS
+) -> SummaryTable:
     """Return the means of each task and policy, in the order of the episodes.
 
-    Columns without values are omitted, and `exhausted_agents` if it is 0.
+    Several runs of a method are one row, with the mean of their means, and the outer one of its intervals over the runs
+    and over all their episodes. Columns without values are omitted, and `exhausted_agents` if it is 0.
     """
-    rows = [
-        Summary(*group, max(map(len, values.values()), default=0), _estimates(values, columns, interval))
-        for group, values in grouped(episodes).items()
-    ]
-    return _table(rows, columns)
+    by_method: dict[Group, list[dict[str, list[float]]]] = {}
+    for (task, num_agents, policy), values in grouped(episodes).items():
+        by_method.setdefault((task, num_agents, method_of(policy, methods)), []).append(values)
+    return table_of([_summary(group, runs, columns) for group, runs in by_method.items()], columns)
 
 
-def differences(episodes: Sequence[Episode], baseline: str, columns: Sequence[str] = COLUMNS) -> SummaryTable:
+def _summary(
+    group: Group,
+    runs: Sequence[Mapping[str, Sequence[float]]],
+    columns: Sequence[str],
+    differ: bool = False,
+) -> Summary:
+    """Return the row of one or more runs, whose values, or with `differ` their differences, are given by column."""
+    count = sum(max(map(len, values.values()), default=0) for values in runs)
+    estimates: dict[str, Estimate] = {}
+    for name in columns:
+        each = [values[name] for values in runs if name in values]
+        if each and (name != "exhausted_agents" or any(map(any, each))):
+            estimates[name] = _estimate(name, each, differ)
+    return Summary(*group, count, estimates, len(runs))
+
+
+def _estimate(name: str, runs: Sequence[Sequence[float]], differ: bool) -> Estimate:
+    """Return the mean of one or more runs, each with the same weight, and its interval."""
+    means = [float(np.mean(values)) for values in runs]
+    values = [value for run in runs for value in run]
+    low, high = difference_interval(name, values) if differ else interval(name, values)
+    if len(means) > 1:
+        # Student's interval over few runs is wide, but it is empty if they are equal.
+        least, most = bounds_of(name)
+        over_runs = np.clip(mean_interval(means), least - most if differ else least, most - least if differ else most)
+        low, high = min(low, float(over_runs[0])), max(high, float(over_runs[1]))
+    return Estimate(float(np.mean(means)), low, high)
+
+
+def differences(
+    episodes: Sequence[Episode], baseline: str, columns: Sequence[str] = COLUMNS, methods: Methods = NO_METHODS
+) -> SummaryTable:
     """Return the mean differences between each policy and the policy `baseline` on the same episodes of each task.
+
+    With several runs of a method, differences are those of the runs, and the baseline is the mean of its runs.
 
     Raises `ValueError` if there are no episodes of that policy.
     """
-    references = {episode.key[1:]: column_values(episode) for episode in episodes if episode.policy == baseline}
-    if not references:
-        known = ", ".join(dict.fromkeys(episode.policy for episode in episodes))
-        raise ValueError(f"baseline {baseline!r}: no such policy in the results, expected one of {known}")
-    groups: dict[Group, list[dict[str, float]]] = defaultdict(list)
+    found: dict[Key, dict[str, list[float]]] = {}
     for episode in episodes:
-        other = references.get(episode.key[1:])
-        if episode.policy != baseline and other is not None:
+        if method_of(episode.policy, methods) == baseline:
+            for name, value in column_values(episode).items():
+                found.setdefault(episode.key[1:], {}).setdefault(name, []).append(value)
+    if not found:
+        known = ", ".join(dict.fromkeys(method_of(episode.policy, methods) for episode in episodes))
+        raise ValueError(f"baseline {baseline!r}: no such policy in the results, expected one of {known}")
+    references = {key: {name: float(np.mean(each)) for name, each in values.items()} for key, values in found.items()}
+    groups: dict[Group, dict[str, list[dict[str, float]]]] = {}
+    for episode in episodes:
+        other, method = references.get(episode.key[1:]), method_of(episode.policy, methods)
+        if method != baseline and other is not None:
             values = column_values(episode)
             pair = {name: value - other[name] for name, value in values.items() if name in other}
-            groups[episode.task, episode.num_agents, episode.policy].append(pair)
+            runs = groups.setdefault((episode.task, episode.num_agents, method), {})
+            runs.setdefault(episode.policy, []).append(pair)
     rows = [
-        Summary(*group, len(pairs), _estimates(_by_name(pairs), columns, difference_interval))
-        for group, pairs in groups.items()
+        _summary(group, [_by_name(pairs) for pairs in runs.values()], columns, differ=True)
+        for group, runs in groups.items()
     ]
-    return _table(rows, columns)
+    return table_of(rows, columns)
 
 
 def exhausted(episodes: Iterable[Episode]) -> list[str]:
@@ -139,10 +205,13 @@ def failures(episodes: Iterable[Episode]) -> list[str]:
     ]
 
 
-def _table(rows: Sequence[Summary], columns: Sequence[str]) -> SummaryTable:
-    """Return the rows by task and number of agents, with tasks and policies in the order in which they come first."""
+def table_of(rows: Sequence[Summary], columns: Sequence[str]) -> SummaryTable:
+    """Return the rows by task and number of agents, with tasks and policies in the order in which they come first.
+
+    Columns without values are omitted.
+    """
     tasks, policies = list(dict.fromkeys(r.task for r in rows)), list(dict.fromkeys(r.policy for r in rows))
-    ordered = sorted(rows, key=lambda row: (tasks.index(row.task), row.num_agents, policies.index(row.policy)))
+    ordered = sorted(rows, key=lambda row: (tasks.index(row.task), row.num_agents or 0, policies.index(row.policy)))
     return SummaryTable(tuple(name for name in columns if any(name in row.estimates for row in rows)), tuple(ordered))
 
 
@@ -152,12 +221,3 @@ def _by_name(pairs: Sequence[Mapping[str, float]]) -> dict[str, list[float]]:
         for name, value in pair.items():
             values[name].append(value)
     return values
-
-
-def _estimates(
-    values: Mapping[str, Sequence[float]],
-    columns: Sequence[str],
-    interval_of: Callable[[str, Sequence[float]], tuple[float, float]],
-) -> dict[str, Estimate]:
-    shown = [name for name in columns if name in values and (name != "exhausted_agents" or any(values[name]))]
-    return {name: Estimate(float(np.mean(values[name])), *interval_of(name, values[name])) for name in shown}
