@@ -118,7 +118,7 @@ class CommandFactory:
         output = folder / "output"
         start = time.perf_counter()
         with output.open("wb") as out:
-            # In a session of its own, so that the processes that it starts are ended with it.
+            # In a separate session, so that the processes that it starts are ended with it.
             process = subprocess.Popen(
                 arguments, stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT, start_new_session=True
             )

@@ -29,7 +29,7 @@ Key = tuple[str, int, int]
 Methods = Mapping[str, str]
 """Patterns of policies, such as `runs/mine/seed-*`, by the name of a method whose runs, of several seeds, they are."""
 NO_METHODS: Methods = {}
-"""Each policy is a method of its own."""
+"""Each policy is one method."""
 
 
 @dataclass(frozen=True)
