@@ -49,6 +49,14 @@ def _no_downloads(tmp_path_factory: pytest.TempPathFactory) -> Generator[None]:
         yield
 
 
+@pytest.fixture
+def without_figures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let training runs omit their learning curve, which takes longer to draw than a small run; not if marked `figure`."""
+    if request.node.get_closest_marker("figure") is None:
+        run = pytest.importorskip("mapf_pz.rl.training.run")
+        monkeypatch.setattr(run, "draw_curves", lambda *_: None)
+
+
 @pytest.fixture(scope="session")
 def benchmark() -> Path:
     """The folder of benchmark data, which stands beside the repository."""

@@ -518,6 +518,7 @@ def test_beside_pogema(capsys, monkeypatch, tmp_path):
     )
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_train_then_evaluate(tmp_path, capsys):
     pytest.importorskip("torchrl")
     run = tmp_path / "run"
@@ -530,6 +531,7 @@ def test_train_then_evaluate(tmp_path, capsys):
     assert len((tmp_path / "evaluation" / "episodes.csv").read_text().splitlines()) == 3
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_a_resumed_run_is_evaluated_again(tmp_path, capsys):
     pytest.importorskip("torchrl")
     image = pytest.importorskip("PIL.Image")

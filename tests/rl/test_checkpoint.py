@@ -211,6 +211,7 @@ def test_the_last_two_and_the_best_are_kept(tmp_path):
     assert [read_position(file).updates for file in sorted(checkpoints.folder.iterdir())] == [2, 4, 5]
 
 
+@pytest.mark.figure
 def test_nothing_is_pickled(tmp_path):
     train(TINY, tmp_path)
     names = {name for file in (tmp_path / "checkpoints").iterdir() for name in zipfile.ZipFile(file).namelist()}

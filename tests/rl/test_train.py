@@ -21,6 +21,7 @@ from mapf_pz.rl.training.train import Progress, resume
 from tests.helpers.small_run import TINY, changed, rows, untimed
 
 
+@pytest.mark.figure
 @pytest.mark.parametrize("algorithm", ["mappo", "ippo", "central-ppo"])
 def test_a_run_leaves_its_files_and_a_policy_that_acts(tmp_path, algorithm):
     folder = train(dataclasses.replace(TINY, algorithm=algorithm), tmp_path / "run")
