@@ -1,7 +1,9 @@
+import multiprocessing
 import os
 import shutil
 import signal
 from collections.abc import Generator
+from multiprocessing import forkserver
 from pathlib import Path
 
 import pytest
@@ -51,10 +53,29 @@ def _no_downloads(tmp_path_factory: pytest.TempPathFactory) -> Generator[None]:
 
 @pytest.fixture
 def without_figures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let training runs omit their learning curve, which takes longer to draw than a small run; not if marked `figure`."""
+    """Omit the learning curves of training runs, which take longer to draw than a small run; not if marked `figure`."""
     if request.node.get_closest_marker("figure") is None:
         run = pytest.importorskip("mapf_pz.rl.training.run")
         monkeypatch.setattr(run, "draw_curves", lambda *_: None)
+
+
+@pytest.fixture(scope="session")
+def _fork_server() -> Generator[None]:
+    """A process that has loaded torch, from which others are forked; it is waited for at the end."""
+    multiprocessing.set_forkserver_preload(["mapf_pz.rl.training.train", "tests.helpers.preloaded"])
+    yield
+    forkserver._forkserver._stop()
+
+
+@pytest.fixture
+def forked_processes(_fork_server: None, monkeypatch: pytest.MonkeyPatch) -> Generator[None]:
+    """Fork learners and workers from a process that has loaded torch: otherwise each takes seconds to load it."""
+    launch = pytest.importorskip("mapf_pz.rl.training.launch")
+    monkeypatch.setattr(launch, "get_context", lambda _: multiprocessing.get_context("forkserver"))
+    before = multiprocessing.get_start_method()
+    multiprocessing.set_start_method("forkserver", force=True)  # TorchRL's workers
+    yield
+    multiprocessing.set_start_method(before, force=True)
 
 
 @pytest.fixture(scope="session")
