@@ -112,7 +112,7 @@ HOPELESS = "aB.bA ##### c..dC .e.f. ED.F."
 
 
 def test_it_stops_at_the_time_limit():
-    assert LaCAM(anytime=False).solve(drawn(HOPELESS), time_limit=0.02) is None
+    assert LaCAM(anytime=False).solve(drawn(HOPELESS), time_limit=0.05) is None
 
 
 def test_it_stops_at_the_memory_limit(monkeypatch):
@@ -219,7 +219,7 @@ def test_more_time_gives_shorter_paths_in_a_warehouse(model):
     grid = generate.warehouse(columns=4, rows=6, length=6, depth=2, aisle=1)
     rng = np.random.default_rng(0)
     instance = facing_east(Instance(grid, place(grid, 120, rng)), model)
-    first, improved = (LaCAM(anytime=anytime).solve(instance, time_limit=1.0) for anytime in (False, True))
+    first, improved = (LaCAM(anytime=anytime).solve(instance, time_limit=4.0) for anytime in (False, True))
     assert first is not None
     assert improved is not None
     assert validate(instance, improved) is None
