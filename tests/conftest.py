@@ -25,6 +25,9 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # Several threads take longer for networks this small, and wait for each other at the expense of all other processes.
 os.environ["OMP_NUM_THREADS"] = "1"
 
+# Kernels on several threads: those that wait for others sleep.
+os.environ["OMP_WAIT_POLICY"] = "passive"
+
 # Windows open where nobody sees them.
 os.environ["SDL_VIDEODRIVER"] = "dummy"
 
@@ -72,7 +75,7 @@ def forked_processes(_fork_server: None, monkeypatch: pytest.MonkeyPatch) -> Gen
     """Fork learners and workers from a process that has loaded torch: otherwise each takes seconds to load it."""
     launch = pytest.importorskip("mapf_pz.rl.training.launch")
     monkeypatch.setattr(launch, "get_context", lambda _: multiprocessing.get_context("forkserver"))
-    before = multiprocessing.get_start_method()
+    before = multiprocessing.get_start_method(allow_none=True)
     multiprocessing.set_start_method("forkserver", force=True)  # TorchRL's workers
     yield
     multiprocessing.set_start_method(before, force=True)

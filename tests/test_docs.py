@@ -90,8 +90,11 @@ def code_of(name):
     return "".join(block.code for block in PAGES[name])
 
 
+TRAINING = [pytest.mark.slow, pytest.mark.usefixtures("without_figures")]
+
+
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] if TRAINS.search(code_of(name)) else []) for name in PAGES]
+    "name", [pytest.param(name, marks=TRAINING if TRAINS.search(code_of(name)) else []) for name in PAGES]
 )
 def test_page(name, tmp_path, monkeypatch):
     if NEEDS_TORCH.search(code_of(name)):
