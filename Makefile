@@ -25,9 +25,10 @@ LONG := soak faults coverage mutation mutation-sample record-pogema figures repr
 train: .venv/installed
 	$(BIN)/mapf-pz train quickstart --num-learners auto --output runs/quickstart --overwrite
 
+# By files, so that what the tests of a file share is made once.
 test: .venv/installed
-	$(BIN)/python -m pytest -n 2
-	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest -n 2 $(KERNEL_TESTS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile
+	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest $(KERNEL_TESTS)
 
 lint: .venv/installed
 	$(BIN)/ruff check
