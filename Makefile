@@ -13,9 +13,10 @@
 PYTHON ?= python3
 BIN := .venv/bin
 COVERAGE := --cov=mapf_pz --cov=wrappers --cov-branch
-PLAIN_TESTS := tests/core $(addprefix tests/planners/test_, pibt.py epibt.py shield.py prioritized.py refine.py neighborhood.py lacam.py decisions.py)
-OUTSIDE_TESTS := tests/test_env.py tests/wrappers tests/instances/test_library.py tests/render
-KERNEL_TESTS := $(addprefix tests/core/test_, properties.py symmetry.py collision_table.py cost_to_go.py)
+PLAIN_TESTS := $(addprefix tests/simulator/test_, against_reference.py cache.py collision_table.py cost_to_go.py properties.py symmetry.py threads.py) \
+	$(addprefix tests/planners/test_, pibt.py epibt.py shield.py prioritized.py refine.py neighborhood.py lacam.py decisions.py)
+OUTSIDE_TESTS := tests/environment/test_env.py tests/wrappers tests/instances/test_library.py tests/render
+KERNEL_TESTS := $(addprefix tests/simulator/test_, properties.py symmetry.py collision_table.py cost_to_go.py)
 
 LONG := soak faults coverage mutation mutation-sample record-pogema figures reproduction report
 
@@ -24,9 +25,10 @@ LONG := soak faults coverage mutation mutation-sample record-pogema figures repr
 train: .venv/installed
 	$(BIN)/mapf-pz train quickstart --num-learners auto --output runs/quickstart --overwrite
 
+# By files, so that what the tests of a file share is made once.
 test: .venv/installed
-	$(BIN)/python -m pytest -n 2
-	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest -n 2 $(KERNEL_TESTS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile
+	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest $(KERNEL_TESTS)
 
 lint: .venv/installed
 	$(BIN)/ruff check
@@ -83,7 +85,7 @@ long:
 
 long-soak: .venv/installed
 	$(BIN)/python -m tests.soak
-	$(BIN)/python -m pytest -n 2 --hypothesis-profile=random tests/core tests/planners tests/plans tests/guidance
+	$(BIN)/python -m pytest -n 2 --hypothesis-profile=random tests/simulator tests/planners tests/guidance
 
 long-faults: .venv/installed
 	$(BIN)/python -m tests.faults

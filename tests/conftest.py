@@ -1,7 +1,9 @@
+import multiprocessing
 import os
 import shutil
 import signal
 from collections.abc import Generator
+from multiprocessing import forkserver
 from pathlib import Path
 
 import pytest
@@ -23,6 +25,9 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # Several threads take longer for networks this small, and wait for each other at the expense of all other processes.
 os.environ["OMP_NUM_THREADS"] = "1"
 
+# Kernels on several threads: those that wait for others sleep.
+os.environ["OMP_WAIT_POLICY"] = "passive"
+
 # Windows open where nobody sees them.
 os.environ["SDL_VIDEODRIVER"] = "dummy"
 
@@ -36,7 +41,7 @@ BROWSER_FLAGS = (
 def _time_limits_count_work() -> Generator[None]:
     """Let time limits count how often the time is looked at, whatever the load is."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Planner, "clock", HandClock(pace=0.001))
+        patch.setattr(Planner, "clock", HandClock(pace=0.004))
         patch.setattr(Search, "clock", HandClock(pace=0.05))  # simulations of episodes
         yield
 
@@ -47,6 +52,33 @@ def _no_downloads(tmp_path_factory: pytest.TempPathFactory) -> Generator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MAPF_PZ_CACHE", str(tmp_path_factory.mktemp("cache")))
         yield
+
+
+@pytest.fixture
+def without_figures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Omit the learning curves of training runs, which take longer to draw than a small run; not if marked `figure`."""
+    if request.node.get_closest_marker("figure") is None:
+        run = pytest.importorskip("mapf_pz.rl.training.run")
+        monkeypatch.setattr(run, "draw_curves", lambda *_: None)
+
+
+@pytest.fixture(scope="session")
+def _fork_server() -> Generator[None]:
+    """A process that has loaded torch, from which others are forked; it is waited for at the end."""
+    multiprocessing.set_forkserver_preload(["mapf_pz.rl.training.train", "tests.helpers.preloaded"])
+    yield
+    forkserver._forkserver._stop()
+
+
+@pytest.fixture
+def forked_processes(_fork_server: None, monkeypatch: pytest.MonkeyPatch) -> Generator[None]:
+    """Fork learners and workers from a process that has loaded torch: otherwise each takes seconds to load it."""
+    launch = pytest.importorskip("mapf_pz.rl.training.launch")
+    monkeypatch.setattr(launch, "get_context", lambda _: multiprocessing.get_context("forkserver"))
+    before = multiprocessing.get_start_method(allow_none=True)
+    multiprocessing.set_start_method("forkserver", force=True)  # TorchRL's workers
+    yield
+    multiprocessing.set_start_method(before, force=True)
 
 
 @pytest.fixture(scope="session")

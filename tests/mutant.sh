@@ -6,10 +6,11 @@ export MAPF_PZ_DECISIONS=1 PYTHONDONTWRITEBYTECODE=1 PYTEST_DISABLE_PLUGIN_AUTOL
 tests() { (ulimit -t "$1"; exec "$MAPF_PZ_PYTHON" -m pytest -x -p no:cacheprovider "${@:2}"); }
 
 rules() {
-    local reference=tests/core/test_against_reference.py
+    local reference=tests/simulator/test_against_reference.py
     tests 30 "$reference::test_observations[rotate-soft-restart]" "$reference::test_observations[cardinal-priority-nothing]"
     # Of the slowest, some.
-    tests 90 tests/core/test_collision_table.py tests/test_env.py tests/core/test_cost_to_go.py "$reference" \
+    tests 90 tests/simulator/test_collision_table.py tests/environment/test_env.py tests/simulator/test_cost_to_go.py \
+        "$reference" \
         -k "not (ten_thousand or api or registries or seeds or aec or reproducible or nothing-many or nothing-one \
             or restart-one or (hands and (cardinal-soft or rotate-block or cardinal-priority or rotate-priority-nothing)) \
             or (observations and (cardinal-soft-nothing or cardinal-soft-finish or rotate-priority \
@@ -53,9 +54,9 @@ esac
 case $file in
     mapf_pz/rl/*) package tests/rl tests/rl/test_{update,train,policies}.py ;;
     mapf_pz/evaluation/*) package tests/evaluation tests/commands/test_evaluate.py ;;
-    mapf_pz/instances/*) package tests/instances tests/test_bad_input.py tests/test_cli.py ;;
+    mapf_pz/instances/*) package tests/instances tests/test_bad_input.py tests/commands/test_cli.py ;;
+    mapf_pz/planners/plans/*) package tests/planners/plans tests/commands/test_validate.py ;;
     mapf_pz/planners/*) package tests/planners tests/commands/test_solve.py ;;
-    mapf_pz/planners/plans/*) package tests/plans tests/commands/test_validate.py ;;
-    mapf_pz/render/*) package tests/render tests/wrappers/test_record_episode.py tests/plans/test_record.py ;;
+    mapf_pz/render/*) package tests/render tests/wrappers/test_record_episode.py tests/planners/plans/test_record.py ;;
     wrappers/*) package tests/wrappers ;;
 esac

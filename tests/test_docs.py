@@ -32,7 +32,12 @@ FENCE = re.compile(
 TITLE = re.compile(r'title="([\w.-]+)"')
 NEEDS_TORCH = re.compile(r"mapf_pz\.rl|mapf-pz train|--policy (mappo|ippo|central)")
 TRAINS = re.compile(r"mapf-pz train|\btrain\(")
-BUDGETS = {"--agent-steps": (40_000, 5_000), "--validation-interval": (40_000, 2_500), "--episodes": (8, 4)}
+BUDGETS = {
+    "--agent-steps": (40_000, 5_000),
+    "--validation-interval": (40_000, 2_500),
+    "--episodes": (8, 4),
+    "--minutes": (0.03, 0.03),
+}
 """Options that say only how much a command computes: the most that is run, and what is run instead of more."""
 
 
@@ -40,7 +45,7 @@ def within_budget(words):
     """Return a command's words with smaller numbers for the options in `BUDGETS`."""
     names = [None, *words[:-1]]
     return [
-        str(BUDGETS[name][1]) if name in BUDGETS and int(word) > BUDGETS[name][0] else word
+        str(BUDGETS[name][1]) if name in BUDGETS and float(word) > BUDGETS[name][0] else word
         for name, word in zip(names, words, strict=True)
     ]
 
@@ -90,8 +95,11 @@ def code_of(name):
     return "".join(block.code for block in PAGES[name])
 
 
+TRAINING = [pytest.mark.slow, pytest.mark.usefixtures("without_figures")]
+
+
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] if TRAINS.search(code_of(name)) else []) for name in PAGES]
+    "name", [pytest.param(name, marks=TRAINING if TRAINS.search(code_of(name)) else []) for name in PAGES]
 )
 def test_page(name, tmp_path, monkeypatch):
     if NEEDS_TORCH.search(code_of(name)):

@@ -12,42 +12,46 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 pytestmark = pytest.mark.filterwarnings("default")  # as where a user runs them
 
 
-def run(name, *options):
-    done = subprocess.run([sys.executable, EXAMPLES / name, *options], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
 @pytest.fixture
-def run_here(monkeypatch, capsys):
-    """Return a function that runs an example in this process, where torch is loaded once, and returns its output.
-
-    The example must set the number of torch's threads itself.
-    """
-    torch = pytest.importorskip("torch")
+def run(monkeypatch, capsys):
+    """Return a function that runs an example in this process, where torch is loaded once, and returns its output."""
     monkeypatch.syspath_prepend(str(EXAMPLES))
 
     def ran(name, *options):
         monkeypatch.setattr(sys, "argv", [str(EXAMPLES / name), *map(str, options)])
-        torch.set_num_threads(2)
         try:
             runpy.run_path(str(EXAMPLES / name), run_name="__main__")
-            assert torch.get_num_threads() == 1
         finally:
-            torch.set_num_threads(1)
             sys.modules.pop(name.removesuffix(".py"), None)  # as an example's own parts are loaded
         return capsys.readouterr().out
 
     return ran
 
 
-def test_random_agents():
+@pytest.fixture
+def run_with_torch(run):
+    """Return the same for examples that must set the number of torch's threads themselves."""
+    torch = pytest.importorskip("torch")
+
+    def ran(name, *options):
+        torch.set_num_threads(2)
+        try:
+            output = run(name, *options)
+            assert torch.get_num_threads() == 1
+        finally:
+            torch.set_num_threads(1)
+        return output
+
+    return ran
+
+
+def test_random_agents(run):
     metrics = ast.literal_eval(run("random_agents.py"))
     assert metrics["ep_length"] == 100
     assert 0 <= metrics["ISR"] <= 1
 
 
-def test_evaluate_your_policy():
+def test_evaluate_your_policy(run):
     header, _, *rows = (line.strip("| \n").split(" | ") for line in run("evaluate_your_policy.py").splitlines() if line)
     assert [row[:4] for row in rows] == [
         ["random 12 x 12", agents, policy, "8"] for agents in ("2", "8") for policy in ("greedy", "pibt", "random")
@@ -64,47 +68,58 @@ def test_evaluate_your_policy():
         ("train_centralized_ppo.py", "CSR on 2 unseen maps"),
     ],
 )
-def test_training(run_here, tmp_path, name, told):
+@pytest.mark.usefixtures("without_figures")
+def test_training(run_with_torch, tmp_path, name, told):
     pytest.importorskip("torchrl")
-    assert told in run_here(name, "--agent-steps", 2000, "--episodes", 2, "--output", tmp_path)
+    assert told in run_with_torch(name, "--agent-steps", 2000, "--episodes", 2, "--output", tmp_path)
     assert (tmp_path / "policy.safetensors").exists()
 
 
-def test_own_torchrl_training(run_here):
+def test_own_torchrl_training(run_with_torch):
     pytest.importorskip("torchrl")
-    *_, last = run_here("torchrl_ppo.py", "--batches", 20, "--epochs", 2).splitlines()
+    *_, last = run_with_torch("torchrl_ppo.py", "--batches", 20, "--epochs", 2).splitlines()
     assert float(last.removeprefix(" 163840 agent steps: CSR ")) > 0.5
 
 
+@pytest.mark.usefixtures("without_figures")
 @pytest.mark.parametrize("algorithm", ["mappo", "ippo", "central-ppo"])
-def test_custom_parts(run_here, tmp_path, algorithm):
-    output = run_here("custom_parts.py", "--algorithm", algorithm, "--agent-steps", 2000, "--output", tmp_path / "run")
+def test_custom_parts(run_with_torch, tmp_path, algorithm):
+    output = run_with_torch(
+        "custom_parts.py", "--algorithm", algorithm, "--agent-steps", 2000, "--output", tmp_path / "run"
+    )
     assert output.splitlines()[-1] == "custom_parts:Pooled"
 
 
-def test_stable_baselines(run_here):
+def test_stable_baselines(run_with_torch):
     pytest.importorskip("stable_baselines3")
-    assert "CSR on 2 unseen maps" in run_here("centralized_sb3.py", "--steps", 2048, "--episodes", 2)
+    assert "CSR on 2 unseen maps" in run_with_torch("centralized_sb3.py", "--steps", 2048, "--episodes", 2)
 
 
-def test_the_report_with_stable_baselines(tmp_path):
+def test_the_report_with_stable_baselines(run_with_torch, tmp_path):
     pytest.importorskip("torchrl")
     pytest.importorskip("stable_baselines3")
-    told = run("report_sb3.py", "--steps", "512", "--episodes", "2", "--output", str(tmp_path))
+    told = run_with_torch("report_sb3.py", "--steps", 512, "--episodes", 2, "--output", tmp_path)
     assert re.fullmatch(r"after training: CSR .*, ISR .*, reward .*", told.splitlines()[-1])
     assert {"progress.csv", "results.json"} <= {file.name for file in tmp_path.iterdir()}
 
 
-def test_a_shared_policy_of_stable_baselines(run_here):
+def test_a_shared_policy_of_stable_baselines(run_with_torch):
     pytest.importorskip("stable_baselines3")
     pytest.importorskip("supersuit")
-    assert "CSR on 2 unseen maps" in run_here("shared_sb3.py", "--steps", 2048, "--episodes", 2)
+    assert "CSR on 2 unseen maps" in run_with_torch("shared_sb3.py", "--steps", 2048, "--episodes", 2)
+
+
+def run_in_a_process(name, *options):
+    done = subprocess.run([sys.executable, EXAMPLES / name, *options], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
 
 
 @pytest.mark.parametrize("mode", ["vector_entry_point", "sync", "async"])
-def test_gymnasium_vector(mode):
-    options = ["--num-envs", "2", "--steps", "202", "--vectorization-mode", mode]
-    found = re.fullmatch(r"(\d+) episodes: CSR (.+), ISR (.+), ep_length (.+)\n", run("gymnasium_vector.py", *options))
+def test_gymnasium_vector(run, mode):
+    runner = run_in_a_process if mode == "async" else run  # its processes import the example again
+    output = runner("gymnasium_vector.py", "--num-envs", "2", "--steps", "202", "--vectorization-mode", mode)
+    found = re.fullmatch(r"(\d+) episodes: CSR (.+), ISR (.+), ep_length (.+)\n", output)
     episodes, csr, isr, length = map(float, found.groups())
     assert episodes >= 4
     assert 0 <= csr <= isr <= 1

@@ -20,7 +20,7 @@ from mapf_pz.instances import load_instance, load_map, load_pogema, load_problem
 from mapf_pz.instances.instance import Grid, Scenario
 from mapf_pz.planners.plans.files import Selection, read_plan
 from tests.helpers.corrupt_files import Case, as_json, bounded, changed, fuzzed, outcome, refused
-from tests.plans.test_plan_files import TEXT
+from tests.planners.plans.test_plan_files import TEXT
 
 GRID = Grid([[True] * 6, [True] * 3 + [False] * 3], "tiny")
 SCENARIO = Scenario([[0, 0], [1, 0]], [[0, 5], [1, 2]])

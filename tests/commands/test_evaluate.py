@@ -359,7 +359,7 @@ def test_interrupted_and_called_again(capsys, tmp_path, jobs):
     assert all(len(row) == len(COLUMNS) and None not in row.values() and row["agent_us"] for row in done)
     assert len({row["episode"] for row in done}) == len(done)
     wanted = len(done) + 5
-    assert run(capsys, *words, "--episodes", wanted)[0] == 0
+    assert run(capsys, *words, "--episodes", wanted, "--jobs", 1)[0] == 0
     after = rows(tmp_path)
     assert after[: len(done)] == done
     assert {int(row["episode"]) for row in after} >= set(range(wanted))

@@ -14,6 +14,8 @@ pytest.importorskip("torchrl")
 
 from mapf_pz.rl.config_file import load_config
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 SMALL = "--agent-steps 100 --num-envs 4 --steps-per-batch 8 --num-epochs 1 --num-agents 3 --height 7 --width 7"
 
 

@@ -17,6 +17,8 @@ from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.config_file import load_config
 from tests.helpers.small_run import TINY, changed, rows
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 SMALL = "--agent-steps 96 --num-envs 4 --steps-per-batch 8 --num-epochs 1 --num-agents 3 --max-steps 8"
 HALL = Grid(np.ones((7, 8), np.bool_), "hall")
 

@@ -112,7 +112,7 @@ HOPELESS = "aB.bA ##### c..dC .e.f. ED.F."
 
 
 def test_it_stops_at_the_time_limit():
-    assert LaCAM(anytime=False).solve(drawn(HOPELESS), time_limit=0.2) is None
+    assert LaCAM(anytime=False).solve(drawn(HOPELESS), time_limit=0.05) is None
 
 
 def test_it_stops_at_the_memory_limit(monkeypatch):

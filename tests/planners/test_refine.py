@@ -108,7 +108,7 @@ def test_a_benchmark_instance(benchmark):
     plan = LaCAM(anytime=False).solve(instance, time_limit=60)
     assert plan is not None
     path = Path((plan.positions @ np.array([grid.shape[1], 1])).astype(np.int32), None)
-    clock = HandClock(pace=0.001)
+    clock = HandClock(pace=0.004)
     search = NeighborhoodSearch(problem(instance), np.random.default_rng(0))
     better = refine(search, path, Deadline(1, clock), Trace(clock))
     assert validate(instance, plan_of(instance, better)) is None

@@ -199,9 +199,9 @@ def test_a_walk_ends_at_the_deadline():
     assert np.array_equal(walk(problem, np.random.default_rng(0), Deadline(0)).cells, problem.starts[None])
 
 
-def arrivals(planner_in, model, num_agents, max_steps=256, **options):
+def arrivals(planner_in, model, num_agents, max_steps=256, side=18, **options):
     env = mapf_pz.parallel_env(
-        source=RandomObstacles(18, 18, 0.2, num_agents),
+        source=RandomObstacles(side, side, 0.2, num_agents),
         action_model=model,
         on_target="restart",
         max_steps=max_steps,
@@ -223,7 +223,7 @@ def test_more_goals_than_pibt_and_no_agent_starves(model):
 
 
 def test_crowds_keep_moving():
-    assert arrivals(WindowedLNS, "cardinal", 130).min() >= 1
+    assert arrivals(WindowedLNS, "cardinal", 58, 128, side=12).min() >= 1
 
 
 def test_the_seed_determines_the_decisions():

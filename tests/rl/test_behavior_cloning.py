@@ -69,6 +69,7 @@ def test_a_policy_learns_the_actions_of_the_demonstrations(tmp_path, dataset):
     assert np.mean(shown[-5:]) == pytest.approx(after, abs=0.1)
 
 
+@pytest.mark.figure
 @pytest.mark.parametrize("shield", [False, True])
 def test_a_run_is_trained_resumed_and_validated(tmp_path, dataset, shield):
     task = changed(SHIELDED, shield=shield)

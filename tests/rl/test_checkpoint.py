@@ -53,6 +53,20 @@ def make_learner(config=TINY):
     return learner
 
 
+@pytest.fixture(scope="module")
+def stopped(tmp_path_factory):
+    """The folder of a run that was interrupted after three of its six updates, with a checkpoint after each."""
+    folder = tmp_path_factory.mktemp("stopped") / "run"
+    train_interrupted(TINY, folder, 3)
+    return folder
+
+
+@pytest.fixture
+def run(stopped, tmp_path):
+    """A copy of that folder."""
+    return shutil.copytree(stopped, tmp_path / "run")
+
+
 @pytest.mark.parametrize("algorithm", ["mappo", "ippo", "central-ppo"])
 @pytest.mark.parametrize("interval", [1, 10**9])
 def test_a_stopped_run_continues_to_the_same_end(tmp_path, algorithm, interval):
@@ -70,15 +84,14 @@ def test_a_stopped_run_continues_to_the_same_end(tmp_path, algorithm, interval):
     assert load_policy(tmp_path).config == config
 
 
-def test_rows_after_the_checkpoint_are_cut(tmp_path):
-    train_interrupted(TINY, tmp_path, 4)
-    checkpoints = sorted((tmp_path / "checkpoints").iterdir())
-    assert [read_position(file).updates for file in checkpoints][-2:] == [3, 4]
+def test_rows_after_the_checkpoint_are_cut(run):
+    checkpoints = sorted((run / "checkpoints").iterdir())
+    assert [read_position(file).updates for file in checkpoints][-2:] == [2, 3]
     checkpoints[-1].unlink()
-    with (tmp_path / "progress.csv").open("a") as file:
-        file.write("960,0.1")  # killed while it wrote
-    resume(tmp_path)
-    assert steps(tmp_path) == [PER_UPDATE * (i + 1) for i in range(6)]
+    with (run / "progress.csv").open("a") as file:
+        file.write("768,0.1")  # killed while it wrote
+    resume(run, agent_steps=4 * PER_UPDATE)
+    assert steps(run) == [PER_UPDATE * (i + 1) for i in range(4)]
 
 
 def test_a_finished_run_can_be_made_longer_and_not_shorter(tmp_path):
@@ -211,6 +224,7 @@ def test_the_last_two_and_the_best_are_kept(tmp_path):
     assert [read_position(file).updates for file in sorted(checkpoints.folder.iterdir())] == [2, 4, 5]
 
 
+@pytest.mark.figure
 def test_nothing_is_pickled(tmp_path):
     train(TINY, tmp_path)
     names = {name for file in (tmp_path / "checkpoints").iterdir() for name in zipfile.ZipFile(file).namelist()}
@@ -301,37 +315,34 @@ def without_its_optimizer(file):
         of_other_networks,
     ],
 )
-def test_a_damaged_or_foreign_checkpoint_is_one_line(tmp_path, damage):
-    train_interrupted(TINY, tmp_path, 3)
-    newest = max((tmp_path / "checkpoints").iterdir())
+def test_a_damaged_or_foreign_checkpoint_is_one_line(run, damage):
+    newest = max((run / "checkpoints").iterdir())
     damage(newest)
-    progress = (tmp_path / "progress.csv").read_bytes()
+    progress = (run / "progress.csv").read_bytes()
     with pytest.raises(mapf_pz.FormatError, match="not a checkpoint of this run; delete it to continue") as caught:
-        resume(tmp_path)
+        resume(run)
     assert "\n" not in str(caught.value)
-    assert (tmp_path / "progress.csv").read_bytes() == progress
+    assert (run / "progress.csv").read_bytes() == progress
     newest.unlink()
-    resume(tmp_path)
-    assert len(rows(tmp_path)) == 6
+    resume(run, agent_steps=3 * PER_UPDATE)
+    assert len(rows(run)) == 3
 
 
-def test_a_checkpoint_of_other_batches_is_one_line(tmp_path):
-    train_interrupted(TINY, tmp_path, 1)
-    config = json.loads((tmp_path / "config.json").read_text())
+def test_a_checkpoint_of_other_batches_is_one_line(run):
+    config = json.loads((run / "config.json").read_text())
     config["optimization"]["num_envs"] = 8
-    (tmp_path / "config.json").write_text(json.dumps(config))
+    (run / "config.json").write_text(json.dumps(config))
     with pytest.raises(mapf_pz.FormatError, match=r"not a checkpoint of the run that config\.json describes"):
-        resume(tmp_path)
+        resume(run)
 
 
-def test_damaged_progress_is_one_line(tmp_path):
-    train_interrupted(TINY, tmp_path, 3)
-    file = tmp_path / "progress.csv"
+def test_damaged_progress_is_one_line(run):
+    file = run / "progress.csv"
     lines = file.read_text().splitlines()
     for content in ("", "\n".join(lines[:2]), "\n".join([*lines[:3], "x,1"]), "\n".join([*lines[:3], lines[1]])):
         file.write_text(content)
         with pytest.raises(mapf_pz.FormatError, match=r"progress\.csv: ") as caught:
-            resume(tmp_path)
+            resume(run)
         assert "\n" not in str(caught.value)
 
 

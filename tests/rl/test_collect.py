@@ -56,6 +56,7 @@ def check_workers(config, folder):
     return first[2], single[2]
 
 
+@pytest.mark.usefixtures("forked_processes")
 def test_processes(tmp_path):
     task = changed(TINY.task, map="empty-8-8", edge_weights=GRAPH, channels=("view", "edge_weights"))
     config = dataclasses.replace(TINY, task=task, collector="processes", num_workers=2)

@@ -17,7 +17,7 @@ from mapf_pz.rl.demonstrations import load_dataset, make_dataset
 from mapf_pz.rl.demonstrations.export import export_demonstrations
 from mapf_pz.rl.environments.batched_env import BatchedMapfEnv
 from mapf_pz.simulator.config import EnvConfig
-from tests.demonstrations.small_dataset import small
+from tests.rl.demonstrations.small_dataset import small
 
 STORED = ["observation", "action_mask", "at_goal", "arrivals", "active", "position", "action"]
 

@@ -7,6 +7,8 @@ import pytest
 
 from tests.rl.learning_curves import TASKS, measure
 
+pytestmark = pytest.mark.usefixtures("forked_processes")
+
 # The mean and the standard deviation of the return of a run's episodes that start in updates 2 to 4, and of its entropy
 # in the last update, as
 # recorded by `python -m tests.rl.learning_curves`. Half the learning rate or no entropy bonus leave at least one band.

@@ -9,6 +9,8 @@ from mapf_pz.rl import resume, train
 from mapf_pz.rl.algorithms.named import ALGORITHMS
 from tests.helpers.small_run import TINY, rows, untimed
 
+pytestmark = pytest.mark.usefixtures("forked_processes")
+
 OVERLAP = dataclasses.replace(TINY, collector="processes", num_workers=1, overlap=True)
 
 

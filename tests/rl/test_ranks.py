@@ -25,15 +25,18 @@ from mapf_pz.rl.training.train import resume
 from tests.evaluation.test_parallel import children_of, is_alive, wait_for
 from tests.helpers.small_run import TINY, rows, untimed
 
+pytestmark = pytest.mark.usefixtures("forked_processes")
+
 PAIR = dataclasses.replace(TINY, num_learners=2, checkpoint_interval=1)
 PER_UPDATE = 4 * 16 * 3
 SMALL = "--num-envs 4 --steps-per-batch 8 --minibatch-size 8 --num-epochs 1 --num-agents 3 --height 7 --width 7"
 LONG = f"train quickstart {SMALL} --agent-steps 400000 --checkpoint-interval 1 --evaluate none"
 
 
-def exchange(ranks):
-    """Do what the test of the operations does in rank 0."""
+def exchange_and_fail(ranks):
+    """Do what the test of the operations does in rank 0, and end."""
     operations(ranks)
+    os._exit(3)
 
 
 def operations(ranks):
@@ -53,10 +56,18 @@ def operations(ranks):
     )
 
 
-def test_two_ranks_exchange_numbers():
-    with connecting(2, exchange) as ranks:
+def exchange_until_the_other_fails(results):
+    with connecting(2, exchange_and_fail) as ranks:
         assert (ranks.rank, ranks.size) == (0, 2)
-        tensors, first, gathered, one_weight, no_weight, weighted, mean, nothing, some, none = operations(ranks)
+        results += operations(ranks)
+        ranks.gather({"a": 0.0})
+
+
+def test_two_ranks_exchange_numbers_until_one_fails():
+    results = []
+    with pytest.raises(ChildProcessError, match=r"^learner 1 of 2 \(from 0\) has ended: exit status 3$"):
+        exchange_until_the_other_fails(results)
+    tensors, first, gathered, one_weight, no_weight, weighted, mean, nothing, some, none = results
     assert tensors == [[0.5, 0.5], [[1.5]]]
     assert first == {"rank": 0}
     assert gathered == [{"a": 0, "b": 0.5}, {"a": 1, "b": 0.5}]
@@ -76,18 +87,6 @@ def test_a_single_process_exchanges_with_itself():
     assert Ranks().gather(row) == [row]
     assert Ranks().mean(row, weight="n") == row
     assert Ranks().from_first(row) is row
-
-
-def fail(_ranks):
-    os._exit(3)
-
-
-def test_a_process_that_fails_is_reported():
-    with (
-        pytest.raises(ChildProcessError, match=r"^learner 1 of 2 \(from 0\) has ended: exit status 3$"),
-        connecting(2, fail) as ranks,
-    ):
-        ranks.gather({"a": 0.0})
 
 
 def test_a_seed_decides_a_run_of_several_learners(tmp_path):

@@ -21,6 +21,7 @@ from mapf_pz.rl.training.train import Progress, resume
 from tests.helpers.small_run import TINY, changed, rows, untimed
 
 
+@pytest.mark.figure
 @pytest.mark.parametrize("algorithm", ["mappo", "ippo", "central-ppo"])
 def test_a_run_leaves_its_files_and_a_policy_that_acts(tmp_path, algorithm):
     folder = train(dataclasses.replace(TINY, algorithm=algorithm), tmp_path / "run")
@@ -136,6 +137,12 @@ def contents(folder):
     return {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
 
 
+@pytest.fixture(scope="module")
+def short_run(tmp_path_factory):
+    """The folder of a run of one update."""
+    return train(dataclasses.replace(TINY, agent_steps=192), tmp_path_factory.mktemp("short") / "run")
+
+
 def test_a_run_is_replaced_only_when_asked_to(tmp_path):
     train(TINY, tmp_path)
     before = contents(tmp_path)
@@ -163,14 +170,13 @@ def test_a_run_is_replaced_only_when_asked_to(tmp_path):
     ],
 )
 @pytest.mark.parametrize("collector", ["single", "processes"])
-def test_a_refused_task_leaves_the_run_as_it_was(tmp_path, change, collector):
-    train(dataclasses.replace(TINY, agent_steps=192), tmp_path)
-    before = contents(tmp_path)
+def test_a_refused_task_leaves_the_run_as_it_was(short_run, change, collector):
+    before = contents(short_run)
     config = dataclasses.replace(TINY, task=changed(TINY.task, **change), collector=collector)
     with pytest.raises((ValueError, FileNotFoundError)) as caught:
-        train(config, tmp_path, overwrite=True)
+        train(config, short_run, overwrite=True)
     assert "\n" not in str(caught.value)
-    assert contents(tmp_path) == before
+    assert contents(short_run) == before
 
 
 def test_same_seed_same_run(tmp_path):

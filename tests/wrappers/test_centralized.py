@@ -62,6 +62,7 @@ def test_gymnasium_make(render_mode):
         warnings.filterwarnings("ignore", message=".*is different from the unwrapped version")
         check_env(env.unwrapped)
     env.reset(seed=0)
+    env.action_space.seed(0)
     env.step(env.action_space.sample())
     assert isinstance(env.render(), {None: type(None), "rgb_array": np.ndarray, "ansi": str}[render_mode])
     assert env.render_mode == render_mode
@@ -219,6 +220,7 @@ def test_lifelong_episodes_only_truncate():
     env = make(on_target="restart", max_steps=30)
     _, info = env.reset(seed=0)
     assert list(info) == ["is_success", "avg_throughput", "ep_length", "exhausted_agents"]
+    env.action_space.seed(0)
     ends = [env.step(env.action_space.sample())[2:4] for _ in range(30)]
     assert ends == [(False, False)] * 29 + [(False, True)]
 

@@ -16,8 +16,8 @@ from mapf_pz.rl.demonstrations import load_dataset, make_dataset
 from mapf_pz.rl.demonstrations.demonstration import METRICS, demonstrate
 from mapf_pz.simulator import Simulator
 from mapf_pz.simulator.config import EnvConfig
-from tests.demonstrations.small_dataset import small
 from tests.helpers.text_instances import drawn
+from tests.rl.demonstrations.small_dataset import small
 
 VIEW = {"view_size": (5, 5), "channels": ("view", "cost_to_go"), "features": ("time", "last_actions")}
 

@@ -18,6 +18,8 @@ from mapf_pz.rl.config_file import load_config
 from mapf_pz.simulator import Simulator
 from tests.helpers.small_run import TINY, changed
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 FREE = np.array([[True, True, True, True], [True, False, True, True], [True, True, True, True]])
 STATIC = {"map": FREE, "num_agents": 3, "view_size": (3, 3), "view": "centered", "frame": "map"}
 

@@ -15,7 +15,7 @@ from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.wrappers import CentralizedVectorEnv
 from mapf_pz.wrappers.centralized import centralized_env
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 FIRST = {
     mapf_pz.parallel_env: [],
     mapf_pz.env: [],

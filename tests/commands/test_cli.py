@@ -15,7 +15,7 @@ from mapf_pz.commands import main as cli
 from mapf_pz.commands.main import COMMANDS, Command, main
 from mapf_pz.instances import load_map, map_names, place, write_map, write_scenario
 from mapf_pz.instances.instance import Grid
-from mapf_pz.speed import scaling
+from mapf_pz.speed import scaling, startup
 from mapf_pz.speed.candidates import COPY, as_table
 from mapf_pz.speed.runs import Measurement, measure, timed
 from mapf_pz.speed.workload import Workload
@@ -418,7 +418,11 @@ def test_benchmark_on_random_maps_without_torchrl(capsys, monkeypatch):
     assert "PettingZooWrapper" not in text
 
 
-def test_benchmark_of_startup(capsys):
+def test_benchmark_of_startup(capsys, monkeypatch):
+    exec(startup.FIRST_STEP, {})
+    one_kernel = "import numpy; from mapf_pz.instances import components; components(numpy.ones((3, 3), bool))"
+    monkeypatch.setattr(startup, "FIRST_STEP", one_kernel)  # compiled in a second; those of a step in half a minute
+    monkeypatch.setattr(startup, "MIN_RUNS", 2)
     status, out, err = run(capsys, "benchmark", *SMALL, "--tables", "resets", "startup")
     assert (status, err) == (0, [])
     text = "\n".join(out)
@@ -518,6 +522,7 @@ def test_beside_pogema(capsys, monkeypatch, tmp_path):
     )
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_train_then_evaluate(tmp_path, capsys):
     pytest.importorskip("torchrl")
     run = tmp_path / "run"
@@ -530,6 +535,7 @@ def test_train_then_evaluate(tmp_path, capsys):
     assert len((tmp_path / "evaluation" / "episodes.csv").read_text().splitlines()) == 3
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_a_resumed_run_is_evaluated_again(tmp_path, capsys):
     pytest.importorskip("torchrl")
     image = pytest.importorskip("PIL.Image")

@@ -15,9 +15,9 @@ from mapf_pz.rl.demonstrations import Demonstration, load_dataset, make_dataset
 from mapf_pz.rl.demonstrations.demonstration import METRICS
 from mapf_pz.rl.demonstrations.shard import read_shard, write_shard
 from mapf_pz.simulator.config import EnvConfig
-from tests.demonstrations.small_dataset import small
 from tests.helpers.corrupt_files import Case, bounded, changed, fuzzed, outcome, refused
 from tests.helpers.text_instances import drawn
+from tests.rl.demonstrations.small_dataset import small
 
 NAMES = (
     *("format", "shape", "grids", "names", "grid", "seeds", "starts", "headings", "num_goals", "goals"),

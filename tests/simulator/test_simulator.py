@@ -198,7 +198,7 @@ def digest():
 
 
 def test_another_process_gives_the_same():
-    code = "from tests.test_simulator import digest; print(digest())"
+    code = "from tests.simulator.test_simulator import digest; print(digest())"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert result.stdout.strip() == digest()
 

@@ -21,6 +21,8 @@ from mapf_pz.simulator import Simulator
 from mapf_pz.wrappers import CentralizedEnv, CentralizedVectorEnv, ContinuousActions, RecordEpisode
 from tests.helpers.small_run import changed
 
+pytestmark = pytest.mark.usefixtures("without_figures")
+
 FORWARD, WAIT = int(Action.FORWARD), int(Action.WAIT)
 FRAMES, NEIGHBORS = {"num_frames": 3}, {"num_neighbors": 2, "neighbor_radius": 3}
 OPTIONS = [FRAMES, NEIGHBORS, FRAMES | NEIGHBORS, {"num_frames": 2, "num_neighbors": 5}]

@@ -13,7 +13,7 @@ from mapf_pz.simulator import Simulator
 from mapf_pz.simulator.config import EnvConfig
 from tests.helpers.random_walk import intended
 
-RECORDINGS = Path(__file__).parent / "recordings"
+RECORDINGS = Path(__file__).parents[1] / "recordings"
 MODES = [(system, mode) for system in ("soft", "priority", "block_both") for mode in ("nothing", "finish", "restart")]
 MOVES = np.array([(0, 0), (-1, 0), (1, 0), (0, -1), (0, 1)])
 
