@@ -16,7 +16,7 @@ from tyro.conf import Positional, subcommand
 
 from mapf_pz._internal.interrupts import interruptible
 from mapf_pz._internal.lock import locked
-from mapf_pz.instances import MapMixture, generate_bundled, load_map, map_names, write_map, write_scenario
+from mapf_pz.instances import MapMixture, write_bundled, load_map, map_names, write_map, write_scenario
 from mapf_pz.instances.download import Show, cache_folder, download
 from mapf_pz.instances.files.archive import ARCHIVES
 from mapf_pz.simulator.config import DEFAULT_NUM_AGENTS
@@ -72,7 +72,7 @@ def maps(
         case ListMaps():
             _list()
         case WriteMaps(folder):
-            print(f"{len(generate_bundled(folder))} maps written to {folder}")
+            print(f"{len(write_bundled(folder))} maps written to {folder}")
         case GenerateMaps():
             _generate(task)
         case DownloadMaps(scenarios, folder):

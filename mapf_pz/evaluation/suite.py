@@ -20,7 +20,7 @@ from mapf_pz.evaluation.task import EvaluationTask
 from mapf_pz.evaluation.tracker import known_cost
 from mapf_pz.guidance.library import is_guidance_file
 from mapf_pz.instances import RandomObstacles, load_map, load_problem, load_scenario
-from mapf_pz.instances.files.pogema import load_pogema
+from mapf_pz.instances import load_pogema
 from mapf_pz.instances.instance import Instance
 from mapf_pz.instances.library import benchmark_file
 from mapf_pz.simulator.config import EnvConfig
