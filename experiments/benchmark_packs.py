@@ -1,6 +1,6 @@
-"""Write the packs of `mapf_pz/instances/benchmarks` from the public data: `python -m experiments.benchmark_packs --help`.
+"""Write the packs of bundled benchmarks from the public data: `python -m experiments.benchmark_packs --help`.
 
-The sources and their commits are in the folder's README. The same data gives the same bytes.
+The sources and their commits are in `mapf_pz/instances/benchmarks/README.md`. The same data gives the same bytes.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ import tyro
 from numpy.typing import ArrayLike
 
 from mapf_pz._internal.arrays import Ints
-from mapf_pz.instances import load_map, read_map, read_problem, read_scenario
+from mapf_pz.instances import load_map, read_problem, read_scenario
 from mapf_pz.instances.benchmarks.movingai import NUM_SCENARIOS, PACK
-from mapf_pz.instances.benchmarks.pogema import SETS
+from mapf_pz.instances.benchmarks.pogema import ABSENT, LIFELONG_STEPS, ONE_SHOT_UNITS, SETS
 
 SCENARIO_MAPS = (
     *("Berlin_1_256", "Paris_1_256", "den312d", "ost003d", "maze-32-32-4", "room-32-32-4", "room-64-64-16"),
@@ -34,10 +34,6 @@ PROBLEMS = (
     *(("random.domain", f"random_{size}") for size in (20, 50, 100, 200, 400, 600, 800)),
 )
 """Folders and names of the packed problems of the League of Robot Runners."""
-COUNTED = {"CSR": 1, "ISR": "num_agents", "SoC": 1, "makespan": 1, "avg_throughput": "max_steps"}
-"""Published metrics, and what each is multiplied by to be a whole number."""
-ABSENT = -1
-"""Number of a metric that an episode does not have, and of the instance of an episode that names none."""
 
 
 @dataclass(frozen=True)
@@ -82,13 +78,15 @@ def movingai(folder: Path) -> dict[str, Ints]:
     for name in SCENARIO_MAPS:
         grid = load_map(name)
         scenarios = [read_scenario(folder / f"{name}-random-{n}.scen", grid) for n in range(1, NUM_SCENARIOS + 1)]
-        cells = [np.stack([_cells(one.starts, grid.shape[1]), _cells(one.goals, grid.shape[1])], 1) for one in scenarios]
-        packed[name] = np.array(cells)
+        width = grid.shape[1]
+        packed[name] = np.array(
+            [np.stack([_cells(one.starts, width), _cells(one.goals, width)], 1) for one in scenarios]
+        )
     return packed
 
 
 def lorr(folder: Path) -> dict[str, ArrayLike]:
-    """Return the problems' names, maps and names of tasks, the start cells of each, and the cells of each list of tasks."""
+    """Return the problems' names, maps and lists of tasks by name, their start cells, and the cells of the lists."""
     maps: list[str] = []
     tasks: list[str] = []
     cells: dict[str, ArrayLike] = {}
@@ -141,9 +139,7 @@ def _rows(file: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(lines))
 
 
-def _results(
-    rows: Iterable[Mapping[str, str]], kind: str, keys: Mapping[tuple[str, str], int]
-) -> dict[str, ArrayLike]:
+def _results(rows: Iterable[Mapping[str, str]], kind: str, keys: Mapping[tuple[str, str], int]) -> dict[str, ArrayLike]:
     """Return the columns of the published episodes of a kind, in the order of algorithm, number of agents and instance.
 
     An episode without a seed has no instance.
@@ -166,19 +162,17 @@ def _results(
         "num_agents": np.array([episode[1] for episode in episodes], np.uint16),
         "instance": np.array([episode[2] for episode in episodes], np.int16),
     }
-    for name, unit in COUNTED.items():
-        values = [_count(row, name, unit) for *_, row in episodes]
-        if any(value != ABSENT for value in values):
-            columns[name] = np.array(values, np.int32)
+    for name in ONE_SHOT_UNITS if kind == "mapf" else ("avg_throughput",):
+        columns[name] = np.array([_count(row, name) for *_, row in episodes], np.int32)
     return columns
 
 
-def _count(row: Mapping[str, str], name: str, unit: int | str) -> int:
+def _count(row: Mapping[str, str], name: str) -> int:
     """Return a metric as a whole number, or `ABSENT`; raises `ValueError` if it is none."""
     if not row[name]:
         return ABSENT
-    factor = 256 if unit == "max_steps" else int(row["num_agents"]) if unit == "num_agents" else 1
-    value = float(row[name]) * factor
+    factors = {"avg_throughput": LIFELONG_STEPS, "ISR": int(row["num_agents"])}
+    value = float(row[name]) * factors.get(name, 1)
     if abs(value - round(value)) > 1e-6:
         raise ValueError(f"{name} of {row['algorithm']}: expected a whole number, got {value}")
     return round(value)

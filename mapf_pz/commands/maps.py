@@ -16,7 +16,7 @@ from tyro.conf import Positional, subcommand
 
 from mapf_pz._internal.interrupts import interruptible
 from mapf_pz._internal.lock import locked
-from mapf_pz.instances import MapMixture, write_bundled, load_map, map_names, write_map, write_scenario
+from mapf_pz.instances import MapMixture, load_map, map_names, write_bundled, write_map, write_scenario
 from mapf_pz.instances.download import Show, cache_folder, download
 from mapf_pz.instances.files.archive import ARCHIVES
 from mapf_pz.simulator.config import DEFAULT_NUM_AGENTS

@@ -124,6 +124,6 @@ def _run(job: Job) -> list[Episode]:
     """Run the episodes of a job."""
     task, measured = job.task, run_episodes(job.factory, job.task, job.episodes)
     return [
-        Episode(*_key(job.name, task, number), metrics, task.instance_name(number), task.seed + number)
+        Episode(*_key(job.name, task, number), metrics, task.instance_name(number), task.seed + number, task.suite)
         for number, metrics in zip(job.episodes, measured, strict=True)
     ]

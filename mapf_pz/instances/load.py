@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mapf_pz._internal.arrays import Bools, Ints
+from mapf_pz._internal.suggest import expected_names
 from mapf_pz.errors import FormatError
 from mapf_pz.instances.benchmarks import lorr, pogema
 from mapf_pz.instances.files.lorr import LorrProblem, read_problem
@@ -119,10 +120,11 @@ def load_pogema(instances: str | Path, num_agents: int | None = None) -> list[In
     Raises:
         FileNotFoundError: A file does not exist.
         FormatError: A file is malformed, or an instance has too few agents or does not fit its map.
-        ValueError: `num_agents` is less than 1, or more than bundled instances have.
+        ValueError: The name is unknown, or `num_agents` is less than 1, or more than bundled instances have.
     """
-    if pogema.is_bundled(str(instances)):
-        return pogema.read_instances(str(instances), num_agents)
+    if isinstance(instances, str) and not instances.endswith(PROBLEM_ENDING):
+        _check_name("instances of POGEMA's benchmark", instances, pogema.instance_names())
+        return pogema.read_instances(instances, num_agents)
     return read_pogema(instances, num_agents)
 
 
@@ -136,9 +138,18 @@ def load_problem(problem: str | Path) -> LorrProblem:
     Raises:
         FileNotFoundError: A file does not exist.
         FormatError: A file is malformed.
+        ValueError: The name is unknown.
     """
-    name = str(problem)
-    return lorr.read_problem(name) if name in lorr.problem_names() else read_problem(problem)
+    if isinstance(problem, str) and not problem.endswith(PROBLEM_ENDING):
+        _check_name("problem", problem, lorr.problem_names())
+        return lorr.read_problem(problem)
+    return read_problem(problem)
+
+
+def _check_name(what: str, name: str, known: Sequence[str]) -> None:
+    """Raise `ValueError` for an unknown name."""
+    if name not in known:
+        raise ValueError(f"no {what} named {name!r}: {expected_names(name, known)}; a path ends in {PROBLEM_ENDING}")
 
 
 def _is_problem(name: str | Path) -> bool:

@@ -3,7 +3,7 @@ from importlib import resources
 import numpy as np
 import pytest
 
-from mapf_pz.instances import components, format_map, generate, write_bundled, load_map
+from mapf_pz.instances import components, format_map, generate, load_map, write_bundled
 from mapf_pz.instances.bundled import BUNDLED
 
 MAPS = resources.files("mapf_pz.maps")

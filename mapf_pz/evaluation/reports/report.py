@@ -51,6 +51,8 @@ class Summary:
     """Number of episodes."""
     estimates: Mapping[str, Estimate]
     """Estimates by column, out of `ALL_COLUMNS`."""
+    suite: str = ""
+    """Name, version and digest of the task's suite; empty if there is none."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,11 @@ class SummaryTable:
     """The columns that at least one row has, in order."""
     rows: tuple[Summary, ...]
     """A row for each task and policy."""
+
+    @property
+    def suites(self) -> tuple[str, ...]:
+        """Names, versions and digests of the rows' suites."""
+        return tuple(dict.fromkeys(row.suite for row in self.rows if row.suite))
 
 
 def column_values(episode: Episode) -> dict[str, float]:
@@ -84,10 +91,18 @@ def grouped(episodes: Iterable[Episode]) -> dict[Group, dict[str, list[float]]]:
 def summaries(episodes: Iterable[Episode], columns: Sequence[str] = COLUMNS) -> SummaryTable:
     """Return the means of each task and policy, in the order of the episodes.
 
-    Columns without values are omitted, and `exhausted_agents` if it is 0.
+    Columns without values are omitted, and `exhausted_agents` if it is 0. Raises `ValueError` if a task is of several
+    suites or of several versions of one.
     """
+    episodes = list(episodes)
+    suites = suites_by_task(episodes)
     rows = [
-        Summary(*group, max(map(len, values.values()), default=0), _estimates(values, columns, interval))
+        Summary(
+            *group,
+            max(map(len, values.values()), default=0),
+            _estimates(values, columns, interval),
+            suites[group[:2]],
+        )
         for group, values in grouped(episodes).items()
     ]
     return _table(rows, columns)
@@ -96,8 +111,9 @@ def summaries(episodes: Iterable[Episode], columns: Sequence[str] = COLUMNS) -> 
 def differences(episodes: Sequence[Episode], baseline: str, columns: Sequence[str] = COLUMNS) -> SummaryTable:
     """Return the mean differences between each policy and the policy `baseline` on the same episodes of each task.
 
-    Raises `ValueError` if there are no episodes of that policy.
+    Raises `ValueError` if there are no episodes of that policy, and as `summaries`.
     """
+    suites = suites_by_task(episodes)
     references = {episode.key[1:]: column_values(episode) for episode in episodes if episode.policy == baseline}
     if not references:
         known = ", ".join(dict.fromkeys(episode.policy for episode in episodes))
@@ -110,10 +126,21 @@ def differences(episodes: Sequence[Episode], baseline: str, columns: Sequence[st
             pair = {name: value - other[name] for name, value in values.items() if name in other}
             groups[episode.task, episode.num_agents, episode.policy].append(pair)
     rows = [
-        Summary(*group, len(pairs), _estimates(_by_name(pairs), columns, difference_interval))
+        Summary(*group, len(pairs), _estimates(_by_name(pairs), columns, difference_interval), suites[group[:2]])
         for group, pairs in groups.items()
     ]
     return _table(rows, columns)
+
+
+def suites_by_task(episodes: Iterable[Episode]) -> dict[tuple[str, int], str]:
+    """Return the suite of each task, by its name and number of agents; raises `ValueError` if a task has several."""
+    suites: dict[tuple[str, int], str] = {}
+    for episode in episodes:
+        suite = suites.setdefault((episode.task, episode.num_agents), episode.suite)
+        if suite != episode.suite:
+            names = " and ".join(repr(name) if name else "no suite" for name in (suite, episode.suite))
+            raise ValueError(f"task {episode.task_label!r}: its results belong to {names}; expected those of one")
+    return suites
 
 
 def exhausted(episodes: Iterable[Episode]) -> list[str]:

@@ -27,4 +27,3 @@ def array_names(pack: str) -> list[str]:
     """Return the names of a pack's arrays."""
     with np.load(folder() / f"{pack}.npz", allow_pickle=False) as arrays:
         return list(arrays)
-

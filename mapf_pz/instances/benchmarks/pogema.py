@@ -5,6 +5,9 @@ Each of the five sets is a pack. A one-shot instance has the starts of the lifel
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 
 from mapf_pz._internal.arrays import Ints, coordinates
@@ -23,6 +26,25 @@ SETS = {
     "pogema-puzzles": "05-puzzles",
 }
 """The benchmark's own names of the packs."""
+
+LIFELONG_STEPS = 256
+"""Number of steps of lifelong episodes: a published throughput is a number of goals, divided by this."""
+ONE_SHOT_UNITS = {"CSR": 1, "ISR": 1, "SoC": 1, "makespan": 1}
+"""Published metrics of one-shot episodes, and what the packed numbers are divided by; `ISR`: the number of agents."""
+ABSENT = -1
+"""Packed number of a metric or instance that an episode does not state."""
+
+
+@dataclass(frozen=True)
+class PublishedResult:
+    """A published episode."""
+
+    algorithm: str
+    """The algorithm's name."""
+    instance: int
+    """Number of the instance; -1 if it is not stated."""
+    metrics: Mapping[str, float]
+    """`CSR`, `ISR`, `SoC`, `makespan` and `avg_throughput`, as far as they were published."""
 
 
 def is_bundled(name: str) -> bool:
@@ -65,6 +87,20 @@ def instance_keys(name: str) -> list[tuple[str, str]]:
     """Return the map's name and the seed of each instance."""
     names, maps, seeds = read_arrays(name.removesuffix(LIFELONG), "map_names", "maps", "seeds")
     return [(str(names[map]), str(seed)) for map, seed in zip(maps, seeds, strict=True)]
+
+
+def read_results(name: str, num_agents: int) -> list[PublishedResult]:
+    """Return the published episodes with a number of agents on the instances of a name, by algorithm and instance."""
+    pack, kind = name.removesuffix(LIFELONG), "lmapf" if name.endswith(LIFELONG) else "mapf"
+    units = {"avg_throughput": LIFELONG_STEPS} if kind == "lmapf" else ONE_SHOT_UNITS | {"ISR": num_agents}
+    columns = ("algorithms", "algorithm", "instance", "num_agents", *units)
+    names, algorithms, instances, counts, *numbers = read_arrays(pack, *(f"{kind} {column}" for column in columns))
+    results: list[PublishedResult] = []
+    for row in np.flatnonzero(counts == num_agents).tolist():
+        found = {metric: int(values[row]) for metric, values in zip(units, numbers, strict=True)}
+        metrics = {metric: number / units[metric] for metric, number in found.items() if number != ABSENT}
+        results.append(PublishedResult(str(names[algorithms[row]]), int(instances[row]), metrics))
+    return results
 
 
 def read_grids(pack: str) -> list[Grid]:
