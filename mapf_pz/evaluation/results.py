@@ -32,8 +32,8 @@ METRICS = (
     "agent_us",
 )
 """All metrics, in the order of the file's columns. Which of them an episode has depends on its mode."""
-COLUMNS = ("policy", "suite", "task", "num_agents", "episode", "instance", "seed", *METRICS)
-_OLD_START = "policy,task,"
+COLUMNS = ("policy", "task", "num_agents", "episode", "instance", "seed", "suite", *METRICS)
+_OLD_START = "policy,task,num_agents,episode,instance,seed,CSR,"
 """Start of the files of earlier versions."""
 _OUTDATED = "results of an earlier version, without suites: evaluate again in another folder, or with overwrite"
 EPISODES_FILE = "episodes.csv"
@@ -145,7 +145,7 @@ def discard(folder: Path) -> None:
 def _row(episode: Episode) -> list[object]:
     policy, suite, task, instance = map(to_cell, (episode.policy, episode.suite, episode.task, episode.instance))
     metrics = (episode.metrics.get(name, "") for name in METRICS)
-    return [policy, suite, task, episode.num_agents, episode.number, instance, episode.seed, *metrics]
+    return [policy, task, episode.num_agents, episode.number, instance, episode.seed, suite, *metrics]
 
 
 def _write_all(file: Path, episodes: Iterable[Episode]) -> None:
@@ -195,7 +195,7 @@ def _episode(row: list[str], line: int, file: Path) -> Episode:
     if len(row) != len(COLUMNS):
         raise FormatError(file, f"expected an episode of {len(COLUMNS)} values, got {len(row)}", line)
     try:
-        policy, suite, task_name, num_agents, number, instance, seed, *values = map(from_cell, row)
+        policy, task_name, num_agents, number, instance, seed, suite, *values = map(from_cell, row)
         named = zip(METRICS, values, strict=True)
         metrics = {name: float(value) for name, value in named if value}
         return Episode(policy, task_name, int(num_agents), int(number), metrics, instance, int(seed), suite)

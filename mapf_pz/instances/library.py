@@ -95,10 +95,12 @@ def load_scenario(scenario: str | Path | Scenario, grid: Grid | None = None) -> 
     if str(scenario).endswith(".json"):
         advice = "problem files are evaluated as 'lorr' or 'pogema' of a suite"
         raise ValueError(f"scenario={str(scenario)!r}: expected a .scen file of the map; {advice}")
+    if not isinstance(scenario, str):
+        return read_scenario(_scenario_file(scenario), grid)
     name = scenario_name(scenario, None if grid is None else grid.name)
-    bundled = None if isinstance(scenario, Path) else movingai.map_of(name)
+    bundled = movingai.map_of(name)
     if bundled is None:
-        return read_scenario(_scenario_file(scenario if isinstance(scenario, Path) else name), grid)
+        return read_scenario(_scenario_file(name), grid)
     own = load_map(bundled)
     if grid is not None and not np.array_equal(own.free, grid.free):
         raise ValueError(f"scenario={name!r}: expected a scenario of map {grid.name!r}, got one of {bundled!r}")

@@ -188,7 +188,7 @@ CASES = {
             "--output": "--output table.md",
             "--figures": "--figures figures",
             "--figure-format": "--figures figures | --figure-format svg",
-            "--published": "!--figures figures --published nowhere.csv",
+            "--published": "--no-published",
         },
     ),
     "train quickstart": Case(

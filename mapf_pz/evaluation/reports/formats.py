@@ -78,12 +78,12 @@ def comma_separated(table: SummaryTable) -> str:
     text = io.StringIO(newline="")
     out = csv.writer(text, lineterminator="\n")
     ends = [part for name in table.columns for part in (name, f"{name} low", f"{name} high")]
-    out.writerow(["suite", "task", "num_agents", "policy", "episodes", *ends])
+    out.writerow(["task", "num_agents", "policy", "episodes", *ends, "suite"])
     for each in table.rows:
         found = [each.estimates.get(name) for name in table.columns]
         values = [number for e in found for number in (("", "", "") if e is None else (e.mean, e.low, e.high))]
         suite, task, policy = map(to_cell, (each.suite, each.task, each.policy))
-        out.writerow([suite, task, each.num_agents, policy, each.episodes, *values])
+        out.writerow([task, each.num_agents, policy, each.episodes, *values, suite])
     return text.getvalue()
 
 
