@@ -16,6 +16,7 @@ from mapf_pz.instances.files.movingai import (
     write_scenario,
 )
 from mapf_pz.instances.files.pogema import read_pogema
+from mapf_pz.instances.files.pogema_config import convert_pogema
 from mapf_pz.instances.heading import Heading
 from mapf_pz.instances.instance import Grid, Instance, InstanceSource, Scenario
 from mapf_pz.instances.library import load_map, load_scenario
@@ -49,6 +50,7 @@ __all__ = [
     "Warehouse",
     "WarehouseTasks",
     "components",
+    "convert_pogema",
     "format_map",
     "format_scenario",
     "largest_component",

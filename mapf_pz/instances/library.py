@@ -139,6 +139,15 @@ def _scenario_file(scenario: str | Path) -> Path:
     return _resolve(scenario, ".scen", _benchmark("scens"), movingai.scenario_names())
 
 
+def map_paths() -> dict[str, Path]:
+    """Return the files of all maps that `load_map` finds by name: bundled ones, then those of the folders."""
+    files = {name: map_path(name) for name in map_names()}
+    for folder in _benchmark("maps"):
+        for file in sorted(folder.glob("*.map")):
+            files.setdefault(file.stem, file)
+    return files
+
+
 def benchmark_file(name: str) -> Path:
     """Return the file with this relative path in the folders of benchmark data; raises `FileNotFoundError`."""
     for file in _benchmark(name):

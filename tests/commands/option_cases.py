@@ -470,6 +470,7 @@ CASES = {
     ),
     "maps list": Case("maps list", {}),
     "maps write": Case("maps write new", {}),
+    "maps convert": Case("maps convert pogema.yaml converted", {"--maps": "--maps other.yaml"}),
     "maps download": Case(
         "maps download",
         {"--scenarios": "--scenarios even", "--folder": "--folder other"},
