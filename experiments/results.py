@@ -33,10 +33,9 @@ from mapf_pz.evaluation import Episode, EvaluationTask, evaluate, load_suite, po
 from mapf_pz.evaluation.identity import Identities, Identity, code_digest
 from mapf_pz.evaluation.reports.figures import draw_figures
 from mapf_pz.evaluation.reports.intervals import interval
-from mapf_pz.evaluation.reports.published import METRICS, PublishedEpisode, check_possible, load_published
+from mapf_pz.evaluation.reports.published import PUBLISHED, check_possible, published_episodes
 from mapf_pz.evaluation.reports.report import SOLVED, grouped
-from mapf_pz.instances.files.pogema import load_pogema, pogema_keys
-from mapf_pz.instances.library import benchmark_file
+from mapf_pz.evaluation.suite import suite_label
 
 ROOT = Path(__file__).parents[1]
 FILES = ROOT / "docs" / "results"
@@ -65,10 +64,12 @@ def measure(suites: tuple[str, ...] = (), jobs: int = 2) -> None:
         if suites and table.suite not in suites:
             continue
         episodes = evaluate(table.policies, table.suite, RUNS / table.suite, jobs, _show, overwrite=True)
-        results = _source(table) | _summary(table, episodes)
+        published = published_episodes(episodes)
+        _check_published(table, published)
+        results = _source(table) | _summary(episodes, published)
         write_whole(FILES / f"{table.suite}.json", as_json(results).encode())
         if table.figure:
-            draw_figures(episodes, FILES, published=_published_episodes(table))
+            draw_figures(episodes, FILES, published=published)
         print(f"{table.suite}: written", flush=True)
     write()
 
@@ -162,14 +163,24 @@ def _run(policy: str, task: EvaluationTask, number: int) -> Episode:
 def _source(table: ResultTable) -> dict[str, Any]:
     """Return the origin of a table's results, all of which are those of the present code."""
     commit = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True)
-    recorded = {"identities": asdict(identities(table))}
-    return {"command": table.command, "commit": commit.stdout.strip(), "code": code_digest()} | recorded
+    return {
+        "command": table.command,
+        "suite": suite_label(table.suite),
+        "commit": commit.stdout.strip(),
+        "code": code_digest(),
+        "identities": asdict(identities(table)),
+    }
 
 
-def _summary(table: ResultTable, episodes: Sequence[Episode]) -> dict[str, Any]:
-    rows = [
+def _summary(episodes: Sequence[Episode], published: Sequence[Episode]) -> dict[str, Any]:
+    return {"rows": _rows(episodes), "published": _rows(published), "samples": _samples(episodes)}
+
+
+def _rows(episodes: Sequence[Episode]) -> list[dict[str, Any]]:
+    """Return the means of each policy in each task."""
+    return [
         {
-            "policy": policy,
+            "policy": policy.removesuffix(PUBLISHED),
             "task": task_name,
             "num_agents": num_agents,
             "episodes": max(map(len, values.values())),
@@ -177,7 +188,6 @@ def _summary(table: ResultTable, episodes: Sequence[Episode]) -> dict[str, Any]:
         }
         for (task_name, num_agents, policy), values in grouped(episodes).items()
     ]
-    return {"rows": rows, "published": _published(table), "samples": _samples(episodes)}
 
 
 def _mean(metric: str, values: Sequence[float]) -> dict[str, float]:
@@ -211,40 +221,14 @@ def _comparable(metrics: dict[str, float]) -> dict[str, float]:
     return {name: value for name, value in metrics.items() if name not in TIMES}
 
 
-def _published_episodes(table: ResultTable) -> list[PublishedEpisode]:
-    """Return the published results on the suite's instances; checks that they are possible."""
-    if table.published is None:
-        return []
+def _check_published(table: ResultTable, published: Sequence[Episode]) -> None:
+    """Check that the published results are possible on the suite's instances, and print those that are not."""
+    if not published:
+        return
     tasks = load_suite(table.suite)
-    lifelong = tasks[0].keywords.get("on_target") == "restart"
-    file = benchmark_file(f"{table.published}.{'lmapf' if lifelong else 'mapf'}.json")
-    most = max(task.num_agents for task in tasks)
-    instances = dict(zip(pogema_keys(file), load_pogema(file, most), strict=True))
-    episodes = [
-        episode
-        for csv in sorted(file.parent.glob(f"{table.published}.results*.csv"))
-        for episode in load_published(csv)
-        if episode.lifelong == lifelong
-    ]
-    for episode in check_possible(episodes, instances, tasks[0].keywords["max_steps"]):
-        print(f"impossible, {table.suite}: {episode}", file=sys.stderr)
-    return [episode for episode in episodes if episode.instance in instances or not episode.instance[1]]
-
-
-def _published(table: ResultTable) -> list[dict[str, Any]]:
-    """Return the means of the published results."""
-    groups: dict[tuple[str, int], list[PublishedEpisode]] = {}
-    for episode in _published_episodes(table):
-        groups.setdefault((episode.algorithm, episode.num_agents), []).append(episode)
-    return [
-        {"policy": algorithm, "num_agents": num_agents, "episodes": len(members), "metrics": _means(members)}
-        for (algorithm, num_agents), members in groups.items()
-    ]
-
-
-def _means(episodes: Sequence[PublishedEpisode]) -> dict[str, dict[str, float]]:
-    present = [name for name in METRICS if all(name in episode.metrics for episode in episodes)]
-    return {name: _mean(name, [episode.metrics[name] for episode in episodes]) for name in present}
+    largest = max(tasks, key=lambda task: task.num_agents)
+    for episode in check_possible(published, largest.instances, largest.keywords["max_steps"]):
+        print(f"impossible, {episode.task_label}: {episode.policy}, {episode.instance}", file=sys.stderr)
 
 
 def pages() -> list[Path]:

@@ -24,8 +24,6 @@ class ResultTable:
     """Name of the suite and of the results file."""
     policies: tuple[str, ...]
     """Names for `mapf-pz evaluate --policy`."""
-    published: str | None = None
-    """Set of POGEMA's benchmark with published results to compare, such as `01-random`."""
     figure: bool = False
     """Whether there is a figure, too."""
 
@@ -37,19 +35,17 @@ class ResultTable:
 
 
 TABLES = (
-    ResultTable("pogema-random", (*ONE_SHOT, *LEARNED, IMITATED_ONE_SHOT), "01-random", figure=True),
-    ResultTable(
-        "pogema-random-lifelong", (*LIFELONG, "lacam:anytime=False", *LEARNED, IMITATED), "01-random", figure=True
-    ),
-    ResultTable("pogema-mazes", (*ONE_SHOT, *LEARNED[:1], IMITATED_ONE_SHOT), "02-mazes"),
-    ResultTable("pogema-mazes-lifelong", ("pibt", "epibt", "lacam:anytime=False", *LEARNED[:1], IMITATED), "02-mazes"),
-    ResultTable("pogema-warehouse", (*ONE_SHOT, *LEARNED[:1], IMITATED_ONE_SHOT), "03-warehouse"),
-    ResultTable("pogema-warehouse-lifelong", ("pibt", "epibt", *LEARNED[:1], IMITATED), "03-warehouse"),
-    ResultTable("pogema-cities", (*ONE_SHOT, *LEARNED[:1]), "04-movingai"),
-    ResultTable("pogema-cities-lifelong", ("pibt", "epibt", *LEARNED[:1]), "04-movingai"),
+    ResultTable("pogema-random", (*ONE_SHOT, *LEARNED, IMITATED_ONE_SHOT), figure=True),
+    ResultTable("pogema-random-lifelong", (*LIFELONG, "lacam:anytime=False", *LEARNED, IMITATED), figure=True),
+    ResultTable("pogema-mazes", (*ONE_SHOT, *LEARNED[:1], IMITATED_ONE_SHOT)),
+    ResultTable("pogema-mazes-lifelong", ("pibt", "epibt", "lacam:anytime=False", *LEARNED[:1], IMITATED)),
+    ResultTable("pogema-warehouse", (*ONE_SHOT, *LEARNED[:1], IMITATED_ONE_SHOT)),
+    ResultTable("pogema-warehouse-lifelong", ("pibt", "epibt", *LEARNED[:1], IMITATED)),
+    ResultTable("pogema-cities", (*ONE_SHOT, *LEARNED[:1])),
+    ResultTable("pogema-cities-lifelong", ("pibt", "epibt", *LEARNED[:1])),
     # The maps of the puzzles are smaller than the views of the trained policies.
-    ResultTable("pogema-puzzles", ONE_SHOT[:3], "05-puzzles"),
-    ResultTable("pogema-puzzles-lifelong", (*LIFELONG, "lacam:anytime=False"), "05-puzzles"),
+    ResultTable("pogema-puzzles", ONE_SHOT[:3]),
+    ResultTable("pogema-puzzles-lifelong", (*LIFELONG, "lacam:anytime=False")),
     ResultTable("report", ("pibt", "prioritized", "lacam", "mappo", "mappo+pibt", TURNING)),
     ResultTable("movingai-small", ("pibt", "lacam", TURNING)),
     ResultTable(
@@ -121,11 +117,17 @@ def by_policy(results: Results, metrics: Sequence[str]) -> list[list[str]]:
     return [list(row) for row in zip(*by_task(results, metrics), strict=True)]
 
 
+def _origin(results: Results) -> str:
+    """Return the suite (not of results before suites had versions), the commit and the code of results."""
+    suite = f"suite {results['suite']}, " if "suite" in results else ""
+    return f"{suite}commit {results['commit'][:7]}, code {results['code']}"
+
+
 def source(results: Results, _: Sequence[str]) -> list[str]:
-    """Return lines with the command, the commit and the code of the results."""
+    """Return lines with the command, the suite, the commit and the code of the results."""
     return [
         "```sh",
-        f"{results['command']}  # commit {results['commit'][:7]}, code {results['code']}",
+        f"{results['command']}  # {_origin(results)}",
         "```",
     ]
 

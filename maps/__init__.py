@@ -1,1 +1,1 @@
-"""The bundled maps: data only, made by `mapf-pz maps write`."""
+"""The bundled maps: data only. `README.md` names their sources and licenses."""

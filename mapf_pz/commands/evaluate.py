@@ -32,10 +32,12 @@ from mapf_pz.evaluation.episodes import Policy, PolicyFactory, simulator_of
 from mapf_pz.evaluation.external.command import PREFIX, TIME_LIMIT, CommandFactory
 from mapf_pz.evaluation.external.plan_folder import PlanFolderFactory
 from mapf_pz.evaluation.policies import is_trained
+from mapf_pz.evaluation.reports.published import published_episodes
 from mapf_pz.evaluation.reports.report import exhausted, failures
 from mapf_pz.evaluation.tracker import known_cost
 from mapf_pz.instances import load_instances
 from mapf_pz.instances.instance import Scenario
+from mapf_pz.instances.library import scenario_name
 from mapf_pz.simulator.source import goals_per_agent
 
 TABLE_FILE = "evaluation.md"
@@ -121,8 +123,12 @@ class EvaluateOptions:
 
     def _overridden(self, task: EvaluationTask) -> EvaluationTask:
         """Return the task with the settings that the options override."""
-        keywords = {name: value for name, value in self.env.keywords.items() if name not in ("map", "scenario")}
-        return task.with_(keywords=task.keywords | keywords, episodes=self.episodes, seed=self.seed)
+        keywords = task.keywords | {
+            name: value for name, value in self.env.keywords.items() if name not in ("map", "scenario")
+        }
+        changed = task.with_(keywords=keywords, episodes=self.episodes, seed=self.seed)
+        same = (changed.keywords, changed.seed) == (task.keywords, task.seed) and changed.episodes <= task.episodes
+        return changed if same else changed.with_(suite="")
 
     def factories(self) -> dict[str, PolicyFactory]:
         """Return the factories of the policies by their labels in the results, which differ for different settings."""
@@ -162,7 +168,8 @@ class EvaluateOptions:
             instances = tuple(load_instances(files, env.map, count, goals_per_agent(env)))
             task = EvaluationTask(name, instances[0].num_agents, DEFAULTS, instances=instances)
             if len(files) == len(instances):  # scenarios of the benchmark, not files of several instances
-                names = tuple(Path(file).stem for file in files)
+                map = None if env.map is None else Path(str(env.map)).stem
+                names = tuple(Path(scenario_name(file, map)).stem for file in files)
                 best = tuple(known_cost(file, task.num_agents).best for file in names)
                 task = task.with_(instance_names=names, best_costs=best)
             tasks.append(task)
@@ -222,17 +229,19 @@ def report(
                 update(advance=1, description=f"{episode.policy}, {episode.num_agents} agents on {episode.task}")
 
         episodes = evaluate(policies, tasks, output, jobs, show, overwrite)
-    Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200).print(terminal_table(episodes))
+    published = published_episodes(episodes)
+    shown = [*episodes, *published]
+    Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200).print(terminal_table(shown))
     for line in (*exhausted(episodes), *failures(episodes)):
         print(line)
     if output is None:
         return
-    write_whole(output / TABLE_FILE, markdown_table(episodes).encode())
+    write_whole(output / TABLE_FILE, markdown_table(shown).encode())
     print(f"table and episodes written to {output}")
     if find_spec("matplotlib") is None:
         print("no figures: they require matplotlib, pip install 'mapf-pz[train]'")
         return
     from mapf_pz.evaluation.reports.figures import draw_figures
 
-    for file in draw_figures(episodes, output):
+    for file in draw_figures(episodes, output, published=published):
         print(f"figure written to {file}")

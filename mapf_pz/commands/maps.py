@@ -1,4 +1,4 @@
-"""The command `mapf-pz maps`: list or write the bundled maps, generate new ones, or download the benchmark."""
+"""The command `mapf-pz maps`: list maps, write the bundled ones, generate or convert others, download the benchmark."""
 
 from __future__ import annotations
 
@@ -16,15 +16,28 @@ from tyro.conf import Positional, subcommand
 
 from mapf_pz._internal.interrupts import interruptible
 from mapf_pz._internal.lock import locked
-from mapf_pz.instances import MapMixture, generate_bundled, load_map, map_names, write_map, write_scenario
+from mapf_pz.instances import (
+    MapMixture,
+    convert_pogema,
+    load_problem,
+    map_names,
+    read_map,
+    write_bundled,
+    write_map,
+    write_scenario,
+)
+from mapf_pz.instances.benchmarks.lorr import problem_names
+from mapf_pz.instances.benchmarks.movingai import NUM_SCENARIOS, scenario_maps
+from mapf_pz.instances.benchmarks.pogema import instance_keys, instance_names
 from mapf_pz.instances.download import Show, cache_folder, download
-from mapf_pz.instances.files.archive import ARCHIVES
+from mapf_pz.instances.files.archive import ARCHIVES, MAPS
+from mapf_pz.instances.library import map_paths
 from mapf_pz.simulator.config import DEFAULT_NUM_AGENTS
 
 
 @dataclass(frozen=True)
 class ListMaps:
-    """List the bundled maps: name, rows x columns, free cells."""
+    """List all names: bundled and downloaded maps, maps to download, bundled problems and POGEMA's instances."""
 
 
 @dataclass(frozen=True)
@@ -61,29 +74,59 @@ class DownloadMaps:
     """Output folder, to which `MAPF_PZ_BENCHMARK` must be set. None: the user's cache, or `MAPF_PZ_CACHE`."""
 
 
+@dataclass(frozen=True)
+class ConvertMaps:
+    """Convert a configuration of POGEMA's benchmark to instances, as POGEMA 1.4.0 samples them from its seeds."""
+
+    config: Positional[Path]
+    """Configuration of the benchmark, a YAML file with maps' names, seeds and numbers of agents."""
+    folder: Positional[Path]
+    """Output folder, which is created if necessary."""
+    maps: Path | None = None
+    """YAML file with the drawings of the maps. Default: `maps.yaml` beside the configuration."""
+
+
 def maps(
     task: Annotated[ListMaps, subcommand("list")]
     | Annotated[WriteMaps, subcommand("write")]
     | Annotated[GenerateMaps, subcommand("generate")]
+    | Annotated[ConvertMaps, subcommand("convert")]
     | Annotated[DownloadMaps, subcommand("download")],
 ) -> None:
-    """List or write the bundled maps, generate new ones, or download the benchmark."""
+    """List maps, write the bundled ones, generate or convert others, or download the benchmark."""
     match task:
         case ListMaps():
             _list()
         case WriteMaps(folder):
-            print(f"{len(generate_bundled(folder))} maps written to {folder}")
+            print(f"{len(write_bundled(folder))} maps written to {folder}")
         case GenerateMaps():
             _generate(task)
+        case ConvertMaps(config, folder, drawings):
+            for file in convert_pogema(config, drawings or config.with_name("maps.yaml"), folder):
+                print(f"{file} written")
         case DownloadMaps(scenarios, folder):
             _download(scenarios, folder or cache_folder())
 
 
 def _list() -> None:
-    names = map_names()
-    for name in names:
-        grid = load_map(name)
-        print(f"{name:{max(map(len, names))}} {grid.shape[0]:4} x {grid.shape[1]:<4} {grid.free.sum():6} free cells")
+    """Print a line for each name, of which the last part says where its data is."""
+    lines = {name: _described(file, name) for name, file in map_paths().items()}
+    lines |= {name: "map of the MovingAI benchmark, mapf-pz maps download" for name in MAPS if name not in lines}
+    for name in problem_names():
+        problem = load_problem(name)
+        lines[name] = f"problem of the League of Robot Runners 2023, {problem.team_size} agents, bundled"
+    for name in instance_names():
+        lines[name] = f"{len(instance_keys(name))} instances of POGEMA's benchmark, bundled"
+    for name, text in lines.items():
+        print(f"{name:{max(map(len, lines))}}  {text}")
+
+
+def _described(file: Path, name: str) -> str:
+    """Return the size of a map, and where it and its scenarios are."""
+    grid = read_map(file)
+    place = "bundled" if name in map_names() else str(file.parent)
+    scenarios = f", scenarios random-1 to random-{NUM_SCENARIOS}" if name in scenario_maps() else ""
+    return f"{grid.shape[0]:4} x {grid.shape[1]:<4} {grid.free.sum():6} free cells, {place}{scenarios}"
 
 
 def _generate(options: GenerateMaps) -> None:

@@ -10,9 +10,10 @@ import numpy as np
 
 from mapf_pz._internal.arrays import Ints
 from mapf_pz.instances import load_instance, load_map
-from mapf_pz.instances.files.lorr import ROUND_ROBIN, LorrProblem, load_problem
+from mapf_pz.instances.files.lorr import ROUND_ROBIN, LorrProblem
 from mapf_pz.instances.heading import Heading
 from mapf_pz.instances.instance import Grid, Instance, Scenario
+from mapf_pz.instances.load import load_problem
 from mapf_pz.planners.plans.files import PlanFile, Selection, read_plan
 from mapf_pz.planners.plans.plan import reached
 

@@ -13,7 +13,7 @@ from mapf_pz._internal.atomic import write_whole
 from mapf_pz.evaluation.reports.aggregates import improvements, interquartile_means
 from mapf_pz.evaluation.reports.figures import FigureFormat, draw_figures
 from mapf_pz.evaluation.reports.formats import FORMATS, TableFormat
-from mapf_pz.evaluation.reports.published import load_published
+from mapf_pz.evaluation.reports.published import published_episodes
 from mapf_pz.evaluation.reports.report import (
     ALL_COLUMNS,
     COLUMNS,
@@ -53,8 +53,8 @@ class ReportOptions:
     """Folder for a figure of each task with several numbers of agents."""
     figure_format: FigureFormat = "pdf"
     """Format of the figures."""
-    published: tuple[Path, ...] = ()
-    """Files of published results of POGEMA's benchmark, `SET.results.csv`, to add to the figures."""
+    published: bool = True
+    """Add the published results of the same instances, if the episodes are of a suite `pogema-*` of this version."""
 
 
 def report(options: ReportOptions) -> None:
@@ -63,8 +63,8 @@ def report(options: ReportOptions) -> None:
     if unknown:
         raise ValueError(f"columns {unknown}: expected some of {', '.join(map(repr, ALL_COLUMNS))}")
     episodes = [episode for folder in options.folders for episode in read_episodes(folder)]
-    published = [episode for file in options.published for episode in load_published(file)]
-    table = _table(options, episodes)
+    published = published_episodes(episodes) if options.published else []
+    table = _table(options, [*episodes, *published])
     text = FORMATS[options.format](table)
     if options.output is None:
         sys.stdout.write(text)

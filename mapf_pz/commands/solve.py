@@ -11,7 +11,7 @@ from tyro.conf import Positional
 
 from mapf_pz.commands.env_flags import EnvKeywords
 from mapf_pz.evaluation.tracker import known_cost
-from mapf_pz.instances.files.lorr import load_problem
+from mapf_pz.instances import load_problem
 from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.planners import planner_of, validate, write_trace
 from mapf_pz.planners.base import simulator_of

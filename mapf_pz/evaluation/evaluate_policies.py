@@ -130,6 +130,6 @@ def _run(job: Job) -> list[Episode]:
     notes: dict[int, str] = {}
     measured = list(run_episodes(job.factory, task, job.episodes, notes.__setitem__))
     return [
-        Episode(*_key(job.name, task, e), metrics, task.instance_name(e), task.seed + e, notes.get(e, ""))
+        Episode(*_key(job.name, task, e), metrics, task.instance_name(e), task.seed + e, task.suite, notes.get(e, ""))
         for e, metrics in zip(job.episodes, measured, strict=True)
     ]

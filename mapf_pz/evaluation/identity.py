@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -73,7 +73,7 @@ def policy_identity(policy: object) -> Identity | None:
 def task_identity(task: EvaluationTask) -> Identity | None:
     """Return the identity of a task; None if a part of it, such as its source, has no digest.
 
-    The number of episodes is not a part of it.
+    The number of episodes is not a part of it, but that of the suite is.
 
     Raises as loading the task's map, scenario or weights does.
     """
@@ -90,11 +90,26 @@ def task_identity(task: EvaluationTask) -> Identity | None:
                 "instances": digest(_instances(task)),
                 "edge_weights": _edge_weights(keywords.get("edge_weights", EnvConfig.edge_weights)),
                 "best_known": digest((task.best, task.best_costs)),
+                **({"suite": task.suite} if task.suite else {}),
                 **rules,
             }
         )
     except NoDigestError:
         return None
+
+
+def suite_digest(tasks: Iterable[EvaluationTask]) -> str | None:
+    """Return the digest of all instances and rules of a suite's tasks, and of their names and numbers of episodes.
+
+    Best known costs, which not every user has, are not a part of it. None if a part of a task has no digest.
+    """
+    parts: list[object] = []
+    for task in tasks:
+        identity = task_identity(replace(task, best_costs=(), suite=""))
+        if identity is None:
+            return None
+        parts.append((task.label, task.episodes, identity))
+    return digest(parts)
 
 
 def _plain(identity: Identity) -> Identity:

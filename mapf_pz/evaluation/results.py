@@ -32,7 +32,10 @@ METRICS = (
     "agent_us",
 )
 """All metrics, in the order of the file's columns. Which of them an episode has depends on its mode."""
-COLUMNS = ("policy", "task", "num_agents", "episode", "instance", "seed", *METRICS, "note")
+COLUMNS = ("policy", "task", "num_agents", "episode", "instance", "seed", "suite", *METRICS, "note")
+_OLD_START = "policy,task,num_agents,episode,instance,seed,CSR,"
+"""Start of the files of earlier versions."""
+_OUTDATED = "results of an earlier version, without suites: evaluate again in another folder, or with overwrite"
 EPISODES_FILE = "episodes.csv"
 NOTHING = Identities()
 """No policies and no tasks, as for reading episodes."""
@@ -58,6 +61,8 @@ class Episode:
     """Name of the instance; empty if the environment generated it."""
     seed: int = 0
     """Random seed of the episode."""
+    suite: str = ""
+    """Name, version and digest of the task's suite, `EvaluationTask.suite`; empty if there is none."""
     note: str = ""
     """Why an external planner's plan was not executed, such as the first violation of the rules; otherwise empty."""
 
@@ -93,7 +98,8 @@ class Results:
             return
         folder.mkdir(parents=True, exist_ok=True)
         recorded = Identities.read(folder)
-        if self._file.exists():
+        outdated = overwrite and _is_outdated(self._file)
+        if self._file.exists() and not outdated:
             self.episodes = _read(self._file)
         changes = recorded.changes(
             identities, (episode.policy for episode in self.episodes), (episode.task_label for episode in self.episodes)
@@ -101,7 +107,7 @@ class Results:
         if changes.first is not None and not overwrite:
             raise ValueError(f"{folder}: {changes.first}; expected another folder, or overwrite")
         kept = [e for e in self.episodes if e.policy not in changes.policies and e.task_label not in changes.tasks]
-        if len(kept) < len(self.episodes) or not self._file.exists() or not self._file.stat().st_size:
+        if outdated or len(kept) < len(self.episodes) or not self._file.exists() or not self._file.stat().st_size:
             self.episodes = kept
             _write_all(self._file, kept)
         if recorded.updated(identities) != recorded:
@@ -139,9 +145,10 @@ def discard(folder: Path) -> None:
 
 
 def _row(episode: Episode) -> list[object]:
-    policy, task, instance = map(to_cell, (episode.policy, episode.task, episode.instance))
+    policy, suite, task, instance = map(to_cell, (episode.policy, episode.suite, episode.task, episode.instance))
     metrics = (episode.metrics.get(name, "") for name in METRICS)
-    return [policy, task, episode.num_agents, episode.number, instance, episode.seed, *metrics, to_cell(episode.note)]
+    numbers = episode.num_agents, episode.number
+    return [policy, task, *numbers, instance, episode.seed, suite, *metrics, to_cell(episode.note)]
 
 
 def _write_all(file: Path, episodes: Iterable[Episode]) -> None:
@@ -156,6 +163,8 @@ def _read(file: Path) -> list[Episode]:
     if file.is_file():
         _remove_partial_line(file, header.encode())
     text = read_text(file, MAX_BYTES)
+    if text.startswith(_OLD_START):
+        raise FormatError(file, _OUTDATED, 1)
     if text and not text.startswith(header):
         raise FormatError(file, f"expected the columns {', '.join(COLUMNS)}", 1)
     rows = csv.reader(io.StringIO(text, newline=""), strict=True)
@@ -164,6 +173,14 @@ def _read(file: Path) -> list[Episode]:
         return [_episode(row, rows.line_num, file) for row in rows]
     except csv.Error as error:
         raise FormatError(file, f"expected CSV: {error}", rows.line_num) from None
+
+
+def _is_outdated(file: Path) -> bool:
+    """Return whether a file is of an earlier version."""
+    if not file.is_file():
+        return False
+    with file.open("rb") as content:
+        return content.read(len(_OLD_START)) == _OLD_START.encode()
 
 
 def _remove_partial_line(file: Path, header: bytes) -> None:
@@ -181,9 +198,9 @@ def _episode(row: list[str], line: int, file: Path) -> Episode:
     if len(row) != len(COLUMNS):
         raise FormatError(file, f"expected an episode of {len(COLUMNS)} values, got {len(row)}", line)
     try:
-        policy, task_name, num_agents, number, instance, seed, *values, note = map(from_cell, row)
+        policy, task_name, num_agents, number, instance, seed, suite, *values, note = map(from_cell, row)
         named = zip(METRICS, values, strict=True)
         metrics = {name: float(value) for name, value in named if value}
-        return Episode(policy, task_name, int(num_agents), int(number), metrics, instance, int(seed), note)
+        return Episode(policy, task_name, int(num_agents), int(number), metrics, instance, int(seed), suite, note)
     except ValueError as error:
         raise FormatError(file, f"expected an episode: {error}", line) from None

@@ -6,7 +6,7 @@ import dataclasses
 import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from importlib import resources
 from pathlib import Path
 from reprlib import repr as shortened
@@ -16,11 +16,11 @@ from mapf_pz._internal.json import MAX_NAME, MAX_NUMBER, JsonObject, is_whole, l
 from mapf_pz._internal.plugins import NAMED_PARTS, check_trusted
 from mapf_pz._internal.text import read_text
 from mapf_pz.errors import FormatError
+from mapf_pz.evaluation.identity import suite_digest
 from mapf_pz.evaluation.task import EvaluationTask
 from mapf_pz.evaluation.tracker import known_cost
 from mapf_pz.guidance.library import is_guidance_file
-from mapf_pz.instances import RandomObstacles, load_map, load_problem, load_scenario
-from mapf_pz.instances.files.pogema import load_pogema
+from mapf_pz.instances import RandomObstacles, load_map, load_pogema, load_problem, load_scenario
 from mapf_pz.instances.instance import Instance
 from mapf_pz.instances.library import benchmark_file
 from mapf_pz.simulator.config import EnvConfig
@@ -33,8 +33,9 @@ MAX_CELLS = 2**24
 class TaskEntry:
     """An entry of a suite file: a task, or one task for each of several numbers of agents.
 
-    Exactly one of `map`, `random`, `pogema` and `lorr` determines the instances. Files are searched first in the folder
-    of the suite file, then in the folders of the environment variable `MAPF_PZ_BENCHMARK`, then among downloads.
+    Exactly one of `map`, `random`, `pogema` and `lorr` determines the instances. Names are those of bundled data. Files
+    are searched first in the folder of the suite file, then in the folders of the environment variable
+    `MAPF_PZ_BENCHMARK`, then among downloads.
     """
 
     map: str | None = None
@@ -44,9 +45,10 @@ class TaskEntry:
     random: list[float] | None = None
     """Rows, columns, and obstacle density of random maps."""
     pogema: str | None = None
-    """File of POGEMA's benchmark, such as `01-random.mapf.json`."""
+    """Name of instances of POGEMA's benchmark, such as `pogema-mazes`, or a file such as `mine.mapf.json`."""
     lorr: str | None = None
-    """JSON file of a League of Robot Runners problem; its `teamSize` is the number of agents."""
+    """Name of a League of Robot Runners problem, such as `warehouse_small_10`, or its JSON file; its `teamSize` is the
+    number of agents."""
     num_agents: int | list[int] | None = None
     """Number of agents, or a list of numbers; not given with `lorr`."""
     max_steps: int = EnvConfig.max_steps
@@ -72,29 +74,62 @@ def load_suite(suite: str | Path, trust_remote_code: bool = False) -> tuple[Eval
     """Return the tasks of a suite.
 
     Args:
-        suite: one of `suite_names()`, or the path of a `.json` file.
+        suite: one of `suite_names()`, or the path of a `.json` file. The tasks of a suite with a version state it in
+            their field `suite`.
         trust_remote_code: whether the file may name code outside this package.
 
     Raises:
         FileNotFoundError: the file, or a file that it refers to, does not exist.
-        FormatError: the file, or a file that it refers to, is malformed, or names code without `trust_remote_code`.
+        FormatError: the file, or a file that it refers to, is malformed, or names code without `trust_remote_code`;
+            or the suite has another digest than its file says.
         ValueError: there is no suite of that name.
     """
-    if str(suite).endswith(".json"):
-        file = Path(suite)
-    elif str(suite) in suite_names():
-        file = _bundled() / f"{suite}.json"
-    else:
-        raise ValueError(f"suite {str(suite)!r}: expected a .json file, or one of {', '.join(suite_names())}")
+    file = suite_file(suite)
     data = parse_object(read_text(file), file)
-    _check_keys(data, ("description", "tasks"), str(file))
+    _check_keys(data, ("description", "version", "digest", "tasks"), str(file))
     entries = list_member(data, "tasks", file, least=1)
     tasks = [task for number, entry in enumerate(entries) for task in _tasks(entry, number, file, trust_remote_code)]
     names = [task.label for task in tasks]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise FormatError(file, f"expected unique task names ('name'), got {twice!r} twice")
-    return tuple(tasks)
+    label = _label(tasks, data, file)
+    return tuple(replace(task, suite=label) for task in tasks)
+
+
+@cache
+def suite_label(name: str) -> str:
+    """Return the name, version and digest of a bundled suite; raises `ValueError` if there is no suite of that name."""
+    file = suite_file(name)
+    data = parse_object(read_text(file), file)
+    return f"{name}/{data['version']} {data['digest']}"
+
+
+def suite_file(suite: str | Path) -> Path:
+    """Return the file of a suite by name or path; raises `ValueError` for an unknown name."""
+    if str(suite).endswith(".json"):
+        return Path(suite)
+    if str(suite) in suite_names():
+        return _bundled() / f"{suite}.json"
+    raise ValueError(f"suite {str(suite)!r}: expected a .json file, or one of {', '.join(suite_names())}")
+
+
+def _label(tasks: Sequence[EvaluationTask], data: JsonObject, file: Path) -> str:
+    """Return the name, version and digest of a suite, or an empty text if it has no version; checks its digest."""
+    version, stated = data.get("version"), data.get("digest")
+    if version is None:
+        if stated is not None:
+            raise FormatError(file, "expected 'digest' only together with 'version'")
+        return ""
+    if not _is_count(version):
+        raise FormatError(file, f"expected 'version' to be a whole number, 1 or more, got {shortened(version)}")
+    found = suite_digest(tasks)
+    if found is None:
+        raise FormatError(file, "expected no 'version', since a part of a task has no digest")
+    if stated is not None and stated != found:
+        expected = f"expected the digest {shortened(stated)} of version {version}, got {found!r}"
+        raise FormatError(file, f"{expected}: a changed suite needs another version")
+    return f"{file.stem}/{version} {found}"
 
 
 def _tasks(data: Any, number: int, file: Path, trust_remote_code: bool) -> list[EvaluationTask]:
@@ -224,17 +259,18 @@ def _of_random(entry: TaskEntry, num_agents: int, _: Path) -> EvaluationTask:
 
 def _of_pogema(entry: TaskEntry, num_agents: int, folder: Path) -> EvaluationTask:
     """Return a task on POGEMA's instances."""
-    file = _find(cast("str", entry.pogema), "pogema", folder)
-    return _task(entry, file.name.removesuffix(".json"), num_agents, {}, load_pogema(file, num_agents))
+    source = _named(cast("str", entry.pogema), "pogema", folder)
+    name = Path(source).name.removesuffix(".json")
+    return _task(entry, name, num_agents, {}, load_pogema(source, num_agents))
 
 
 def _of_lorr(entry: TaskEntry, _: int, folder: Path) -> EvaluationTask:
     """Return a lifelong task of a League of Robot Runners problem."""
-    file = _find(cast("str", entry.lorr), "lorr", folder)
-    instance = load_problem(file).instance(entry.max_steps)  # no robot can reach more than one goal per step
+    source = _named(cast("str", entry.lorr), "lorr", folder)
+    instance = load_problem(source).instance(entry.max_steps)  # no robot can reach more than one goal per step
     if entry.env.get("action_model") == "cardinal":
         instance = Instance(instance.grid, instance.scenario)
-    return _task(entry, file.stem, instance.num_agents, {"on_target": "restart"}, [instance])
+    return _task(entry, Path(source).stem, instance.num_agents, {"on_target": "restart"}, [instance])
 
 
 _KINDS = {"map": _of_map, "random": _of_random, "pogema": _of_pogema, "lorr": _of_lorr}
@@ -260,6 +296,11 @@ def _task(
         instance_names=tuple(names),
         best=entry.best,
     )
+
+
+def _named(source: str, member: str, folder: Path) -> str | Path:
+    """Return the path of a `.json` file that a member names; anything else is a name."""
+    return _find(source, member, folder) if source.endswith(".json") else source
 
 
 def _find(file: str, member: str, folder: Path) -> Path:

@@ -40,6 +40,9 @@ class EvaluationTask:
     best_costs: tuple[int | None, ...] = ()
     """Best known sum of costs of each of `instances` for cardinal agents that stay at their goals, for the metric
     `best_ratio`; None: not known. Empty: none is known."""
+    suite: str = ""
+    """Name, version and digest of the suite that the task is a part of, such as `standard/1 0123456789abcdef`; empty if
+    it is not, or if the suite has no version."""
 
     def __post_init__(self) -> None:
         """Check the numbers and that all parts agree on that of agents; resolve the number of episodes."""

@@ -3,8 +3,8 @@
 It imports only what is internal. Read `instance.py` first.
 """
 
-from mapf_pz.instances.bundled import generate_bundled
-from mapf_pz.instances.files.lorr import LorrProblem, load_problem
+from mapf_pz.instances.bundled import map_names, write_bundled
+from mapf_pz.instances.files.lorr import LorrProblem, read_problem
 from mapf_pz.instances.files.movingai import (
     format_map,
     format_scenario,
@@ -15,11 +15,12 @@ from mapf_pz.instances.files.movingai import (
     write_map,
     write_scenario,
 )
-from mapf_pz.instances.files.pogema import load_pogema
+from mapf_pz.instances.files.pogema import read_pogema
+from mapf_pz.instances.files.pogema_config import convert_pogema
 from mapf_pz.instances.heading import Heading
 from mapf_pz.instances.instance import Grid, Instance, InstanceSource, Scenario
-from mapf_pz.instances.library import load_map, load_scenario, map_names
-from mapf_pz.instances.load import load_instance, load_instances
+from mapf_pz.instances.library import load_map, load_scenario
+from mapf_pz.instances.load import load_instance, load_instances, load_pogema, load_problem
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.instances.place import components, largest_component, place, place_on
 from mapf_pz.instances.sources import (
@@ -49,9 +50,9 @@ __all__ = [
     "Warehouse",
     "WarehouseTasks",
     "components",
+    "convert_pogema",
     "format_map",
     "format_scenario",
-    "generate_bundled",
     "largest_component",
     "load_instance",
     "load_instances",
@@ -66,7 +67,10 @@ __all__ = [
     "place",
     "place_on",
     "read_map",
+    "read_pogema",
+    "read_problem",
     "read_scenario",
+    "write_bundled",
     "write_map",
     "write_scenario",
 ]

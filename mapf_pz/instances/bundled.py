@@ -1,9 +1,11 @@
-"""The bundled maps, and the recipes that generate them."""
+"""The bundled maps: their files, and the recipes of those that are generated."""
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from functools import partial
+from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
 
@@ -47,15 +49,35 @@ BUNDLED: dict[str, Recipe] = {
     "room-16-16-4": Recipe(partial(generate.room, 16, 16, size=4), seed=0),
     "room-20-20-5": Recipe(partial(generate.room, 20, 20, size=5), seed=0),
 }
-"""The recipes of the bundled maps, by name. Random maps use the smallest seed whose map is connected."""
+"""The recipes of generated maps, by name. Random maps use the smallest seed whose map is connected."""
 
 
-def generate_bundled(folder: str | Path) -> list[Path]:
-    """Write all bundled maps to `folder`, which is created if necessary, and return the files."""
-    target = Path(folder)
-    target.mkdir(parents=True, exist_ok=True)
+def folder() -> Path:
+    """Return the folder of the bundled maps."""
+    return Path(str(resources.files("mapf_pz.maps")))
+
+
+def map_names() -> list[str]:
+    """Return the names of the bundled maps, sorted."""
+    return sorted(file.stem for file in folder().glob("*.map"))
+
+
+def map_path(name: str) -> Path:
+    """Return the file of a bundled map."""
+    return folder() / f"{name}.map"
+
+
+def write_bundled(target: str | Path) -> list[Path]:
+    """Write all bundled maps to the folder `target`, which is created if necessary, and return the files.
+
+    Maps with a recipe are generated, the others are copied.
+    """
+    Path(target).mkdir(parents=True, exist_ok=True)
     files: list[Path] = []
-    for name, recipe in BUNDLED.items():
-        files.append(target / f"{name}.map")
-        write_map(recipe.make(), files[-1], recipe.blocked)
+    for name in map_names():
+        files.append(Path(target) / f"{name}.map")
+        if name in BUNDLED:
+            write_map(BUNDLED[name].make(), files[-1], BUNDLED[name].blocked)
+        else:
+            shutil.copyfile(map_path(name), files[-1])
     return files

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import os
+import re
 import textwrap
 from collections.abc import Iterable, Iterator
-from importlib import resources
-from itertools import chain
 from pathlib import Path
+
+import numpy as np
 
 from mapf_pz._internal.arrays import Bools
 from mapf_pz._internal.json import parse_object
 from mapf_pz._internal.suggest import closest
 from mapf_pz._internal.text import read_text
 from mapf_pz.errors import FormatError
+from mapf_pz.instances.benchmarks import movingai
+from mapf_pz.instances.bundled import map_names, map_path
 from mapf_pz.instances.download import cache_folder
 from mapf_pz.instances.files.layout import PASSABLE, cells_of, layout_rows
 from mapf_pz.instances.files.movingai import parse_cells, parse_map_name, read_map, read_scenario
@@ -30,6 +33,8 @@ ADVICE = (
     f"{BENCHMARK_VARIABLE} to a folder with its maps/ and scens/"
 )
 """Advice in errors about unknown names."""
+_RELATIVE = re.compile(r"(random|even)-\d+")
+"""Names of scenarios that are relative to a map."""
 
 
 def load_map(map: str | Path | Bools | Grid) -> Grid:
@@ -42,8 +47,8 @@ def load_map(map: str | Path | Bools | Grid) -> Grid:
             a str with a newline: a text drawing, with `.` for free cells and any of `#@OTW` for obstacles; indentation
             and surrounding empty lines are ignored;
             a str that ends in `.map`: the path of a file; or in `.json`: the path of a GGO map;
-            any other str: the name of a map in `map_names()`, in the folder `$MAPF_PZ_BENCHMARK/maps`, or among those
-            downloaded by `mapf-pz maps download`.
+            any other str: the name of a bundled map (`map_names()`), of one in the folder `$MAPF_PZ_BENCHMARK/maps`, or
+            of one downloaded by `mapf-pz maps download`, searched in this order.
 
     Raises:
         FileNotFoundError: The file does not exist.
@@ -65,7 +70,9 @@ def map_file(map: str | Path) -> Path:
     """Return the file of a map by name or path, as in `load_map`; raises `ValueError` for an unknown name."""
     if str(map).endswith(LAYOUT_ENDING):
         return Path(map)
-    return _resolve(map, ".map", chain([_bundled()], _benchmark("maps")))
+    if str(map) in map_names() and not isinstance(map, Path):
+        return map_path(str(map))
+    return _resolve(map, ".map", _benchmark("maps"), map_names())
 
 
 def load_scenario(scenario: str | Path | Scenario, grid: Grid | None = None) -> Scenario:
@@ -73,14 +80,14 @@ def load_scenario(scenario: str | Path | Scenario, grid: Grid | None = None) -> 
 
     Args:
         scenario: A `Scenario`, which is returned unchanged; a `Path` or a str that ends in `.scen`: a file; any other
-            str: the name of a scenario in the folder `$MAPF_PZ_BENCHMARK/scens` or among the downloaded ones, such as
-            `den312d-random-1`.
-        grid: The map that a file must fit.
+            str: the name of a bundled scenario, of one in the folder `$MAPF_PZ_BENCHMARK/scens`, or of a downloaded
+            one, searched in this order: such as `den312d-random-1` or, relative to the map `grid`, `random-1`.
+        grid: The map that a scenario must fit.
 
     Raises:
         FileNotFoundError: The file does not exist.
         FormatError: The file is malformed, or does not fit the map.
-        ValueError: The name is unknown, or the file is a problem file.
+        ValueError: The name is unknown, is that of a scenario of another map, or the file is a problem file.
         TypeError: `scenario` has another type.
     """
     if isinstance(scenario, Scenario):
@@ -88,11 +95,33 @@ def load_scenario(scenario: str | Path | Scenario, grid: Grid | None = None) -> 
     if str(scenario).endswith(".json"):
         advice = "problem files are evaluated as 'lorr' or 'pogema' of a suite"
         raise ValueError(f"scenario={str(scenario)!r}: expected a .scen file of the map; {advice}")
-    return read_scenario(_scenario_file(scenario), grid)
+    if not isinstance(scenario, str):
+        return read_scenario(_scenario_file(scenario), grid)
+    name = scenario_name(scenario, None if grid is None else grid.name)
+    bundled = movingai.map_of(name)
+    if bundled is None:
+        return read_scenario(_scenario_file(name), grid)
+    own = load_map(bundled)
+    if grid is not None and not np.array_equal(own.free, grid.free):
+        raise ValueError(f"scenario={name!r}: expected a scenario of map {grid.name!r}, got one of {bundled!r}")
+    return movingai.read_scenario(name, own)
+
+
+def scenario_name(scenario: str | Path, map: str | None) -> str:
+    """Return the whole name or the path of a scenario, such as `den312d-random-1` for `random-1` of the map `den312d`.
+
+    Raises `ValueError` for such a relative name without a map.
+    """
+    name = str(scenario)
+    if isinstance(scenario, Path) or not _RELATIVE.fullmatch(name):
+        return name
+    if map is None:
+        raise ValueError(f"scenario={name!r}: expected a map, too, or a whole name such as {f'den312d-{name}'!r}")
+    return f"{map}-{name}"
 
 
 def scenario_map(scenario: str | Path) -> str:
-    """Return the name of the map that the file of a scenario names, which `load_map` may know; empty if it has none.
+    """Return the name of the map that a scenario names, which `load_map` may know; empty if it has none.
 
     Args:
         scenario: the path or the name of a scenario, as in `load_scenario`.
@@ -101,20 +130,22 @@ def scenario_map(scenario: str | Path) -> str:
         FileNotFoundError: The file does not exist.
         ValueError: The name is unknown.
     """
-    return parse_map_name(read_text(_scenario_file(scenario)))
+    name = scenario_name(scenario, None)
+    bundled = None if isinstance(scenario, Path) else movingai.map_of(name)
+    return parse_map_name(read_text(_scenario_file(scenario))) if bundled is None else bundled
 
 
 def _scenario_file(scenario: str | Path) -> Path:
-    return _resolve(scenario, ".scen", _benchmark("scens"))
+    return _resolve(scenario, ".scen", _benchmark("scens"), movingai.scenario_names())
 
 
-def map_names() -> list[str]:
-    """Return the names of the bundled maps, sorted."""
-    return sorted(file.stem for file in _bundled().glob("*.map"))
-
-
-def _bundled() -> Path:
-    return Path(str(resources.files("mapf_pz.maps")))
+def map_paths() -> dict[str, Path]:
+    """Return the files of all maps that `load_map` finds by name: bundled ones, then those of the folders."""
+    files = {name: map_path(name) for name in map_names()}
+    for folder in _benchmark("maps"):
+        for file in sorted(folder.glob("*.map")):
+            files.setdefault(file.stem, file)
+    return files
 
 
 def benchmark_file(name: str) -> Path:
@@ -133,15 +164,15 @@ def _benchmark(name: str) -> Iterator[Path]:
     yield cache_folder() / name
 
 
-def _resolve(source: object, ending: str, folders: Iterable[Path]) -> Path:
-    """Return the file for a path or a name; names are searched in `folders` in order."""
+def _resolve(source: object, ending: str, folders: Iterable[Path], bundled: Iterable[str]) -> Path:
+    """Return the file for a path or a name; names are searched in `folders` in order. `bundled` are other names."""
     if isinstance(source, Path):
         return source
     if not isinstance(source, str):
         raise TypeError(f"expected a name or the path of a {ending} file, got {type(source).__name__}")
     if source.endswith(ending):
         return Path(source)
-    names: list[str] = []
+    names = list(bundled)
     for folder in folders:
         for file in sorted(folder.glob(f"*{ending}")):
             if file.stem == source:

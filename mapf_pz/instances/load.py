@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mapf_pz._internal.arrays import Bools, Ints
+from mapf_pz._internal.suggest import expected_names
 from mapf_pz.errors import FormatError
-from mapf_pz.instances.files.lorr import load_problem
-from mapf_pz.instances.files.pogema import load_pogema
+from mapf_pz.instances.benchmarks import lorr, pogema
+from mapf_pz.instances.files.lorr import LorrProblem, read_problem
+from mapf_pz.instances.files.pogema import read_pogema
 from mapf_pz.instances.generate import on_canvas
 from mapf_pz.instances.heading import Heading
 from mapf_pz.instances.instance import ActionModel, Grid, HeadingName, Instance, Scenario
@@ -74,11 +76,11 @@ def load_instances(
     If maps differ in size, they are placed in the upper left corner of a map of obstacles as large as the largest.
 
     Args:
-        scenarios: Scenarios of one map, as in `load_scenario`; or paths of problem files, which name their own
-            maps: `.mapf.json` and `.lmapf.json` of POGEMA's benchmark, each with several instances, and `.json` of the
-            League of Robot Runners.
+        scenarios: Scenarios of one map, as in `load_scenario`; or problems, which name their own maps: `.mapf.json` and
+            `.lmapf.json` of POGEMA's benchmark, each with several instances, `.json` of the League of Robot Runners,
+            and names of bundled ones, as in `load_pogema` and `load_problem`.
         map: The map of the scenarios, as in `load_map`. None: the one whose name is in the scenarios' files, or
-            `empty-8-8` if all are `Scenario`s. Not allowed with problem files.
+            `empty-8-8` if all are `Scenario`s. Not allowed with problems.
         num_agents: Number of agents, the first of each instance; None: as many as the smallest instance has.
         goals_per_agent: Number of goals of each robot of a League of Robot Runners problem.
 
@@ -103,8 +105,56 @@ def load_instances(
     return [_first(instance, count, grids[id(instance.grid)]) for instance in instances]
 
 
-def _is_problem(path: str | Path) -> bool:
-    return str(path).endswith(PROBLEM_ENDING)
+def load_pogema(instances: str | Path, num_agents: int | None = None) -> list[Instance]:
+    """Return instances of POGEMA's benchmark or in its format, with their first `num_agents` agents.
+
+    In lifelong instances, each agent has a sequence of goals; sequences may differ in length. The metric
+    `exhausted_agents` counts the agents that reached the end of their sequence.
+
+    Args:
+        instances: The name of bundled instances: `pogema-random`, `pogema-mazes`, `pogema-warehouse`, `pogema-cities`,
+            `pogema-puzzles`, or one of these with `-lifelong`; or the path of a file `SET.mapf.json` or
+            `SET.lmapf.json`, whose maps are in `SET.maps.json` in the same folder.
+        num_agents: Number of agents; None: as many as the smallest instance has.
+
+    Raises:
+        FileNotFoundError: A file does not exist.
+        FormatError: A file is malformed, or an instance has too few agents or does not fit its map.
+        ValueError: The name is unknown, or `num_agents` is less than 1, or more than bundled instances have.
+    """
+    if isinstance(instances, str) and not instances.endswith(PROBLEM_ENDING):
+        _check_name("instances of POGEMA's benchmark", instances, pogema.instance_names())
+        return pogema.read_instances(instances, num_agents)
+    return read_pogema(instances, num_agents)
+
+
+def load_problem(problem: str | Path) -> LorrProblem:
+    """Return a problem of the League of Robot Runners.
+
+    Args:
+        problem: The name of a bundled example of 2023: `warehouse_small_10`, 50, 60, 100, 200, 400 or 800, or
+            `random_20`, 50, 100, 200, 400, 600 or 800; or the path of a problem's JSON file, as in `read_problem`.
+
+    Raises:
+        FileNotFoundError: A file does not exist.
+        FormatError: A file is malformed.
+        ValueError: The name is unknown.
+    """
+    if isinstance(problem, str) and not problem.endswith(PROBLEM_ENDING):
+        _check_name("problem", problem, lorr.problem_names())
+        return lorr.read_problem(problem)
+    return read_problem(problem)
+
+
+def _check_name(what: str, name: str, known: Sequence[str]) -> None:
+    """Raise `ValueError` for an unknown name."""
+    if name not in known:
+        raise ValueError(f"no {what} named {name!r}: {expected_names(name, known)}; a path ends in {PROBLEM_ENDING}")
+
+
+def _is_problem(name: str | Path) -> bool:
+    name = str(name)
+    return name.endswith(PROBLEM_ENDING) or pogema.is_bundled(name) or name in lorr.problem_names()
 
 
 def _named_map(scenarios: Sequence[str | Path | Scenario]) -> str:
@@ -128,8 +178,8 @@ def _of_scenario(scenario: str | Path | Scenario, grid: Grid, num_agents: int | 
 
 
 def _of_problem(path: str, num_agents: int | None, goals_per_agent: int) -> list[Instance]:
-    """Return the instances of a problem file, after checking them."""
-    if path.endswith(POGEMA_ENDINGS):
+    """Return the instances of a problem, after checking them."""
+    if path.endswith(POGEMA_ENDINGS) or pogema.is_bundled(path):
         instances = load_pogema(path, num_agents)
         for number, instance in enumerate(instances):
             _check_file(instance, f"{path}: instance {number}")

@@ -192,7 +192,7 @@ CASES = {
             "--output": "--output table.md",
             "--figures": "--figures figures",
             "--figure-format": "--figures figures | --figure-format svg",
-            "--published": "!--figures figures --published nowhere.csv",
+            "--published": "--no-published",
         },
     ),
     "train quickstart": Case(
@@ -474,6 +474,7 @@ CASES = {
     ),
     "maps list": Case("maps list", {}),
     "maps write": Case("maps write new", {}),
+    "maps convert": Case("maps convert pogema.yaml converted", {"--maps": "--maps other.yaml"}),
     "maps download": Case(
         "maps download",
         {"--scenarios": "--scenarios even", "--folder": "--folder other"},

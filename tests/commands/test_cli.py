@@ -13,7 +13,7 @@ import pytest
 import mapf_pz
 from mapf_pz.commands import main as cli
 from mapf_pz.commands.main import COMMANDS, Command, main
-from mapf_pz.instances import load_map, map_names, place, write_map, write_scenario
+from mapf_pz.instances import load_map, map_names, place, write_bundled, write_map, write_scenario
 from mapf_pz.instances.instance import Grid
 from mapf_pz.speed import scaling, startup
 from mapf_pz.speed.candidates import COPY, as_table
@@ -191,8 +191,27 @@ def test_too_little_memory_for_the_cost_to_go(capsys, tmp_path, monkeypatch, wor
 def test_maps_list(capsys):
     status, out, err = run(capsys, "maps", "list")
     assert (status, err) == (0, [])
-    assert [line.split()[0] for line in out] == map_names()
-    assert out[map_names().index("empty-8-8")].split()[1:] == ["8", "x", "8", "64", "free", "cells"]
+    lines = dict(line.split(maxsplit=1) for line in out)
+    assert len(lines) == len(out)
+    assert list(lines)[: len(map_names())] == map_names()
+    assert lines["empty-8-8"] == "8 x 8        64 free cells, bundled, scenarios random-1 to random-10"
+    assert lines["maze-13-13-1"] == "13 x 13       71 free cells, bundled"
+    assert lines["brc202d"] == "map of the MovingAI benchmark, mapf-pz maps download"
+    assert lines["warehouse_small_10"] == "problem of the League of Robot Runners 2023, 10 agents, bundled"
+    assert lines["pogema-mazes-lifelong"] == "128 instances of POGEMA's benchmark, bundled"
+
+
+def test_maps_list_names_the_folders_of_other_maps(capsys, monkeypatch, tmp_path):
+    for variable in ("MAPF_PZ_BENCHMARK", "MAPF_PZ_CACHE"):
+        folder = tmp_path / variable / "maps"
+        write_bundled(folder)
+        (folder / "empty-8-8.map").rename(folder / f"of-{variable}.map")
+        monkeypatch.setenv(variable, str(folder.parent))
+    _, out, _ = run(capsys, "maps", "list")
+    lines = dict(line.split(maxsplit=1) for line in out)
+    for variable in ("MAPF_PZ_BENCHMARK", "MAPF_PZ_CACHE"):
+        assert lines[f"of-{variable}"] == f"8 x 8        64 free cells, {tmp_path / variable / 'maps'}"
+    assert "bundled" in lines["empty-16-16"]
 
 
 def test_maps_write(capsys, tmp_path):

@@ -17,6 +17,9 @@ from tests.instances.problem_files import write_lorr
 
 SEVERAL = {
     "suite.json": '{"tasks": [{"map": "empty-8-8", "num_agents": [3, 5], "max_steps": 9, "episodes": 2}]}',
+    "pogema.yaml": "environment: {on_target: nothing, seed: 0, num_agents: 2, map_name: mine}",
+    "maps.yaml": "mine: '.... ....'",
+    "other.yaml": "mine: '...... ......'",
 }
 
 
@@ -89,7 +92,7 @@ def material(tmp_path_factory):
         (folder / name).write_text(text)
     (folder / "plan.txt").write_text("solution=\n0:(0,0),(2,0),\n1:(1,0),(1,0),\n2:(2,0),(0,0),\n")
     policies = ["--policy", "pibt", "--policy", "random", "--num-agents", "2", "3"]
-    words = ["--map", "empty-8-8", "--max-steps", "9", "--episodes", "2", "--output", str(folder / "results")]
+    words = ["--suite", "pogema-puzzles", "--episodes", "2", "--output", str(folder / "results")]
     assert main(["evaluate", *policies, *words]) == 0
     write_lorr(folder)
     write_scenario(Scenario([[4, 4]], [[3, 4]]), grid, folder / "near.scen")

@@ -40,7 +40,6 @@ def test_figures(folder, tmp_path, capsys):
     [
         (["--columns", "csr"], "columns ['csr']: expected some of 'CSR', 'ISR'"),
         (["--baseline", "lacam"], "baseline 'lacam': no such policy in the results, expected one of pibt, random"),
-        (["--published", "missing.csv"], "missing.csv"),
     ],
 )
 def test_errors(folder, words, error, capsys):

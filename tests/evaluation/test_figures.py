@@ -1,3 +1,4 @@
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import pytest
@@ -8,7 +9,6 @@ pytest.importorskip("matplotlib")
 Image = pytest.importorskip("PIL.Image")
 
 from mapf_pz.evaluation.reports.figures import draw_figures  # noqa: E402
-from mapf_pz.evaluation.reports.published import PublishedEpisode  # noqa: E402
 
 
 def episodes(task_name, counts, *names, **metrics):
@@ -68,9 +68,8 @@ def test_names_are_no_formulas(tmp_path):
 def test_vector_figures_with_published_results(tmp_path, format):
     tried = episodes("maze", [4, 8], "pibt", CSR=0.0) + episodes("goals", [4, 8], "pibt", avg_throughput=1.0)
     published = [
-        PublishedEpisode(lifelong, name, count, ("maze", "0"), metrics)
-        for count in (4, 8)
-        for lifelong, name, metrics in ((False, "DCC", {"CSR": 1.0}), (True, "RHCR", {"avg_throughput": 2.0}))
+        *episodes("maze", [4, 8], "DCC (published)", CSR=1.0),
+        *episodes("goals", [4, 8], "RHCR (published)", avg_throughput=2.0),
     ]
     maze, goals = draw_figures(tried, tmp_path, format, published)
     assert (maze.name, goals.name) == (f"maze.{format}", f"goals.{format}")
@@ -79,3 +78,12 @@ def test_vector_figures_with_published_results(tmp_path, format):
         assert "DCC (published)" in maze.read_text()
         assert "RHCR" not in maze.read_text()
         assert "RHCR (published)" in goals.read_text()
+
+
+def test_figures_state_the_suite(tmp_path):
+    tried = [replace(one, suite="mine/2 0123456789abcdef") for one in episodes("maze", [4, 8], "pibt", CSR=0.0)]
+    (file,) = draw_figures(tried, tmp_path, "svg")
+    assert "maze (mine/2 0123456789abcdef)" in file.read_text()
+    tried[0] = replace(tried[0], suite="mine/1 0123456789abcdef")
+    with pytest.raises(ValueError, match="task '4 agents on maze': its results belong to 'mine/1"):
+        draw_figures(tried, tmp_path, "svg")

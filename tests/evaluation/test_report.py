@@ -1,4 +1,5 @@
 import csv
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
@@ -177,10 +178,11 @@ def test_csv_has_numbers():
         "best_ratio",
         "best_ratio low",
         "best_ratio high",
+        "suite",
     ]
     assert (first[:3], last[:3]) == (["maze", "4", "random"], ["lifelong", "4", "pibt"])
     assert [float(value) for value in first[5:8]] == pytest.approx([0, 0, 0.79345], abs=1e-4)
-    assert last[3:] == ["1", "1", "", "", "", "0.123456", "0.123456", "0.123456"]
+    assert last[3:] == ["1", "1", "", "", "", "0.123456", "0.123456", "0.123456", ""]
 
 
 def test_cells_of_csv_are_no_formulas():
@@ -200,3 +202,24 @@ def test_brackets_are_no_markup():
     text = shown([Episode("runs/[bold]", "[red]maze", 4, 0, {"CSR": 1.0})])
     assert "runs/[bold]" in text
     assert "[red]maze" in text
+
+
+def test_tables_state_their_suites():
+    episodes = [replace(one, suite="mine/2 ab" if one.task == "maze" else "") for one in EPISODES]
+    assert markdown_table(episodes).endswith("\n\nSuite: mine/2 ab\n")
+    assert "Suite: mine/2 ab" in shown(episodes)
+    assert latex(summaries(episodes)).startswith("% Suite: mine/2 ab\n")
+    lines = list(csv.DictReader(comma_separated(summaries(episodes)).splitlines()))
+    assert {line["task"]: line["suite"] for line in lines} == {"maze": "mine/2 ab", "lifelong": ""}
+    assert {row.suite for row in differences(episodes, "pibt").rows} == {"mine/2 ab"}
+    assert "Suite" not in markdown_table(EPISODES)
+
+
+def test_results_of_two_versions_are_not_compared():
+    episodes = [replace(EPISODES[0], suite="mine/1 ab"), replace(EPISODES[3], suite="mine/2 ab")]
+    message = "task '4 agents on maze': its results belong to 'mine/1 ab' and 'mine/2 ab'; expected those of one"
+    for call in (lambda: summaries(episodes), lambda: differences(episodes, "pibt")):
+        with pytest.raises(ValueError, match=message):
+            call()
+    with pytest.raises(ValueError, match="'mine/1 ab' and no suite"):
+        summaries([episodes[0], replace(episodes[1], suite="")])

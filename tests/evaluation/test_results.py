@@ -1,10 +1,12 @@
 import csv
 import os
+from dataclasses import replace
 
 import pytest
 
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation import Episode, EvaluationTask, evaluate
+from mapf_pz.evaluation.identity import Identities
 from mapf_pz.evaluation.results import COLUMNS, METRICS, Results
 from mapf_pz.instances import RandomObstacles
 from tests.evaluation.test_episodes import TIMES, Right
@@ -119,19 +121,38 @@ def test_a_file_with_other_columns_is_not_changed(tmp_path, text):
     assert (tmp_path / "episodes.csv").read_text() == text
 
 
+def test_results_of_an_earlier_version_are_refused_or_replaced(tmp_path):
+    text = HEADER.replace("suite,", "") + "\nright,drawn,1,0,,0,1\n"
+    (tmp_path / "episodes.csv").write_text(text)
+    with pytest.raises(FormatError, match=r"episodes\.csv:1: results of an earlier version, without suites: evaluate"):
+        evaluated(Right(), TASKS, tmp_path)
+    assert (tmp_path / "episodes.csv").read_text() == text
+    evaluate({"right": Right()}, TASKS, tmp_path, overwrite=True)
+    assert len(rows(tmp_path)) == ALL
+
+
+def test_results_state_their_suite(tmp_path):
+    (task,) = (replace(task, suite="mine/1 ab") for task in TASKS[:1])
+    (episode, *_), _ = evaluated(Right(), [task], tmp_path)
+    assert episode.suite == "mine/1 ab"
+    assert {row["suite"] for row in rows(tmp_path)} == {"mine/1 ab"}
+    with pytest.raises(ValueError, match=r"task '1 agents on drawn': suite differs; expected another folder"):
+        Results(tmp_path, Identities.of({}, [replace(task, suite="mine/2 ab")]))
+
+
 @pytest.mark.parametrize(
     ("row", "message"),
     [
         ("right,drawn,1", f"expected an episode of {len(COLUMNS)} values, got 3"),
         ("", f"expected an episode of {len(COLUMNS)} values, got 0"),
-        ("right,drawn,1,two,,0" + "," * (len(METRICS) + 1), "expected an episode: .*'two'"),
-        ("right,drawn,1,2,,0,high" + "," * len(METRICS), "expected an episode: .*'high'"),
+        ("right,drawn,1,two,,0," + "," * (len(METRICS) + 1), "expected an episode: .*'two'"),
+        ("right,drawn,1,2,,0,,high" + "," * len(METRICS), "expected an episode: .*'high'"),
         (
-            "right,drawn,1,2,,0," + "x" * 9999 + "," * len(METRICS),
+            "right,drawn,1,2,,0,," + "x" * 9999 + "," * len(METRICS),
             r"expected an episode: .* float: 'x{443} \.\.\.$",
         ),
-        ("right,drawn,1,2,,one" + "," * (len(METRICS) + 1), "expected an episode: .*'one'"),
-        ('right,"drawn,1,2,,0' + "," * (len(METRICS) + 1), "expected CSV"),
+        ("right,drawn,1,2,,one," + "," * (len(METRICS) + 1), "expected an episode: .*'one'"),
+        ('right,"drawn,1,2,,0,' + "," * (len(METRICS) + 1), "expected CSV"),
     ],
 )
 def test_a_malformed_row_is_an_error(tmp_path, row, message):

@@ -1,7 +1,5 @@
 import json
-import os
 import re
-from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -11,13 +9,14 @@ from mapf_pz.errors import FormatError
 from mapf_pz.evaluation import load_suite, suite_names
 from mapf_pz.evaluation.episodes import run_episodes
 from mapf_pz.evaluation.policies import factory_for
+from mapf_pz.evaluation.suite import suite_label
+from mapf_pz.evaluation.tracker import KnownCost
 from mapf_pz.instances import write_map, write_scenario
 from mapf_pz.instances.instance import Grid, Scenario
 from tests.evaluation.test_episodes import Right
 
-SHARED = Path(__file__).parents[3] / "shared"
-DATA = [SHARED / "mapf-benchmark", SHARED / "pogema-benchmark"]
-NEEDS_NOTHING = ["central-16", "central-4", "central-8", "quickstart", "report-10", "standard"]
+RANDOM = ["central-16", "central-4", "central-8", "quickstart", "report-10", "standard"]
+NOT_BUNDLED = "lorr-2023"
 
 GRID = Grid([[True] * 6, [True] * 3 + [False] * 3], "tiny")
 SCENARIO = Scenario([[0, 0], [1, 0]], [[0, 5], [1, 2]])
@@ -72,18 +71,17 @@ def message_of(folder, *entries):
 
 
 @pytest.mark.parametrize("name", suite_names())
-def test_suites_that_come_with_the_package(name, monkeypatch):
-    if name not in NEEDS_NOTHING:
-        absent = [str(folder) for folder in DATA if not folder.is_dir()]
-        if absent:
-            pytest.skip(f"{' and '.join(absent)} absent: the benchmarks' data is not part of the repository")
-        monkeypatch.setenv("MAPF_PZ_BENCHMARK", os.pathsep.join(map(str, DATA)))
+def test_suites_that_come_with_the_package(name, monkeypatch, request):
+    if name == NOT_BUNDLED:
+        monkeypatch.setenv("MAPF_PZ_BENCHMARK", str(request.getfixturevalue("benchmark")))
     tasks = load_suite(name)
+    assert {task.suite for task in tasks} == {suite_label(name)}
+    assert tasks[0].suite.startswith(f"{name}/")
     assert len({task.label for task in tasks}) == len(tasks)
     for task in tasks:
         assert task.episodes > 0
         assert all(instance.num_agents == task.num_agents for instance in task.instances)
-        assert (name in NEEDS_NOTHING) == (not task.instances)
+        assert (name in RANDOM) == (not task.instances)
 
 
 def test_every_preset_of_training_is_evaluated_on_a_suite_that_needs_nothing():
@@ -91,15 +89,14 @@ def test_every_preset_of_training_is_evaluated_on_a_suite_that_needs_nothing():
     from mapf_pz.commands.train import SUITES
     from mapf_pz.rl.presets import PRESETS
 
-    assert {SUITES.get(preset, "standard") for preset in PRESETS} <= set(NEEDS_NOTHING)
+    assert {SUITES.get(preset, "standard") for preset in PRESETS} <= set(RANDOM)
 
 
-@pytest.mark.parametrize("name", sorted(set(suite_names()) - set(NEEDS_NOTHING)))
-def test_missing_files_are_named(name):
+def test_missing_files_are_named():
     with pytest.raises((FormatError, FileNotFoundError)) as caught:
-        load_suite(name)
+        load_suite(NOT_BUNDLED)
     assert str(caught.value).count("\n") == 0
-    assert f"{name}.json: task 0: no " in str(caught.value)
+    assert f"{NOT_BUNDLED}.json: task 0: no " in str(caught.value)
     assert "MAPF_PZ_BENCHMARK" in str(caught.value)
 
 
@@ -108,6 +105,46 @@ def test_unknown_suites(tmp_path):
         load_suite("standrad")
     with pytest.raises(FileNotFoundError, match=r"mine\.json: no such file"):
         load_suite(tmp_path / "mine.json")
+
+
+# Versions and digests.
+
+
+def test_a_version_comes_with_the_digest_of_instances_and_rules(folder):
+    entry = {"random": [5, 5, 0.1], "num_agents": 2}
+    assert {task.suite for task in loaded(folder, entry)} == {""}
+    (one,), (same,), (renumbered,) = (loaded(folder, entry, version=version) for version in (1, 1, 2))
+    assert one.suite == same.suite
+    name, _, digest = one.suite.partition(" ")
+    assert (name, renumbered.suite) == ("mine/1", f"mine/2 {digest}")
+    changes = [{"max_steps": 9}, {"seed": 4}, {"episodes": 3}, {"name": "other"}, {"random": [5, 5, 0.2]}]
+    changes += [{"env": {"action_model": "cardinal"}}, {"num_agents": 3}, {"best": 0.5}]
+    others = [loaded(folder, entry | change, version=1)[0].suite for change in changes]
+    assert len({one.suite, *others}) == 1 + len(changes)
+    assert loaded(folder, entry, version=1, digest=digest)[0].suite == one.suite
+
+
+def test_the_costs_that_a_user_knows_are_no_part_of_the_digest(folder, monkeypatch):
+    entry = SOURCES["scenarios"] | {"num_agents": 2}
+    (without,) = loaded(folder, entry, version=1)
+    monkeypatch.setattr("mapf_pz.evaluation.suite.known_cost", lambda *_: KnownCost(1, 5))
+    (known,) = loaded(folder, entry, version=1)
+    assert known.best_costs == (5,)
+    assert known.suite == without.suite
+
+
+@pytest.mark.parametrize(
+    ("members", "message"),
+    [
+        ({"version": 0}, "expected 'version' to be a whole number, 1 or more, got 0"),
+        ({"version": "1"}, "expected 'version' to be a whole number, 1 or more, got '1'"),
+        ({"digest": "0"}, "expected 'digest' only together with 'version'"),
+        ({"version": 3, "digest": "ab"}, r"expected the digest 'ab' of version 3, got '\w{16}': a changed suite needs"),
+    ],
+)
+def test_wrong_versions(folder, members, message):
+    with pytest.raises(FormatError, match=rf"mine\.json: {message}"):
+        loaded(folder, {"random": [5, 5, 0.1], "num_agents": 2}, **members)
 
 
 # A user's own.
@@ -235,7 +272,7 @@ def test_wrong_files(folder):
         ("[]", "expected a JSON object"),
         ("{}", "expected 'tasks' to be a list"),
         ('{"tasks": []}', "expected 1 items in 'tasks', got 0"),
-        ('{"task": []}', "expected one of description, tasks, got 'task'"),
+        ('{"task": []}', "expected one of description, version, digest, tasks, got 'task'"),
     ]:
         (folder / "mine.json").write_text(text)
         with pytest.raises(FormatError, match=message):

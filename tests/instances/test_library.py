@@ -30,7 +30,7 @@ def named(folder, monkeypatch):
 
 
 def test_map_names():
-    assert map_names() == sorted(BUNDLED)
+    assert set(map_names()) > set(BUNDLED)
     assert all(load_map(name).name == name for name in map_names())
 
 
@@ -106,8 +106,20 @@ def test_without_a_benchmark_folder_names_are_of_bundled_maps_only():
         load_scenario("tiny-random-1")
 
 
-def test_the_real_benchmark_by_name(benchmark, monkeypatch):
-    monkeypatch.setenv("MAPF_PZ_BENCHMARK", str(benchmark))
+def test_bundled_names_come_before_those_of_a_folder(named):
+    (named / "scens" / "tiny-random-1.scen").rename(named / "scens" / "den312d-random-1.scen")
+    assert len(load_scenario("den312d-random-1")) == 1000
     grid = load_map("den312d")
     assert grid.free.sum() == 2445
-    assert len(load_scenario("den312d-random-1", grid)) == 1000
+    assert len(load_scenario("random-2", grid)) == 1000
+
+
+def test_relative_names_are_of_the_folder_too(named):
+    assert load_scenario("random-1", GRID) == SCENARIO
+
+
+def test_the_real_benchmark_by_name(benchmark, monkeypatch):
+    monkeypatch.setenv("MAPF_PZ_BENCHMARK", str(benchmark))
+    grid = load_map("brc202d")
+    assert grid.free.sum() == 43151
+    assert len(load_scenario("brc202d-random-1", grid)) == 1000

@@ -14,8 +14,7 @@ from matplotlib.figure import Figure
 from mapf_pz._internal.atomic import replacing
 from mapf_pz._internal.printable import printable
 from mapf_pz.evaluation.reports.intervals import interval
-from mapf_pz.evaluation.reports.published import PublishedEpisode
-from mapf_pz.evaluation.reports.report import SOLVED, grouped
+from mapf_pz.evaluation.reports.report import SOLVED, grouped, suites_by_task
 from mapf_pz.evaluation.results import Episode
 
 FigureFormat = Literal["png", "pdf", "svg"]
@@ -33,13 +32,15 @@ MARKERS = "sv^D<>pPXhd*"
 
 Points = dict[int, list[float]]
 """The values of a metric, by the number of agents."""
+Lines = dict[str, dict[str, Points]]
+"""The lines of a task's panels: points by metric and policy."""
 
 
 def draw_figures(
-    episodes: Iterable[Episode],
+    episodes: Sequence[Episode],
     folder: Path,
     format: FigureFormat = "png",
-    published: Sequence[PublishedEpisode] = (),
+    published: Sequence[Episode] = (),
 ) -> list[Path]:
     """Save a figure of each task with several numbers of agents, and return the files.
 
@@ -47,36 +48,45 @@ def draw_figures(
         episodes: the episodes.
         folder: the folder of the files, which are named by the tasks; it is created if it does not exist.
         format: the format of the files; `pdf` and `svg` are vector graphics.
-        published: published results of the same instances, which are drawn as dashed lines.
+        published: published results of the same tasks, which are drawn as dashed lines.
+
+    Raises `ValueError` if a task is of several suites or of several versions of one.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    by_task: dict[str, dict[str, dict[str, Points]]] = {}
+    suites = {task: suite for (task, _), suite in suites_by_task(episodes).items()}
+    return list(_draw(_by_task(episodes), suites, folder, format, _by_task(published)))
+
+
+def _by_task(episodes: Iterable[Episode]) -> dict[str, Lines]:
+    """Return the lines of each task."""
+    by_task: dict[str, Lines] = {}
     for (task_name, num_agents, policy), values in grouped(episodes).items():
         for metric in values:
             lines = by_task.setdefault(task_name, {}).setdefault(metric, {})
             lines.setdefault(policy, {})[num_agents] = values[metric]
-    return list(_draw(by_task, folder, format, published))
+    return by_task
 
 
 def _draw(
-    by_task: dict[str, dict[str, dict[str, Points]]],
+    by_task: dict[str, Lines],
+    suites: dict[str, str],
     folder: Path,
     format: FigureFormat,
-    published: Sequence[PublishedEpisode],
+    published: dict[str, Lines],
 ) -> Iterator[Path]:
     names = _file_names(by_task)
     for task_name, metrics in by_task.items():
+        others = published.get(task_name, {})
         shown = [name for name in LABELS if name in metrics]
         if not shown or max(len(points) for points in metrics[shown[0]].values()) < 2:
             continue
         figure = Figure(figsize=(4.2 * len(shown), 4.2), layout="constrained")
         for panel, metric in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
-            lifelong = "avg_throughput" in metrics
-            _draw_panel(panel, metric, metrics[metric], _published_points(published, metric, lifelong))
+            _draw_panel(panel, metric, metrics[metric], others.get(metric, {}))
         legends = [panel.get_legend_handles_labels() for panel in figure.axes]
         handles = {label: line for lines, labels in legends for line, label in zip(lines, labels, strict=True)}
         figure.legend(handles.values(), handles, fontsize=8, loc="outside lower center", ncols=len(shown) + 1)
-        figure.suptitle(_escaped(task_name))
+        figure.suptitle(_escaped(f"{task_name} ({suites[task_name]})" if suites[task_name] else task_name))
         file = folder / f"{names[task_name]}.{format}"
         with replacing(file) as temporary:
             figure.savefig(temporary, format=format, dpi=110)
@@ -91,16 +101,6 @@ def _file_names(tasks: Iterable[str]) -> dict[str, str]:
         candidates = (base if number == 1 else f"{base}-{number}" for number in count(1))
         names[task] = next(name for name in candidates if name not in names.values())
     return names
-
-
-def _published_points(published: Sequence[PublishedEpisode], metric: str, lifelong: bool) -> dict[str, Points]:
-    """Return the values of a metric by algorithm and number of agents."""
-    lines: dict[str, Points] = {}
-    for episode in published:
-        if episode.lifelong == lifelong and metric in episode.metrics:
-            points = lines.setdefault(episode.algorithm, {})
-            points.setdefault(episode.num_agents, []).append(episode.metrics[metric])
-    return lines
 
 
 def _escaped(name: str) -> str:
@@ -121,8 +121,8 @@ def _draw_panel(panel: Axes, metric: str, lines: dict[str, Points], published: d
         means = [float(np.mean(points[count])) for count in agents]
         gray = str(0.15 + 0.6 * number / len(published))
         marker = MARKERS[number % len(MARKERS)]
-        label = f"{_escaped(name)} (published)"
-        panel.plot(agents, means, linestyle="--", linewidth=1, marker=marker, markersize=3, color=gray, label=label)
+        style = {"linestyle": "--", "linewidth": 1, "marker": marker, "markersize": 3, "color": gray}
+        panel.plot(agents, means, label=_escaped(name), **style)
     panel.set(xlabel="agents", ylabel=LABELS[metric])
     if metric == "step_ms":
         panel.set_yscale("log")

@@ -10,7 +10,7 @@ from typing import Literal
 from rich.markup import escape
 from rich.table import Table
 
-from mapf_pz._internal.printable import to_cell
+from mapf_pz._internal.printable import printable, to_cell
 from mapf_pz.evaluation.reports.report import COLUMNS, Estimate, SummaryTable, summaries
 from mapf_pz.evaluation.results import Episode
 
@@ -41,8 +41,9 @@ def cells(table: SummaryTable) -> list[list[str]]:
 
 def terminal_table(episodes: Iterable[Episode]) -> Table:
     """Return the table of episodes for a terminal."""
-    header, *body = cells(summaries(episodes))
-    table = Table(*header, title="mean [95 % interval]")
+    summary = summaries(episodes)
+    header, *body = cells(summary)
+    table = Table(*header, title="mean [95 % interval]", caption=_suites(summary) or None)
     for row in body:
         table.add_row(*map(escape, row))
     return table
@@ -57,7 +58,8 @@ def markdown(table: SummaryTable) -> str:
     """Return a table in Markdown."""
     header, *body = cells(table)
     lines = [header, ["---"] * len(header), *body]
-    return "".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines)
+    text = "".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines)
+    return f"{text}\n{_suites(table)}\n" if table.suites else text
 
 
 def latex(table: SummaryTable) -> str:
@@ -68,7 +70,8 @@ def latex(table: SummaryTable) -> str:
         if before is not None and before[:2] != row[:2]:
             lines.append(r"\midrule")
         lines.append(_latex_row(row))
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+    comments = [f"% {_suites(table)}"] if table.suites else []
+    return "\n".join([*comments, *lines, r"\bottomrule", r"\end{tabular}", ""])
 
 
 def comma_separated(table: SummaryTable) -> str:
@@ -76,11 +79,12 @@ def comma_separated(table: SummaryTable) -> str:
     text = io.StringIO(newline="")
     out = csv.writer(text, lineterminator="\n")
     ends = [part for name in table.columns for part in (name, f"{name} low", f"{name} high")]
-    out.writerow(["task", "num_agents", "policy", "runs", "episodes", *ends])
+    out.writerow(["task", "num_agents", "policy", "runs", "episodes", *ends, "suite"])
     for each in table.rows:
         found = [each.estimates.get(name) for name in table.columns]
         values = [number for e in found for number in (("", "", "") if e is None else (e.mean, e.low, e.high))]
-        out.writerow([to_cell(each.task), each.num_agents, to_cell(each.policy), each.runs, each.episodes, *values])
+        suite, task, policy = map(to_cell, (each.suite, each.task, each.policy))
+        out.writerow([task, each.num_agents, policy, each.runs, each.episodes, *values, suite])
     return text.getvalue()
 
 
@@ -90,6 +94,11 @@ FORMATS: dict[TableFormat, Callable[[SummaryTable], str]] = {
     "csv": comma_separated,
 }
 """The functions that format tables, by name."""
+
+
+def _suites(table: SummaryTable) -> str:
+    """Return a line with the suites of a table; empty if there are none."""
+    return f"Suite{'s' * (len(table.suites) > 1)}: {printable(', '.join(table.suites))}" if table.suites else ""
 
 
 def _cell(estimate: Estimate | None) -> str:

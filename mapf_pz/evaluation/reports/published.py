@@ -1,135 +1,117 @@
-"""Published results of POGEMA's benchmark, and checks that they are possible on given instances.
+"""Published results of POGEMA's benchmark as episodes, and checks that they are possible on given instances.
 
-Source: github.com/Cognitive-AI-Systems/pogema-benchmark, one row per episode in `SET.results*.csv`.
+They are packed with the instances: `mapf_pz/instances/benchmarks/README.md` names the sources.
 """
 
 from __future__ import annotations
 
-import csv
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
 from mapf_pz._internal.arrays import Floats
-from mapf_pz._internal.text import read_text
-from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.reports.bounds import least_costs, most_goals
+from mapf_pz.evaluation.results import Episode
+from mapf_pz.evaluation.suite import suite_label
+from mapf_pz.instances import load_pogema
+from mapf_pz.instances.benchmarks import pogema
 from mapf_pz.instances.instance import Instance
 
-COLUMNS = ("kind", "algorithm", "num_agents", "map_name", "seed")
-METRICS = ("CSR", "ISR", "SoC", "makespan", "avg_throughput")
+PUBLISHED = " (published)"
+"""Suffix of the names of published methods."""
 TOLERATED = 0.2
 """Maximum fraction of an algorithm's episodes that may be impossible before its results are rejected."""
 
-InstanceKey = tuple[str, str]
-"""Map name and seed, which identify an instance of the benchmark."""
 
+def published_episodes(episodes: Iterable[Episode]) -> list[Episode]:
+    """Return the published episodes of the tasks that some episodes belong to, as those of policies `NAME (published)`.
 
-@dataclass(frozen=True)
-class PublishedEpisode:
-    """One row of a file of published results."""
-
-    lifelong: bool
-    """True for `lmapf`, False for `mapf`."""
-    algorithm: str
-    """The algorithm's name."""
-    num_agents: int
-    """Number of agents."""
-    instance: InstanceKey
-    """The instance; the seed is empty if the file has none."""
-    metrics: Mapping[str, float]
-    """Metrics by name, out of `METRICS`."""
-
-    def __str__(self) -> str:
-        """Return a description that identifies the episode."""
-        map_name, seed = self.instance
-        return f"{self.algorithm}, {self.num_agents} agents on {map_name}, seed {seed}"
-
-
-def load_published(file: str | Path) -> list[PublishedEpisode]:
-    """Read a file of published results.
-
-    Raises:
-        FileNotFoundError: the file does not exist.
-        FormatError: a column is missing, or a value is not a number.
+    There are such episodes for the bundled suites `pogema-*`, whose version and digest must be those of the episodes.
+    An episode has the number of its instance, or a negative one if its source does not state the instance.
     """
-    rows = csv.DictReader(read_text(file).splitlines())
-    missing = [name for name in (*COLUMNS, *METRICS) if name not in (rows.fieldnames or ())]
-    if missing:
-        raise FormatError(file, f"expected the columns {', '.join(missing)}", 1)
-    try:
-        return [_episode(row) for row in rows]
-    except (ValueError, TypeError) as error:
-        raise FormatError(file, f"expected an episode: {error}", rows.line_num) from None
+    tasks = dict.fromkeys((episode.suite, episode.task, episode.num_agents) for episode in episodes)
+    return [
+        published
+        for suite, task, num_agents in tasks
+        for name in [suite.partition("/")[0]]
+        if pogema.is_bundled(name) and suite == suite_label(name)
+        for published in _of_task(suite, name, task, num_agents)
+    ]
 
 
-def _episode(row: Mapping[str, str]) -> PublishedEpisode:
-    metrics = {name: float(row[name]) for name in METRICS if row[name]}
-    key = row["map_name"], row["seed"]
-    return PublishedEpisode(row["kind"] == "lmapf", row["algorithm"], int(row["num_agents"]), key, metrics)
+def _of_task(suite: str, name: str, task: str, num_agents: int) -> Iterator[Episode]:
+    """Yield the published episodes of a task."""
+    rows = pogema.read_results(name, num_agents)
+    instances = load_pogema(name, num_agents)
+    bounds = [] if name.endswith(pogema.LIFELONG) else [int(least_costs(instance).sum()) for instance in instances]
+    for position, row in enumerate(rows, 1):
+        number = row.instance if row.instance >= 0 else -position
+        map = instances[row.instance].grid.name if row.instance >= 0 else ""
+        metrics = dict(row.metrics)
+        if bounds and row.instance >= 0 and "SoC" in metrics:
+            metrics["SoC_ratio"] = metrics["SoC"] / bounds[row.instance]
+        yield Episode(f"{row.algorithm}{PUBLISHED}", task, num_agents, number, metrics, map, suite=suite)
 
 
-def impossible_episodes(
-    episodes: Iterable[PublishedEpisode], instances: Mapping[InstanceKey, Instance], max_steps: int
-) -> list[PublishedEpisode]:
-    """Return the episodes with results that no algorithm can reach. Episodes without a matching instance are skipped.
+def impossible_episodes(episodes: Iterable[Episode], instances: Sequence[Instance], max_steps: int) -> list[Episode]:
+    """Return the episodes with results that no algorithm can reach. Those without an instance are skipped.
 
     A one-shot sum of costs must not be less than the sum of the shortest path lengths, each limited to `max_steps - 1`,
     the value that some algorithms count for an unsolved agent. A lifelong throughput must not exceed that of agents
     that never wait.
 
     Args:
-        episodes: published results, for the first agents of an instance.
-        instances: the instances by map name and seed.
+        episodes: published episodes of some of the first agents of the instances.
+        instances: the instances, by the episodes' numbers.
         max_steps: time limit of the episodes.
     """
     return [episode for episode, possible in _compared(episodes, instances, max_steps) if not possible]
 
 
-def check_possible(
-    episodes: Iterable[PublishedEpisode], instances: Mapping[InstanceKey, Instance], max_steps: int
-) -> list[PublishedEpisode]:
+def check_possible(episodes: Iterable[Episode], instances: Sequence[Instance], max_steps: int) -> list[Episode]:
     """Return the impossible episodes; raise `ValueError` if their fraction exceeds `TOLERATED`.
 
-    The fraction is that of the episodes with a matching instance, for each algorithm and number of agents. The
-    arguments are those of `impossible_episodes`.
+    The fraction is that of the episodes with an instance, for each algorithm and number of agents. The arguments are
+    those of `impossible_episodes`.
     """
-    found: list[PublishedEpisode] = []
-    groups: dict[tuple[bool, str, int], list[PublishedEpisode]] = defaultdict(list)
-    totals: Counter[tuple[bool, str, int]] = Counter()
+    found: list[Episode] = []
+    groups: dict[tuple[str, int], list[Episode]] = defaultdict(list)
+    totals: Counter[tuple[str, int]] = Counter()
     for episode, possible in _compared(episodes, instances, max_steps):
-        group = episode.lifelong, episode.algorithm, episode.num_agents
+        group = episode.policy, episode.num_agents
         totals[group] += 1
         if not possible:
             found.append(episode)
             groups[group].append(episode)
     for group, members in groups.items():
         if len(members) > TOLERATED * totals[group]:
-            examples = "; ".join(map(str, members[:3]))
+            examples = "; ".join(f"episode {member.number}, {member.instance}" for member in members[:3])
             raise ValueError(
-                f"published results of {group[1]} with {group[2]} agents are impossible on these instances in "
+                f"results of {group[0]} with {group[1]} agents are impossible on these instances in "
                 f"{len(members)} of {totals[group]} episodes ({examples}): the instances are not those of the results"
             )
     return found
 
 
 def _compared(
-    episodes: Iterable[PublishedEpisode], instances: Mapping[InstanceKey, Instance], max_steps: int
-) -> Iterator[tuple[PublishedEpisode, bool]]:
-    """Yield each episode that has a matching instance, and whether its result is possible."""
-    bounds: dict[tuple[InstanceKey, bool], Floats] = {}
+    episodes: Iterable[Episode], instances: Sequence[Instance], max_steps: int
+) -> Iterator[tuple[Episode, bool]]:
+    """Yield each episode that has an instance, and whether its result is possible."""
+    bounds: dict[tuple[int, bool], Floats] = {}
     for episode in episodes:
-        instance, name = instances.get(episode.instance), "avg_throughput" if episode.lifelong else "SoC"
-        if instance is None or instance.num_agents < episode.num_agents or name not in episode.metrics:
+        lifelong = "avg_throughput" in episode.metrics
+        value = episode.metrics.get("avg_throughput" if lifelong else "SoC")
+        if not 0 <= episode.number < len(instances) or value is None:
             continue
-        key = episode.instance, episode.lifelong
+        instance = instances[episode.number]
+        if instance.num_agents < episode.num_agents:
+            continue
+        key = episode.number, lifelong
         if key not in bounds:
-            bounds[key] = _bounds(instance, episode.lifelong, max_steps)
-        bound, value = bounds[key][episode.num_agents - 1], episode.metrics[name]
-        yield episode, value * max_steps <= bound + 1e-6 if episode.lifelong else value >= bound
+            bounds[key] = _bounds(instance, lifelong, max_steps)
+        bound = bounds[key][episode.num_agents - 1]
+        yield episode, value * max_steps <= bound + 1e-6 if lifelong else value >= bound
 
 
 def _bounds(instance: Instance, lifelong: bool, max_steps: int) -> Floats:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -60,6 +60,8 @@ class Summary:
     """Estimates by column, out of `ALL_COLUMNS`."""
     runs: int = 1
     """Number of policies, of several training seeds, that the method has."""
+    suite: str = ""
+    """Name, version and digest of the task's suite; empty if there is none."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,11 @@ class SummaryTable:
     """The columns that at least one row has, in order."""
     rows: tuple[Summary, ...]
     """A row for each task and policy."""
+
+    @property
+    def suites(self) -> tuple[str, ...]:
+        """Names, versions and digests of the rows' suites."""
+        return tuple(dict.fromkeys(row.suite for row in self.rows if row.suite))
 
 
 def column_values(episode: Episode) -> dict[str, float]:
@@ -113,11 +120,16 @@ def summaries(
 
     Several runs of a method are one row, with the mean of their means, and the outer one of its intervals over the runs
     and over all their episodes. Columns without values are omitted, and `exhausted_agents` if it is 0.
+
+    Raises `ValueError` if a task is of several suites or of several versions of one.
     """
+    episodes = list(episodes)
+    suites = suites_by_task(episodes)
     by_method: dict[Group, list[dict[str, list[float]]]] = {}
     for (task, num_agents, policy), values in grouped(episodes).items():
         by_method.setdefault((task, num_agents, method_of(policy, methods)), []).append(values)
-    return table_of([_summary(group, runs, columns) for group, runs in by_method.items()], columns)
+    rows = [replace(_summary(group, runs, columns), suite=suites[group[:2]]) for group, runs in by_method.items()]
+    return table_of(rows, columns)
 
 
 def _summary(
@@ -156,8 +168,9 @@ def differences(
 
     With several runs of a method, differences are those of the runs, and the baseline is the mean of its runs.
 
-    Raises `ValueError` if there are no episodes of that policy.
+    Raises `ValueError` if there are no episodes of that policy, and as `summaries`.
     """
+    suites = suites_by_task(episodes)
     found: dict[Key, dict[str, list[float]]] = {}
     for episode in episodes:
         if method_of(episode.policy, methods) == baseline:
@@ -176,10 +189,24 @@ def differences(
             runs = groups.setdefault((episode.task, episode.num_agents, method), {})
             runs.setdefault(episode.policy, []).append(pair)
     rows = [
-        _summary(group, [_by_name(pairs) for pairs in runs.values()], columns, differ=True)
+        replace(
+            _summary(group, [_by_name(pairs) for pairs in runs.values()], columns, differ=True),
+            suite=suites[group[:2]],
+        )
         for group, runs in groups.items()
     ]
     return table_of(rows, columns)
+
+
+def suites_by_task(episodes: Iterable[Episode]) -> dict[tuple[str, int], str]:
+    """Return the suite of each task, by its name and number of agents; raises `ValueError` if a task has several."""
+    suites: dict[tuple[str, int], str] = {}
+    for episode in episodes:
+        suite = suites.setdefault((episode.task, episode.num_agents), episode.suite)
+        if suite != episode.suite:
+            names = " and ".join(repr(name) if name else "no suite" for name in (suite, episode.suite))
+            raise ValueError(f"task {episode.task_label!r}: its results belong to {names}; expected those of one")
+    return suites
 
 
 def exhausted(episodes: Iterable[Episode]) -> list[str]:

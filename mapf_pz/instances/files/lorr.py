@@ -144,7 +144,7 @@ class LorrProblem:
             raise ValueError(f"goals_per_agent: expected 1 to {most} for {self.team_size} robots, got {count}")
 
 
-def load_problem(path: str | Path) -> LorrProblem:
+def read_problem(path: str | Path) -> LorrProblem:
     """Read a problem's JSON file and the three files that it names, which must be in the JSON file's folder or below.
 
     If `teamSize` is smaller than the number of agents in the agents' file, the first ones are used.

@@ -23,7 +23,7 @@ MAX_GOALS = 16_000_000
 """Maximum number of goals in a file, with all sequences padded to the longest; larger files are rejected."""
 
 
-def load_pogema(path: str | Path, num_agents: int | None = None) -> list[Instance]:
+def read_pogema(path: str | Path, num_agents: int | None = None) -> list[Instance]:
     """Read the instances of `SET.mapf.json` or `SET.lmapf.json`, whose maps are in `SET.maps.json` in the same folder.
 
     The first `num_agents` agents of each instance are used; None: as many as the smallest instance has. In lifelong
@@ -46,15 +46,6 @@ def load_pogema(path: str | Path, num_agents: int | None = None) -> list[Instanc
     named = [(entry, f"{file}: instance {number}") for number, entry in enumerate(entries)]
     count = num_agents or min(len(list_member(entry, "agents_xy", where, least=1)) for entry, where in named)
     return [_instance(entry, count, grids, most_goals, where) for entry, where in named]
-
-
-def pogema_keys(path: str | Path) -> list[tuple[str, str]]:
-    """Return the map name and seed of each instance, in the order of `load_pogema`; raises as `load_pogema`."""
-    file = Path(path)
-    return [
-        (text_member(entry, "map_name", f"{file}: instance {number}"), str(entry.get("seed", "")))
-        for number, entry in enumerate(_entries(file))
-    ]
 
 
 def _entries(file: Path) -> list[Any]:

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from mapf_pz.commands.main import main
-from mapf_pz.instances.files.lorr import LorrProblem, load_problem
+from mapf_pz.instances.files.lorr import LorrProblem
 from mapf_pz.instances.instance import Grid
+from mapf_pz.instances.load import load_problem
 from mapf_pz.planners import EPIBT, PIBT, validate
 from mapf_pz.planners.plans.files import read_plan
 from mapf_pz.planners.plans.plan import reached
