@@ -136,18 +136,26 @@ def _without_code(identity: Identity | None) -> Identity | None:
     return identity and {name: value for name, value in identity.items() if name not in ("code", "version")}
 
 
-def differences(table: ResultTable) -> Iterator[str]:
-    """Repeat the fast samples of a table; yield a line for each difference."""
+def differences(table: ResultTable, quick: float = QUICK) -> Iterator[str]:
+    """Repeat the samples of a table that `repeated` selects; yield a line for each difference."""
     results = load_results(table.suite)
     tasks = {(task.name, task.num_agents): task for task in load_suite(table.suite)}
-    for sample in results["samples"]:
-        if sample["runtime"] > QUICK:
-            continue
+    for sample in repeated(results["samples"], quick):
         policy, number = sample["policy"], sample["episode"]
         task = tasks[sample["task"], sample["num_agents"]]
         metrics = _comparable(_run(policy, task, number).metrics)
         if metrics != sample["metrics"]:
             yield f"{policy}, {task.label}, episode {number}: {metrics} instead of {sample['metrics']}"
+
+
+def repeated(samples: Sequence[dict[str, Any]], quick: float = QUICK) -> Iterator[dict[str, Any]]:
+    """Yield the samples of at most `quick` seconds, and the fastest of each policy if it took at most `QUICK`."""
+    fastest: dict[str, float] = {}
+    for sample in samples:
+        fastest[sample["policy"]] = min(sample["runtime"], fastest.get(sample["policy"], QUICK))
+    for sample in samples:
+        if sample["runtime"] <= max(quick, fastest[sample["policy"]]):
+            yield sample
 
 
 def load_results(suite: str) -> Results:

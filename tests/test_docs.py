@@ -95,17 +95,16 @@ def code_of(name):
     return "".join(block.code for block in PAGES[name])
 
 
-TRAINING = [pytest.mark.slow, pytest.mark.usefixtures("without_figures")]
-
-
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=TRAINING if TRAINS.search(code_of(name)) else []) for name in PAGES]
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if TRAINS.search(code_of(name)) else []) for name in PAGES]
 )
-def test_page(name, tmp_path, monkeypatch):
+def test_page(name, request, tmp_path, monkeypatch):
     if NEEDS_TORCH.search(code_of(name)):
         pytest.importorskip("torchrl")
     if "from stable_baselines3" in code_of(name):
         pytest.importorskip("stable_baselines3")
+    if TRAINS.search(code_of(name)):
+        request.getfixturevalue("without_figures")
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setenv("PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))

@@ -26,7 +26,7 @@ from mapf_pz.planners import PLANNERS, Planner
 from mapf_pz.instances.instance import Instance
 from tests.helpers.hand_clock import HandClock
 
-Planner.clock = HandClock(pace=0.001)
+Planner.clock = HandClock(pace=0.01)
 modules = [
     import_module(module.name)
     for package in (mapf_pz.simulator.kernels, mapf_pz.planners)
