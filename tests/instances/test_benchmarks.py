@@ -130,12 +130,11 @@ def test_problems_equal_the_examples(benchmark):
             assert np.array_equal(getattr(bundled, part), getattr(source, part))
 
 
-@pytest.mark.parametrize("name", pogema.instance_names())
-def test_instances_equal_pogemas(pogema_benchmark, name):
-    kind = "lmapf" if name.endswith(pogema.LIFELONG) else "mapf"
-    file = pogema_benchmark / f"{pogema.SETS[name.removesuffix(pogema.LIFELONG)]}.{kind}.json"
-    for count in (2, None):
-        assert load_pogema(name, count) == read_pogema(file, count)
+def test_instances_equal_pogemas(pogema_benchmark):
+    for name, own in pogema.SETS.items():
+        assert load_pogema(name) == read_pogema(pogema_benchmark / f"{own}.mapf.json")
+        assert load_pogema(f"{name}-lifelong") == read_pogema(pogema_benchmark / f"{own}.lmapf.json")
+        assert load_pogema(f"{name}-lifelong", 2) == read_pogema(pogema_benchmark / f"{own}.lmapf.json", 2)
 
 
 @pytest.mark.parametrize("pack", pogema.SETS)
