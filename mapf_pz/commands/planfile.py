@@ -13,6 +13,7 @@ from mapf_pz.instances import load_instance, load_map
 from mapf_pz.instances.files.lorr import ROUND_ROBIN, LorrProblem
 from mapf_pz.instances.heading import Heading
 from mapf_pz.instances.instance import Grid, Instance, Scenario
+from mapf_pz.instances.library import scenario_name
 from mapf_pz.instances.load import load_problem
 from mapf_pz.planners.plans.files import PlanFile, Selection, read_plan
 from mapf_pz.planners.plans.plan import reached
@@ -34,16 +35,17 @@ def load_plan(
     map: str | None = None,
     scenario: str | None = None,
     num_agents: int | None = None,
-    problem: Path | None = None,
+    problem: str | Path | None = None,
 ) -> LoadedPlan:
     """Read a plan file: League of Robot Runners JSON, MAPF tracker CSV, or text of the PIBT and LaCAM tools.
 
     Args:
         plan: the file.
         map: the name of a map, or the path of a `.map` file.
-        scenario: the path of a `.scen` file for the map. None: starts, goals and tasks are those of the plan file.
+        scenario: the name or the `.scen` file of a scenario of the map. None: starts, goals and tasks are those of the
+            plan file.
         num_agents: number of agents, the first ones of the scenario. None: that of the plan.
-        problem: the JSON file of a League of Robot Runners problem, instead of a map.
+        problem: the name or the JSON file of a League of Robot Runners problem, instead of a map.
 
     Raises:
         ValueError: the arguments are incompatible.
@@ -84,7 +86,7 @@ def _of_map(path: Path, name: str, scenario: str | None, num_agents: int | None)
         finished = None if file.schedule is None else file.schedule.finished(plan)
         return LoadedPlan(file, _without_goals(grid, plan.positions[0], headings), finished, False)
     all_agents = load_instance(grid, scenario)
-    file = read_plan(path, Selection(all_agents.scenario, num_agents, Path(scenario).stem))
+    file = read_plan(path, Selection(all_agents.scenario, num_agents, Path(scenario_name(scenario, grid.name)).stem))
     count = num_agents or file.plan.num_agents
     action_model = "cardinal" if file.plan.headings is None else "rotate"
     return LoadedPlan(file, load_instance(grid, scenario, count, action_model), None, True)

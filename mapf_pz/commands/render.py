@@ -37,8 +37,8 @@ class EpisodeOptions:
     plan: Annotated[tuple[Path, ...], UseAppendAction] = ()
     """Plan file, instead of a policy: League of Robot Runners JSON, MAPF tracker CSV, or text of PIBT or LaCAM. Given
     several times, the page shows the plans side by side."""
-    problem: Path | None = None
-    """File of the League of Robot Runners problem of the plan, instead of a map."""
+    problem: str | None = None
+    """League of Robot Runners problem of the plan, by name or `.json` file, instead of a map."""
     fps: float = 4
     """Steps per second."""
     trust_remote_code: bool = False

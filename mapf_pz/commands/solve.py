@@ -13,6 +13,7 @@ from mapf_pz.commands.env_flags import EnvKeywords
 from mapf_pz.evaluation.tracker import known_cost
 from mapf_pz.instances import load_problem
 from mapf_pz.instances.instance import Instance, Scenario
+from mapf_pz.instances.library import scenario_name
 from mapf_pz.planners import planner_of, validate, write_trace
 from mapf_pz.planners.base import simulator_of
 from mapf_pz.planners.plans.files import PlanMetadata, check_format, write_plan
@@ -68,8 +69,9 @@ UNIFORM = GuidanceKeywords.of(EnvConfig())
 class ScheduleOptions:
     """Options of `mapf-pz schedule`: a problem, a planner, and a scheduler."""
 
-    problem: Positional[Path]
-    """Problem file of the League of Robot Runners, `.json`."""
+    problem: Positional[str]
+    """Problem of the League of Robot Runners: the name of a bundled one, such as `warehouse_small_100`, or a `.json`
+    file."""
     output: Positional[Path | None] = None
     """Output file of the plan, `.json` or `.txt`. Default: the plan is not written."""
     planner: str = "epibt"
@@ -146,7 +148,8 @@ def _write(plan: Plan, instance: Instance, output: Path | None, metadata: PlanMe
 
 def _scenario_name(env: EnvConfig) -> str:
     """Return the name of the scenario's file; empty if there is not exactly one."""
-    names = [Path(path).stem for path in env.scenarios if not isinstance(path, Scenario)]
+    map = None if env.map is None else Path(str(env.map)).stem
+    names = [Path(scenario_name(name, map)).stem for name in env.scenarios if not isinstance(name, Scenario)]
     return names[0] if len(names) == 1 else ""
 
 

@@ -25,8 +25,8 @@ class ValidateOptions:
     """Path of a `.scen` file for the map. None: starts, goals and tasks are those of the plan file."""
     num_agents: int | None = None
     """Number of agents, the first ones of the scenario. None: that of the plan."""
-    problem: Path | None = None
-    """JSON file of a League of Robot Runners problem, instead of a map."""
+    problem: str | None = None
+    """League of Robot Runners problem, by name or `.json` file, instead of a map."""
     all: bool = False
     """Print all violations, not only the first one."""
 

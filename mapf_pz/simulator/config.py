@@ -64,9 +64,10 @@ class EnvConfig:
     """A map's name, the path of a `.map` file or of a `.json` map of GGO, a map drawn as text, or a bool array (True =
     free). Default: the map that the scenario's file names, otherwise `empty-8-8`."""
     scenario: str | Path | Scenario | tuple[str | Path, ...] | None = None
-    """Starts and goals: a `.scen` file, a `Scenario`, or a problem file that names its own map, `.json` (League of
-    Robot Runners) or `.mapf.json` and `.lmapf.json` (POGEMA). With several files, each episode samples one of them.
-    Default: starts and goals are sampled."""
+    """Starts and goals: a scenario's name, such as `den312d-random-1` or, with a map, `random-1`; a `.scen` file; a
+    `Scenario`; or a problem, which names its own map: the name of a bundled one, such as `warehouse_small_10` or
+    `pogema-mazes`, or a file, `.json` (League of Robot Runners) or `.mapf.json` and `.lmapf.json` (POGEMA). With
+    several, each episode samples one of them. Default: starts and goals are sampled."""
     num_agents: int | None = None
     """Number of agents; a scenario's first N agents are used. Default: all agents of the scenario (of several, as many
     as the smallest has) or of the source if one is given, otherwise 4."""

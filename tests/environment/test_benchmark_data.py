@@ -1,4 +1,4 @@
-"""Episodes on real benchmark files, up to many agents."""
+"""Episodes on bundled instances of the benchmark, up to many agents."""
 
 import numpy as np
 import pytest
@@ -19,11 +19,10 @@ DISTANCES = {"channels": ("view", "goal", "cost_to_go"), "reward": "progress"}
         (PARIS, 100, DISTANCES | {"distance_bytes": 2**28}),
     ],
 )
-def test_random_steps_of_benchmark_instances(benchmark, name, num_agents, keywords):
-    map_file, scenario_file = benchmark / "maps" / f"{name}.map", benchmark / "scens" / f"{name}-random-1.scen"
-    env = mapf_pz.parallel_env(map=map_file, scenario=scenario_file, num_agents=num_agents, max_steps=64, **keywords)
+def test_random_steps_of_benchmark_instances(name, num_agents, keywords):
+    env = mapf_pz.parallel_env(map=name, scenario="random-1", num_agents=num_agents, max_steps=64, **keywords)
     observations, _ = env.reset(seed=0)
-    scenario = load_scenario(scenario_file, load_map(map_file))
+    scenario = load_scenario("random-1", load_map(name))
     assert np.array_equal(env.positions, scenario.starts[:num_agents])
     assert np.array_equal(env.goals, scenario.goals[:num_agents])
     rng = np.random.default_rng(0)
@@ -41,11 +40,11 @@ def test_random_steps_of_benchmark_instances(benchmark, name, num_agents, keywor
 
 
 @pytest.mark.parametrize("name", [WAREHOUSE, PARIS])
-def test_a_cheapest_path_leads_to_the_goal(benchmark, name):
+def test_a_cheapest_path_leads_to_the_goal(name):
     """Following the best action of `action_advantage`, an agent alone arrives after its cost to go."""
     env = mapf_pz.parallel_env(
-        map=benchmark / "maps" / f"{name}.map",
-        scenario=benchmark / "scens" / f"{name}-random-1.scen",
+        map=name,
+        scenario="random-1",
         num_agents=1,
         max_steps=2000,
         features=("action_advantage",),

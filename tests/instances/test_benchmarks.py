@@ -130,37 +130,50 @@ def test_problems_equal_the_examples(benchmark):
             assert np.array_equal(getattr(bundled, part), getattr(source, part))
 
 
-@pytest.mark.parametrize("name", pogema.instance_names())
-def test_instances_equal_pogemas(pogema_benchmark, name):
-    kind = "lmapf" if name.endswith(pogema.LIFELONG) else "mapf"
-    file = pogema_benchmark / f"{pogema.SETS[name.removesuffix(pogema.LIFELONG)]}.{kind}.json"
-    for count in (2, None):
-        assert load_pogema(name, count) == read_pogema(file, count)
+def test_instances_equal_pogemas(pogema_benchmark):
+    for name, own in pogema.SETS.items():
+        assert load_pogema(name) == read_pogema(pogema_benchmark / f"{own}.mapf.json")
+        assert load_pogema(f"{name}-lifelong") == read_pogema(pogema_benchmark / f"{own}.lmapf.json")
+        assert load_pogema(f"{name}-lifelong", 2) == read_pogema(pogema_benchmark / f"{own}.lmapf.json", 2)
 
 
-@pytest.mark.parametrize("pack", pogema.SETS)
-def test_published_results_equal_pogemas(pogema_benchmark, pack):
-    files = sorted(pogema_benchmark.glob(f"{pogema.SETS[pack]}.results*.csv"))
-    rows = [row for file in files for row in csv.DictReader(file.read_text().splitlines())]
-    keys = pogema.instance_keys(pack)
-    for suffix, kind in (("", "mapf"), (pogema.LIFELONG, "lmapf")):
-        chosen = [row for row in rows if row["kind"] == kind]
-        packed = [
+def test_published_results_equal_pogemas(pogema_benchmark):
+    for pack, own in pogema.SETS.items():
+        files = sorted(pogema_benchmark.glob(f"{own}.results*.csv"))
+        rows = [row for file in files for row in csv.DictReader(file.read_text().splitlines())]
+        counts = sorted({int(row["num_agents"]) for row in rows})
+        assert packed_results(pack, counts) == published_results(rows, "mapf", ("CSR", "ISR", "SoC", "makespan"))
+        assert packed_results(f"{pack}-lifelong", counts) == published_results(rows, "lmapf", ("avg_throughput",))
+
+
+def packed_results(name, counts):
+    """The packed results of a name, sorted."""
+    keys = pogema.instance_keys(name)
+    return sorted(
+        (
             (one.algorithm, count, keys[one.instance] if one.instance >= 0 else None, _rounded(one.metrics))
-            for count in {int(row["num_agents"]) for row in chosen}
-            for one in pogema.read_results(pack + suffix, count)
-        ]
-        metrics = ("avg_throughput",) if suffix else ("CSR", "ISR", "SoC", "makespan")
-        source = [
+            for count in counts
+            for one in pogema.read_results(name, count)
+        ),
+        key=str,
+    )
+
+
+def published_results(rows, kind, metrics):
+    """The same from rows of the source."""
+    return sorted(
+        (
             (
                 row["algorithm"],
                 int(row["num_agents"]),
                 (row["map_name"], row["seed"]) if row["seed"] else None,
                 _rounded({name: float(row[name]) for name in metrics if row[name]}),
             )
-            for row in chosen
-        ]
-        assert sorted(packed, key=str) == sorted(source, key=str)
+            for row in rows
+            if row["kind"] == kind
+        ),
+        key=str,
+    )
 
 
 def _rounded(metrics):

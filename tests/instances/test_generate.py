@@ -22,16 +22,14 @@ def num_components(grid):
     return components(grid.free).max() + 1
 
 
-@pytest.mark.parametrize("size", [8, 16, 32, 48])
-def test_empty_maps_are_the_benchmarks(benchmark, size):
-    grid = generate.empty(size, size)
-    assert format_map(grid).encode() == (benchmark / "maps" / f"{grid.name}.map").read_bytes()
-
-
-@pytest.mark.parametrize("parameters", [(10, 20, 10, 2, 1), (10, 20, 10, 2, 2), (20, 40, 10, 2, 2)])
-def test_warehouses_are_the_benchmarks(benchmark, parameters):
-    grid = generate.warehouse(*parameters)
-    assert format_map(grid, blocked="T").encode() == (benchmark / "maps" / f"{grid.name}.map").read_bytes()
+def test_empty_maps_and_warehouses_are_the_benchmarks(benchmark):
+    empty = [format_map(generate.empty(size, size)) for size in (8, 16, 32, 48)]
+    parameters = [(10, 20, 10, 2, 1), (10, 20, 10, 2, 2), (20, 40, 10, 2, 2)]
+    warehouses = [format_map(generate.warehouse(*each), blocked="T") for each in parameters]
+    names = [f"empty-{size}-{size}" for size in (8, 16, 32, 48)]
+    names += ["warehouse-{}-{}-{}-{}-{}".format(*each) for each in parameters]
+    for name, text in zip(names, [*empty, *warehouses], strict=True):
+        assert text.encode() == (benchmark / "maps" / f"{name}.map").read_bytes()
 
 
 def test_a_small_warehouse():

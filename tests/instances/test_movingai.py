@@ -17,6 +17,7 @@ from mapf_pz.instances import (
     write_map,
     write_scenario,
 )
+from mapf_pz.instances.bundled import map_path
 from mapf_pz.instances.files.octile import octile_distances
 from mapf_pz.instances.instance import Grid, Scenario
 from tests.helpers.corrupt_files import near_misses
@@ -281,21 +282,19 @@ def test_all_benchmark_files_load(benchmark):
         assert len(scenario) == file.read_bytes().count(b"\n") - 1
 
 
-@pytest.mark.parametrize(
-    "name", ["Berlin_1_256", "den312d", "maze-128-128-2", "random-32-32-10", "warehouse-10-20-10-2-2"]
-)
-def test_benchmark_scenarios_are_written_byte_for_byte(benchmark, name):
-    grid = read_map(benchmark / "maps" / f"{name}.map")
-    for file in (benchmark / "scens" / f"{name}-random-1.scen", benchmark / "scens" / f"{name}-even-1.scen"):
-        assert format_scenario(read_scenario(file, grid), grid).encode() == file.read_bytes()
+def test_benchmark_scenarios_are_written_byte_for_byte(benchmark):
+    for name in ("Berlin_1_256", "den312d", "maze-128-128-2", "random-32-32-10", "warehouse-10-20-10-2-2"):
+        grid = read_map(benchmark / "maps" / f"{name}.map")
+        for file in (benchmark / "scens" / f"{name}-random-1.scen", benchmark / "scens" / f"{name}-even-1.scen"):
+            assert format_scenario(read_scenario(file, grid), grid).encode() == file.read_bytes()
 
 
 @pytest.mark.parametrize(
     ("name", "blocked"),
     [("Paris_1_256", "@"), ("maze-32-32-4", "@"), ("room-64-64-16", "@"), ("warehouse-20-40-10-2-2", "T")],
 )
-def test_benchmark_maps_are_written_byte_for_byte(benchmark, name, blocked):
-    file = benchmark / "maps" / f"{name}.map"
+def test_benchmark_maps_are_written_byte_for_byte(name, blocked):
+    file = map_path(name)
     assert format_map(read_map(file), blocked).encode() == file.read_bytes()
 
 

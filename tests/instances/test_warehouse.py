@@ -76,9 +76,8 @@ def test_the_released_warehouse():
     assert (grid.shape, grid.free.sum(), len(workstations), len(endpoints)) == ((33, 36), 948, 22, 480)
 
 
-def test_the_stations_of_the_league(benchmark):
-    file = benchmark / "lorr" / "archive-2023-example" / "warehouse.domain" / "maps" / "warehouse_small.map"
-    _, workstations, endpoints = load_warehouse(file)
+def test_the_stations_of_the_league():
+    _, workstations, endpoints = load_warehouse("warehouse_small")
     assert (len(workstations), len(endpoints)) == (40, 342)
 
 

@@ -1,4 +1,3 @@
-import csv
 from collections import deque
 from itertools import product
 
@@ -8,8 +7,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
+from mapf_pz.evaluation.reports.bounds import least_costs
 from mapf_pz.guidance import GuidanceGraph
-from mapf_pz.instances import RandomObstacles, generate, load_map, load_scenario
+from mapf_pz.instances import RandomObstacles, generate, load_instance
 from mapf_pz.instances.heading import HEADING_STEPS
 from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.instances.place import largest_component, place
@@ -240,20 +240,10 @@ def test_all_reach_their_goals_in_an_environment(model):
 @pytest.mark.parametrize(
     ("name", "agents"), [("random-32-32-20", 200), ("random-32-32-20", 400), ("warehouse-10-20-10-2-1", 500)]
 )
-def test_benchmark(benchmark, model, name, agents):
-    grid = load_map(benchmark / "maps" / f"{name}.map")
-    scenario = load_scenario(benchmark / "scens" / f"{name}-random-1.scen", grid)
-    instance = facing_east(Instance(grid, Scenario(scenario.starts[:agents], scenario.goals[:agents])), model)
+def test_benchmark(model, name, agents):
+    instance = load_instance(name, "random-1", agents, model)
     plan = LaCAM(anytime=False).solve(instance, time_limit=30.0, max_steps=3000)
     assert plan is not None
     assert validate(instance, plan) is None
     if model == "cardinal":
-        assert plan.sum_of_costs >= lower_bound(benchmark / "costs" / f"tracker-bounds-{name}.csv", agents)
-
-
-def lower_bound(file, agents):
-    with file.open(encoding="utf-8-sig", newline="") as lines:
-        for row in csv.DictReader(lines):
-            if (row["scen_type"], row["type_id"], row["agents"]) == ("random", "1", str(agents)):
-                return float(row["lower_cost"])
-    raise KeyError(agents)
+        assert plan.sum_of_costs >= least_costs(instance).sum()

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 import mapf_pz
 from mapf_pz.guidance import GuidanceGraph
-from mapf_pz.instances import RandomObstacles, read_map, read_scenario
+from mapf_pz.instances import RandomObstacles, load_instance
 from mapf_pz.instances.heading import Heading
 from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.planners import Plan, validate
@@ -261,11 +261,8 @@ def test_it_respects_one_way_edges():
 
 
 @pytest.mark.parametrize("model", ["cardinal", "rotate"])
-def test_benchmark_instances(benchmark, model):
-    grid = read_map(benchmark / "maps" / "random-32-32-20.map")
-    scenario = read_scenario(benchmark / "scens" / "random-32-32-20-random-1.scen", grid)
-    scenario = Scenario(scenario.starts[:150], scenario.goals[:150])
-    instance = Instance(grid, scenario, np.zeros(150) if model == "rotate" else None)
+def test_benchmark_instances(model):
+    instance = load_instance("random-32-32-20", "random-1", 150, model)
     plans = [PrioritizedSIPP(seed=1, anytime=False).solve(instance, time_limit=60) for _ in range(2)]
     assert plans[0] is not None
     assert plans[1] is not None

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mapf_pz.instances import RandomObstacles, read_map, read_scenario
-from mapf_pz.instances.instance import Instance, Scenario
+from mapf_pz.instances import RandomObstacles, load_instance
+from mapf_pz.instances.instance import Instance
 from mapf_pz.planners import LaCAM, Plan, Trace, validate
 from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.problem import Path
@@ -101,13 +101,11 @@ def test_paths_stay_legal_and_get_no_longer(model, weights, seed):
         cost = search.sum_of_costs
 
 
-def test_a_benchmark_instance(benchmark):
-    grid = read_map(benchmark / "maps" / "random-32-32-20.map")
-    scenario = read_scenario(benchmark / "scens" / "random-32-32-20-random-1.scen", grid)
-    instance = Instance(grid, Scenario(scenario.starts[:100], scenario.goals[:100]))
+def test_a_benchmark_instance():
+    instance = load_instance("random-32-32-20", "random-1", 100, "cardinal")
     plan = LaCAM(anytime=False).solve(instance, time_limit=60)
     assert plan is not None
-    path = Path((plan.positions @ np.array([grid.shape[1], 1])).astype(np.int32), None)
+    path = Path((plan.positions @ np.array([instance.grid.shape[1], 1])).astype(np.int32), None)
     clock = HandClock(pace=0.004)
     search = NeighborhoodSearch(problem(instance), np.random.default_rng(0))
     better = refine(search, path, Deadline(1, clock), Trace(clock))

@@ -121,8 +121,8 @@ def _draw_panel(panel: Axes, metric: str, lines: dict[str, Points], published: d
         means = [float(np.mean(points[count])) for count in agents]
         gray = str(0.15 + 0.6 * number / len(published))
         marker = MARKERS[number % len(MARKERS)]
-        style = {"linestyle": "--", "linewidth": 1, "marker": marker, "markersize": 3, "color": gray}
-        panel.plot(agents, means, label=_escaped(name), **style)
+        label = _escaped(name)
+        panel.plot(agents, means, linestyle="--", linewidth=1, marker=marker, markersize=3, color=gray, label=label)
     panel.set(xlabel="agents", ylabel=LABELS[metric])
     if metric == "step_ms":
         panel.set_yscale("log")

@@ -91,7 +91,7 @@ def _read_yaml(file: Path) -> JsonObject:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or "it cannot be read"
-        raise FormatError(file, f"expected YAML: {problem}", None if mark is None else mark.line + 1) from None
+        raise FormatError(file, f"expected YAML: {problem}", 0 if mark is None else mark.line + 1) from None
     except (RecursionError, ValueError):
         raise FormatError(file, "expected YAML of numbers and text that is not nested deeply") from None
     return _mapping(content, "the file", file)
