@@ -3,7 +3,7 @@
 # make lint       checks style, types and words; make format corrects the style
 # make docs       builds the documentation: site/index.html
 # make examples   runs the examples that need separate virtual environments, which it creates
-# make results    measures the documentation's result tables again
+# make results    measures the documentation's result tables again, or one of them: SUITE=standard
 # make bench      measures the speed beside POGEMA's, which it installs in .venv-peers
 # make wheel      builds the source archive and the wheel, and tries them outside of this tree
 # make clean      removes the virtual environments and what they have written
@@ -45,7 +45,7 @@ docs: .venv/installed
 
 # Hours; MAPF_PZ_BENCHMARK names the folders of benchmark data. Resumes where it was stopped.
 results: .venv/installed
-	$(BIN)/python -m experiments.results measure
+	$(BIN)/python -m experiments.results measure $(if $(SUITE),--suites $(SUITE))
 
 # Type checkers and editors find the modules of an editable install only in the mode `compat`.
 .venv/installed: pyproject.toml constraints.txt

@@ -195,7 +195,7 @@ def _metrics(env: AnyEnv, policy: Policy, task: EvaluationTask, episode: int) ->
             measures.add_step(int(agents["was_active"].sum()), int(agents["blocked"].sum()))
 
     if isinstance(policy, PlannedPolicy):
-        policy.instance_name = task.instance_name(episode)
+        policy.instance_name = task.plan_name(episode)
     result = rollout(env, policy, task.seed + episode, task.instance(episode), measure)
     measures.runtime = policy.seconds if isinstance(policy, PlannedPolicy) else result.runtime
     return measures.added_to(result.metrics, task.best_result(episode, simulator_of(env).config))

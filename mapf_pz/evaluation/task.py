@@ -81,6 +81,15 @@ class EvaluationTask:
         names = self.instance_names or [instance.grid.name for instance in self.instances]
         return names[episode % len(names)] if names else ""
 
+    def plan_name(self, episode: int) -> str:
+        """Return the name by which the plan of an episode is found.
+
+        It is that of its instance, and also the number of the episode if other episodes have an instance of that name.
+        """
+        name = self.instance_name(episode)
+        unique = sum(self.instance_name(other) == name for other in range(self.episodes)) == 1
+        return name if unique else f"{name}-{episode}"
+
     def best_result(self, episode: int, config: EnvConfig) -> float | None:
         """Return the best known throughput or sum of costs of an episode in an environment; None: not known."""
         if config.on_target == "restart":

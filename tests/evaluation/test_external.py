@@ -208,6 +208,13 @@ def test_plans_of_a_folder(plans, tmp_path):
     assert replaced[2].note == "expected one plan file swap-2agents.json|.csv|.txt, found 0"
 
 
+def test_instances_of_the_same_name_have_numbers(plans):
+    (plans / "right-2agents.txt").rename(plans / "corner-0-2agents.txt")
+    (plans / "down-2agents.csv").rename(plans / "corner-1-2agents.csv")
+    episodes = evaluate({"theirs": PlanFolderFactory(plans)}, [task(RIGHT, DOWN, names=("corner", "corner"))])
+    assert [(episode.note, episode.metrics["CSR"]) for episode in episodes] == [("", 1), ("", 1)]
+
+
 def test_a_plan_of_another_instance(plans):
     (plans / "down-2agents.csv").unlink()
     (plans / "right-2agents.txt").rename(plans / "down-2agents.txt")

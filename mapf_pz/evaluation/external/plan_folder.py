@@ -21,7 +21,8 @@ class PlanFolderFactory:
 
     The plan for an instance is in the file `INSTANCE-Nagents.EXTENSION`, such as
     `random-32-32-20-random-1-50agents.txt`, in any of the formats and extensions of plan files. INSTANCE is the name of
-    the instance in the results, such as that of its scenario.
+    the instance in the results, such as that of its scenario; if several have the same name, it is followed by the
+    number of the episode, as in `wfi_warehouse-0-32agents.txt`.
 
     Raises `FileNotFoundError` if the folder does not exist or has no plan files.
     """
