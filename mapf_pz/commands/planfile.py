@@ -64,15 +64,17 @@ def load_plan(
 
 
 def _of_problem(file: PlanFile, problem: LorrProblem) -> LoadedPlan:
+    finished = None if file.schedule is None else file.schedule.finished(file.plan, problem.task)
     if problem.strategy == ROUND_ROBIN:
         instance = problem.instance()
         paths = file.plan.positions.swapaxes(0, 1)
         arrivals = [reached(path, cycle(goals)) for path, goals in zip(paths, instance.scenario.goals, strict=False)]
-        return LoadedPlan(file, instance, sum(map(len, arrivals)), True)
+        in_turn = sum(map(len, arrivals))
+        # More tasks than that are finished if a scheduler has assigned them in another order.
+        if finished is None or finished <= in_turn:
+            return LoadedPlan(file, instance, in_turn, True)
     headings = np.full(problem.team_size, Heading.EAST)
-    instance = _without_goals(problem.grid, problem.starts, headings)
-    finished = None if file.schedule is None else file.schedule.finished(file.plan, problem.task)
-    return LoadedPlan(file, instance, finished, False)
+    return LoadedPlan(file, _without_goals(problem.grid, problem.starts, headings), finished, False)
 
 
 def _of_map(path: Path, name: str, scenario: str | None, num_agents: int | None) -> LoadedPlan:

@@ -1,6 +1,7 @@
 """Schedulers: the rules of the task pool, which tasks they choose, and whole runs."""
 
 import json
+import re
 import warnings
 from dataclasses import replace
 
@@ -193,3 +194,12 @@ def test_delays_are_not_modeled(members):
         run_problem(problem, PIBT(), SCHEDULERS["keep"], num_steps=2)
     expected = "problem: not modeled: 'delayConfig'; results are not comparable with the competition's"
     assert [str(warning.message) for warning in found] == [expected] * ("delayConfig" in members)
+
+
+def test_validate_counts_what_a_scheduler_has_assigned(tmp_path, capsys):
+    """Also for a problem whose tasks are assigned in turn otherwise."""
+    plan = str(tmp_path / "plan.json")
+    assert main(["schedule", "warehouse_small_10", plan, "--planner", "pibt", "--num-steps", "60"]) == 0
+    assert main(["validate", plan, "--problem", "warehouse_small_10"]) == 0
+    finished = capsys.readouterr().out.splitlines()[-1]
+    assert re.fullmatch(r"tasks finished: [1-9]\d*, as the file says", finished)
