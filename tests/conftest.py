@@ -42,7 +42,7 @@ def _time_limits_count_work() -> Generator[None]:
     """Let time limits count how often the time is looked at, whatever the load is."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Planner, "clock", HandClock(pace=0.004))
-        patch.setattr(Search, "clock", HandClock(pace=0.05))  # simulations of episodes
+        patch.setattr(Search, "clock", HandClock(pace=0.1))  # simulations of episodes
         yield
 
 

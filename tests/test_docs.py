@@ -33,21 +33,25 @@ TITLE = re.compile(r'title="([\w.-]+)"')
 NEEDS_TORCH = re.compile(r"mapf_pz\.rl|mapf-pz train|--policy (mappo|ippo|central)")
 TRAINS = re.compile(r"mapf-pz train|\btrain\(")
 BUDGETS = {
-    "--agent-steps": (40_000, 5_000),
-    "--validation-interval": (40_000, 2_500),
-    "--episodes": (8, 4),
-    "--minutes": (0.03, 0.03),
+    "--agent-steps": (8, 10_000),
+    "--validation-interval": (8, 10_000),
+    "--episodes": (2, 4),
+    "--minutes": (4, 0.03),
 }
-"""Options that say only how much a command computes: the most that is run, and what is run instead of more."""
+"""Options that say only how much a command computes: by what their values are divided, and the most that is run."""
+SMALL = {"--num-envs": "8", "--validation-episodes": "8"}
+"""Options that are added to commands that start a training."""
 
 
 def within_budget(words):
-    """Return a command's words with smaller numbers for the options in `BUDGETS`."""
+    """Return a command's words with smaller numbers for the options in `BUDGETS`, and those of `SMALL`."""
     names = [None, *words[:-1]]
-    return [
-        str(BUDGETS[name][1]) if name in BUDGETS and float(word) > BUDGETS[name][0] else word
+    shorter = [
+        f"{min(float(word) / BUDGETS[name][0], BUDGETS[name][1]):g}" if name in BUDGETS else word
         for name, word in zip(names, words, strict=True)
     ]
+    starts = words[0] == "train" and words[1] != "resume"
+    return shorter + [word for option in SMALL.items() if starts and option[0] not in words for word in option]
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from collections import Counter
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -53,10 +54,17 @@ def find_modules():
 MODULES = find_modules()
 
 
+@cache
+def tree(name):
+    """Return the syntax tree of a module."""
+    return ast.parse(MODULES[name].read_text("utf-8"))
+
+
+@cache
 def imports(name):
     """Return what a module imports, anywhere in it: full names."""
     found = []
-    for node in ast.walk(ast.parse(MODULES[name].read_text("utf-8"))):
+    for node in ast.walk(tree(name)):
         if isinstance(node, ast.Import):
             found += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -216,8 +224,7 @@ ENV_FIELDS = {field.name for field in dataclasses.fields(EnvConfig)}
 
 def definitions(kind):
     """Return the definitions of a kind in all modules: module and node."""
-    trees = {name: ast.parse(file.read_text("utf-8")) for name, file in MODULES.items()}
-    return [(name, node) for name, tree in trees.items() for node in ast.walk(tree) if isinstance(node, kind)]
+    return [(name, node) for name in MODULES for node in ast.walk(tree(name)) if isinstance(node, kind)]
 
 
 def test_functions_and_files_are_short():
@@ -235,7 +242,7 @@ def test_folders_are_small():
 def test_every_folder_says_what_it_is_for_and_what_to_read_first():
     for name, file in MODULES.items():
         if file.name == "__init__.py" and name.count(".") == 1 and part(name) != "maps":
-            text = ast.get_docstring(ast.parse(file.read_text("utf-8")))
+            text = ast.get_docstring(tree(name))
             first = re.search(r"Read\s+`([\w/.]+)`", text)
             assert first is not None, f"{name}: expected the file to read first"
             assert (file.parent / first[1]).is_file(), f"{name}: {first[1]}"
