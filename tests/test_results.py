@@ -173,4 +173,4 @@ def test_episodes_end_as_when_they_were_measured(table, request, monkeypatch):
     pytest.importorskip("torchrl")
     if table.suite == "lorr-2023":  # its problems are not bundled
         monkeypatch.setenv("MAPF_PZ_BENCHMARK", str(request.getfixturevalue("benchmark")))
-    assert list(differences(table, quick=0.2)) == []  # `experiments.results check` repeats more
+    assert list(differences(table, quick=0.1)) == []  # `experiments.results check` repeats more

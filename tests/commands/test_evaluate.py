@@ -53,6 +53,7 @@ def files(folder):
     return {file.name for file in folder.iterdir()}
 
 
+@pytest.mark.usefixtures("forked_processes")
 def test_policies_on_a_suite_in_processes(capsys, suite, tmp_path):
     output = tmp_path / "new" / "out"
     words = ["--policy", "pibt", "--policy", "random", "--suite", suite, "--jobs", 2, "--output", output]
