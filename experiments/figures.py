@@ -1,11 +1,7 @@
-"""Draw the figures of the documentation: `make long RUN=figures`.
-
-Maps that are not bundled are read from the folder `MAPF_PZ_BENCHMARK`. If it is not set, their figures are omitted.
-"""
+"""Draw the figures of the documentation: `make long RUN=figures`."""
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -42,9 +38,7 @@ def animate_episode() -> None:
 
 def draw_episode_starts() -> None:
     """Draw the report's Figures 1 and 2: 10, 100 and 800 agents in a warehouse, 100 in a city."""
-    settings = [(WAREHOUSE, num_agents) for num_agents in (10, 100, 800)]
-    if "MAPF_PZ_BENCHMARK" in os.environ:
-        settings.append(("Paris_1_256", 100))
+    settings = [*((WAREHOUSE, num_agents) for num_agents in (10, 100, 800)), ("Paris_1_256", 100)]
     for name, num_agents in settings:
         env = mapf_pz.parallel_env(map=name, num_agents=num_agents, render_mode="rgb_array")
         env.reset(seed=0)
