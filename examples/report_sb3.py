@@ -122,6 +122,7 @@ def main(example: Example) -> None:
     before, began = evaluate(model, example.episodes), time.process_time()
     model.learn(example.steps)
     seconds = time.process_time() - began
+    model.logger.close()
     after = evaluate(model, example.episodes)
     results = {"before": before, "after": after, "cpu_seconds": seconds}
     (example.output / "results.json").write_text(json.dumps(results, indent=2) + "\n")

@@ -87,7 +87,9 @@ SUITE = {
         {"lorr": "a.json", "max_steps": 6, "name": "lorr"},
     ],
 }
-EPISODES = f'{",".join(COLUMNS)}\na,"b,c",1,0,x,7,s/1,1,0.5,{"," * 10}2\nüä,b,2,1,,8,,{"," * 10}1e-3,7,0.25\n'.encode()
+EPISODES = (
+    f'{",".join(COLUMNS)}\na,"b,c",1,0,x,7,s/1,1,0.5,{"," * 10}2,a note\nüä,b,2,1,,8,,{"," * 10}1e-3,7,0.25,\n'.encode()
+)
 GGO = {"layout": ["......", "...@@@"], "optimize_wait": False, "weights": [1, *[0.5] * 17, -1, *[2.5e1] * 2]}
 GGO_CSV = b"""id,type,x,y,weight_to_RIGHT,weight_to_UP,weight_to_LEFT,weight_to_DOWN,weight_for_WAIT
 0,.,0,0,1.5,inf,inf,inf,2
