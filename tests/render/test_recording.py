@@ -49,3 +49,13 @@ def test_the_extension_determines_the_format(tmp_path, name):
     magic = {"a": b"<!doctype html>", "b": b"<svg ", "c": b"GIF89a", "d": b"\x00\x00\x00", "e": b"\x89PNG"}[name[0]]
     assert (tmp_path / name).read_bytes().startswith(magic)
     assert [file.name for file in tmp_path.iterdir()] == [name]
+
+
+def test_observations_of_a_single_cell_are_not_shown(tmp_path):
+    """Planners, which do not read them, have such observations."""
+    pages = []
+    for size in (1, 2):
+        observed = np.zeros((*POSITIONS.shape[:2], 1, size, size), np.int8)
+        save_recording(replace(RECORDING, observed=observed, planes=("view",)), tmp_path / "a.html")
+        pages.append((tmp_path / "a.html").read_text("utf-8"))
+    assert ['"observed"' in page for page in pages] == [False, True]
