@@ -53,8 +53,8 @@ _CENTRAL = TrainConfig(
     agent_steps=2_000_000,
 )
 
-# The report's experiment: its map, observations, rewards and network (Figures 4 and 5), and as much of its training
-# script for Stable-Baselines3 as there are settings for, except for 8 environments (1 there) and 4 epochs (10 there).
+# Close to the report's experiment: its observations, its rewards, except that a blocked forward move earns nothing, and
+# its network (Figures 4 and 5), on another warehouse. `docs/explanation/report.md` lists how the authors' runs differ.
 _REPORT = TrainConfig(
     task=TaskConfig(
         env=EnvConfig(

@@ -113,8 +113,9 @@ class EnvConfig:
     """Guidance graph: `uniform`, `crisscross`, `random` (sampled in every episode), the name of a bundled graph, the
     path of a file for the map (`.json`, `.csv`, `.w`, `.npz`), or a `GuidanceGraph`."""
     reward: str | RewardConfig | RewardFunction = "report"
-    """Reward: `report`, `progress`, a `RewardConfig`, a function from a `Transition` to rewards (B, N), or the
-    `package.module:name` of such an object."""
+    """Reward: `report`, which pays nothing for a blocked forward move (see `RewardConfig.pay_blocked_forward`),
+    `progress`, a `RewardConfig`, a function from a `Transition` to rewards (B, N), or the `package.module:name` of such
+    an object."""
     initial_heading: HeadingName | ArrayLike = "random"
     """Initial headings: `random`, `east`, or N headings. Headings of an instance take precedence. With cardinal
     actions, all agents face north."""
