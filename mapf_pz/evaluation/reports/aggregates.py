@@ -22,6 +22,7 @@ from mapf_pz.evaluation.reports.report import (
     Methods,
     Summary,
     SummaryTable,
+    check_baseline,
     column_values,
     method_of,
     table_of,
@@ -62,12 +63,10 @@ def improvements(
 
     Raises `ValueError` if there are no episodes of the baseline.
     """
+    check_baseline(episodes, baseline, methods)
     references, others = [], []
     for episode in episodes:
         (references if method_of(episode.policy, methods) == baseline else others).append(episode)
-    if not references:
-        known = ", ".join(dict.fromkeys(method_of(episode.policy, methods) for episode in episodes))
-        raise ValueError(f"baseline {baseline!r}: no such policy in the results, expected one of {known}")
     directed = [name for name in columns if not name.startswith("best_ratio")]
     baselines = {name: _runs(references, name, methods).get(baseline, []) for name in directed}
     return _of_all_tasks(others, directed, methods, lambda name, runs: _improvement(name, runs, baselines[name]))

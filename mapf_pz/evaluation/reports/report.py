@@ -113,6 +113,13 @@ def check_methods(episodes: Iterable[Episode], methods: Methods) -> None:
             raise ValueError(f"method {name!r}: expected another name than that of a policy")
 
 
+def check_baseline(episodes: Iterable[Episode], baseline: str, methods: Methods) -> None:
+    """Raise `ValueError` if there are no episodes of the policy or method `baseline`."""
+    known = dict.fromkeys(method_of(episode.policy, methods) for episode in episodes)
+    if baseline not in known:
+        raise ValueError(f"baseline {baseline!r}: no such policy in the results, expected one of {', '.join(known)}")
+
+
 def summaries(
     episodes: Iterable[Episode], columns: Sequence[str] = COLUMNS, methods: Methods = NO_METHODS
 ) -> SummaryTable:
@@ -170,15 +177,13 @@ def differences(
 
     Raises `ValueError` if there are no episodes of that policy, and as `summaries`.
     """
+    check_baseline(episodes, baseline, methods)
     suites = suites_by_task(episodes)
     found: dict[Key, dict[str, list[float]]] = {}
     for episode in episodes:
         if method_of(episode.policy, methods) == baseline:
             for name, value in column_values(episode).items():
                 found.setdefault(episode.key[1:], {}).setdefault(name, []).append(value)
-    if not found:
-        known = ", ".join(dict.fromkeys(method_of(episode.policy, methods) for episode in episodes))
-        raise ValueError(f"baseline {baseline!r}: no such policy in the results, expected one of {known}")
     references = {key: {name: float(np.mean(each)) for name, each in values.items()} for key, values in found.items()}
     groups: dict[Group, dict[str, list[dict[str, float]]]] = {}
     for episode in episodes:
