@@ -101,9 +101,9 @@ class EpisodeBatch:
     def _step(self, envs: Sequence[int]) -> None:
         """Take a step, and measure it in the environments `envs`, among which the policy's runtime is divided."""
         observation = self._simulator.observe()
-        start = time.perf_counter()
+        start = time.process_time()
         actions = self._policy.actions(observation, envs)
-        runtime = (time.perf_counter() - start) / len(envs)
+        runtime = (time.process_time() - start) / len(envs)
         self._simulator.step(self._checked(actions))
         acting, blocked = (self._simulator.agents[name].sum(1).tolist() for name in ("was_active", "blocked"))
         for b in envs:

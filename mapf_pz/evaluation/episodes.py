@@ -92,7 +92,7 @@ class Rollout:
     num_steps: int
     """Number of steps."""
     runtime: float
-    """Runtime of the policy in seconds."""
+    """Runtime of the policy in CPU seconds of this process."""
 
 
 def rollout(
@@ -120,9 +120,9 @@ def rollout(
     on_step()
     runtime = 0.0
     while env.agents:
-        start = time.perf_counter()
+        start = time.process_time()
         actions = actions_of(policy, observations, infos)
-        runtime += time.perf_counter() - start
+        runtime += time.process_time() - start
         observations, _, _, _, infos = env.step(actions)
         on_step()
     return Rollout(env.metrics(), env.step_count, runtime)
@@ -136,10 +136,11 @@ def run_episodes(
 ) -> Iterator[Metrics]:
     """Yield the metrics of some of a task's episodes.
 
-    In addition to those of `mapf_pz.simulator.metrics`, they are: `runtime`, the runtime of the policy in an episode in
-    seconds; `step_ms` and `agent_us`, this runtime per step in milliseconds and per agent step in microseconds;
-    `collisions`, the fraction of agent steps with a move that an obstacle or another agent blocked; `best_ratio`, the
-    throughput divided by the best known throughput, or the sum of costs of a solved episode divided by the best known.
+    In addition to those of `mapf_pz.simulator.metrics`, they are: `runtime`, the CPU seconds of the policy in an
+    episode, of all threads of this process (of a program: elapsed seconds); `step_ms` and `agent_us`, this runtime per
+    step in milliseconds and per agent step in microseconds; `collisions`, the fraction of agent steps with a move that
+    an obstacle or another agent blocked; `best_ratio`, the throughput divided by the best known throughput, or the sum
+    of costs of a solved episode divided by the best known.
 
     A policy with `in_batch` acts in several episodes at the same time, and its runtime in a step is divided equally
     among them. The other metrics do not depend on which episodes these are.

@@ -21,7 +21,7 @@ from mapf_pz._internal.text import read_text
 from mapf_pz._internal.version import __version__
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.task import EvaluationTask
-from mapf_pz.guidance.library import guidance_file
+from mapf_pz.guidance.library import weights_digest
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.source import make_source
 
@@ -31,7 +31,7 @@ IDENTITIES_FILE = "identities.json"
 NOT_DECIDING = (
     *(f"_internal/{name}.py" for name in ("digest", "interrupts", "lazy", "lock", "parallel", "printable", "suggest")),
     *("__main__.py", "_internal/version.py", "commands", "maps", "optimization", "render", "speed", "wrappers"),
-    *("planners/scheduling", "rl/demonstrations", "rl/training", "evaluation/reports"),
+    *("planners/scheduling", "rl/demonstrations", "rl/presets.py", "rl/training", "evaluation/reports"),
     *(f"evaluation/{name}.py" for name in ("evaluate_policies", "identity", "results")),
 )
 """Files and folders of the package that do not affect the metrics of an episode."""
@@ -88,7 +88,7 @@ def task_identity(task: EvaluationTask) -> Identity | None:
             {
                 "seed": task.seed,
                 "instances": digest(_instances(task)),
-                "edge_weights": _edge_weights(keywords.get("edge_weights", EnvConfig.edge_weights)),
+                "edge_weights": weights_digest(keywords.get("edge_weights", EnvConfig.edge_weights)),
                 "best_known": digest((task.best, task.best_costs)),
                 **({"suite": task.suite} if task.suite else {}),
                 **rules,
@@ -126,12 +126,6 @@ def _instances(task: EvaluationTask) -> object:
         ]
     keywords = {name: task.keywords[name] for name in _SOURCE_FIELDS if name in task.keywords}
     return make_source(EnvConfig(**keywords, num_agents=task.num_agents))
-
-
-def _edge_weights(weights: object) -> str:
-    """Return the name of generated weights, otherwise the digest of the graph or of its file."""
-    file = guidance_file(weights)
-    return weights if file is None and isinstance(weights, str) else digest(weights if file is None else file)
 
 
 @dataclass(frozen=True)

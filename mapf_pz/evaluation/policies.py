@@ -16,6 +16,7 @@ from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.batch import BatchPolicy
 from mapf_pz.evaluation.episodes import AnyEnv, Policy, PolicyFactory, check_policy, make_env
 from mapf_pz.evaluation.random_policy import RandomPolicy
+from mapf_pz.guidance.library import check_edge_weights, weights_digest
 from mapf_pz.planners import PLANNERS, Planner, Shield, planner_of
 from mapf_pz.planners.named import parse_options, planner_options
 from mapf_pz.planners.pibt.shield import DEPTH, PATIENCE
@@ -23,6 +24,8 @@ from mapf_pz.simulator.config import OBSERVATION_FIELDS, EnvConfig
 
 SHIELD_SUFFIX = "+pibt"
 """Suffix of a trained policy's name: PIBT executes its preferences without collisions."""
+WEIGHTS_OPTION = "edge_weights="
+"""Option of planners: the guidance graph that determines their costs."""
 _TRAINED_OPTIONS = {"temperature": None}
 _SHIELD_OPTIONS = {"patience": PATIENCE, "depth": DEPTH}
 
@@ -33,9 +36,10 @@ def policy_factory(
     """Return a factory for the environment and the policy of this name.
 
     Args:
-        name: `random`; a planner, optionally with options, such as `epibt` or `epibt:depth=5,time_limit=0.1`; the name
-            of a trained policy of the package, or the folder of a training run, optionally followed by `+pibt` and
-            options, such as `mappo:temperature=0.5` or `mappo+pibt:patience=2,temperature=0.5`.
+        name: `random`; a planner, optionally with options, such as `epibt` or `epibt:depth=5,time_limit=0.1`, one of
+            which can be a guidance graph for its costs, such as `edge_weights=crisscross`; the name of a trained policy
+            of the package, or the folder of a training run, optionally followed by `+pibt` and options, such as
+            `mappo:temperature=0.5` or `mappo+pibt:patience=2,temperature=0.5`.
         seed: random seed of the policy in every episode.
         deterministic: whether a trained policy takes the most likely action instead of sampling one.
         trust_remote_code: whether the configuration of a trained policy may name code outside this package.
@@ -43,11 +47,23 @@ def policy_factory(
     Raises `ValueError` for an unknown name, and for an unknown or invalid option.
     """
     if name.partition(":")[0] in PLANNERS:
-        planner_of(name, seed)  # rejects invalid options
-        return PlannerFactory(name, seed)
+        factory = PlannerFactory(*_without_weights(name), seed)
+        planner_of(factory.name, seed)  # rejects invalid options
+        if factory.edge_weights is not None:
+            check_edge_weights(factory.edge_weights)
+        return factory
     if name == "random":
         return RandomFactory(seed)
     return _factory_of_trained(name, seed, deterministic, trust_remote_code)
+
+
+def _without_weights(name: str) -> tuple[str, str | None]:
+    """Return a planner's name without the option `edge_weights`, and that option; None if there is none."""
+    planner, _, text = name.partition(":")
+    options = text.split(",")
+    weights = [option for option in options if option.startswith(WEIGHTS_OPTION)]
+    others = ",".join(option for option in options if option not in weights)
+    return f"{planner}:{others}" if others else planner, weights[-1].removeprefix(WEIGHTS_OPTION) if weights else None
 
 
 def _factory_of_trained(name: str, seed: int, deterministic: bool, trust_remote_code: bool) -> PolicyFactory:
@@ -191,18 +207,23 @@ class PlannerFactory:
 
     name: str
     """Name of the planner, with options."""
+    edge_weights: str | None
+    """Guidance graph of its costs; None: that of the task."""
     seed: int
     """Random seed of the planner in every episode."""
 
     @property
     def identity(self) -> dict[str, Any]:
-        """The planner, its options and its seed."""
+        """The planner, its options with the digest of its guidance graph, and its seed."""
         planner, options = planner_options(self.name)
+        if self.edge_weights is not None:
+            options |= {"edge_weights": weights_digest(self.edge_weights)}
         return {"policy": planner, "options": options, "seed": self.seed}
 
     def __call__(self, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:
         """Return the environment and the planner."""
-        env = parallel_env(**(Planner.env_kwargs | keywords))
+        weights: dict[str, Any] = {} if self.edge_weights is None else {"edge_weights": self.edge_weights}
+        env = parallel_env(**(Planner.env_kwargs | keywords | weights))
         return env, planner_of(self.name, self.seed, env)
 
 

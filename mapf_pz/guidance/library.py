@@ -9,6 +9,7 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
+from mapf_pz._internal.digest import digest
 from mapf_pz.guidance.files import FORMATS, load_guidance
 from mapf_pz.guidance.graph import GuidanceGraph
 from mapf_pz.instances.instance import Grid
@@ -34,6 +35,12 @@ def guidance_file(weights: object) -> Path | None:
     if is_guidance_file(weights):
         return Path(weights)
     return _bundled() / f"{weights}.npz" if isinstance(weights, str) and weights in guidance_names() else None
+
+
+def weights_digest(weights: object) -> str:
+    """Return the name of generated weights, otherwise the digest of the graph or of its file."""
+    file = guidance_file(weights)
+    return weights if file is None and isinstance(weights, str) else digest(weights if file is None else file)
 
 
 def check_edge_weights(weights: Any) -> None:

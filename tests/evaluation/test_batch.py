@@ -80,7 +80,7 @@ def test_collisions_in_a_batch_are_those_of_each_episode():
 
 def test_the_runtime_is_divided_among_the_running_episodes(monkeypatch):
     clock = iter(range(1000))
-    monkeypatch.setattr("mapf_pz.evaluation.batch.time.perf_counter", lambda: next(clock))
+    monkeypatch.setattr("mapf_pz.evaluation.batch.time.process_time", lambda: next(clock))
     episodes = list(run_episodes(factory_for(RightInBatch()), on("a.A..", "a...A"), range(2)))
     assert [episode["runtime"] for episode in episodes] == [1 / 2 + 1 / 2, 1 / 2 + 1 / 2 + 1 + 1]
     assert [episode["step_ms"] for episode in episodes] == [500, 750]

@@ -168,7 +168,7 @@ def test_agents_that_have_left_do_not_count():
 
 def test_times_belong_together(monkeypatch):
     clock = iter(range(1000))
-    monkeypatch.setattr("mapf_pz.evaluation.episodes.time.perf_counter", lambda: 0.5 * next(clock))
+    monkeypatch.setattr("mapf_pz.evaluation.episodes.time.process_time", lambda: 0.5 * next(clock))
     task = EvaluationTask("drawn", 2, {"max_steps": 5}, 1, instances=(drawn("a.B\nb.A"),))
     (episode,) = measured(Right(), task)
     assert episode["runtime"] == 5 * 0.5

@@ -1,11 +1,12 @@
 import inspect
 import re
 import shutil
+from dataclasses import replace
 from importlib import resources
 
 import pytest
 
-from mapf_pz.evaluation import EvaluationTask, policy_factory
+from mapf_pz.evaluation import EvaluationTask, evaluate, policy_factory
 from mapf_pz.evaluation.episodes import run_episodes
 from mapf_pz.evaluation.policies import factory_for, is_trained
 from mapf_pz.instances import RandomObstacles
@@ -67,6 +68,31 @@ def test_options(monkeypatch, name, expected):
     assert got[-1].pop("bound")
     assert got[-1].items() <= expected.items()
     assert {option: getattr(policy, f"_{option}") for option in expected} == expected
+
+
+def test_a_planner_with_the_costs_of_a_guidance_graph():
+    keywords = {"map": "....\n....", "num_agents": 2, "action_model": "cardinal"}
+    own = policy_factory("epibt:edge_weights=crisscross,depth=3")
+    env, planner = own(keywords | {"edge_weights": "uniform"})
+    assert (env.config.edge_weights, planner._depth) == ("crisscross", 3)
+    assert own.identity == {"policy": "epibt", "options": {"depth": 3, "edge_weights": "crisscross"}, "seed": 0}
+    assert policy_factory("epibt:depth=3")(keywords)[0].config.edge_weights == "uniform"
+    task = EvaluationTask("lifelong", 2, keywords | {"on_target": "restart", "max_steps": 32}, episodes=2)
+    one = evaluate(["pibt:edge_weights=crisscross"], [task])
+    other = evaluate(["pibt"], [replace(task, keywords=task.keywords | {"edge_weights": "crisscross"})])
+    assert [e.metrics["avg_throughput"] for e in one] == [e.metrics["avg_throughput"] for e in other]
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("pibt:edge_weights=cross", "edge_weights='cross': expected one of "),
+        ("pibt:edge_weights=", "edge_weights='': expected one of "),
+    ],
+)
+def test_wrong_guidance_graphs_of_planners(name, message):
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
+        policy_factory(name)
 
 
 @pytest.mark.parametrize(
