@@ -27,6 +27,7 @@ import tyro
 
 from experiments.measured_numbers import pages as measured_pages
 from experiments.measured_numbers import without_origin
+from experiments.paired import paired_rows
 from experiments.tables import TABLES, Results, ResultTable, markdown
 from mapf_pz._internal.atomic import write_whole
 from mapf_pz.evaluation import Episode, EvaluationTask, evaluate, load_suite, policy_factory
@@ -181,7 +182,12 @@ def _source(table: ResultTable) -> dict[str, Any]:
 
 
 def _summary(episodes: Sequence[Episode], published: Sequence[Episode]) -> dict[str, Any]:
-    return {"rows": _rows(episodes), "published": _rows(published), "samples": _samples(episodes)}
+    paired = {
+        name: rows
+        for name, learned in (("paired", False), ("paired_learned", True))
+        if (rows := paired_rows(episodes, published, learned))
+    }
+    return {"rows": _rows(episodes), "published": _rows(published), **paired, "samples": _samples(episodes)}
 
 
 def _rows(episodes: Sequence[Episode]) -> list[dict[str, Any]]:

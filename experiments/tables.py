@@ -6,14 +6,19 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from mapf_pz._internal.digest import digest
+
 Results = Mapping[str, Any]
 """The content of a results file: see `experiments.results.measure`."""
 
 ONE_SHOT = ("pibt", "epibt", "lacam:anytime=False", "lacam:time_limit=1")
+CRISSCROSS = ("pibt:edge_weights=crisscross", "epibt:edge_weights=crisscross")
+"""Planners with the costs of the policies that imitate planning with them."""
 LIFELONG = ("pibt", "epibt", "windowed")
 LEARNED = ("mappo-cardinal", "mappo-cardinal+pibt")
-TURNING = "oneshot+pibt:patience=8"
-IMITATED, IMITATED_ONE_SHOT = "lifelong-cardinal+pibt:temperature=0", "oneshot-cardinal+pibt:patience=8"
+TURNING = ("oneshot", "oneshot+pibt:patience=8")
+IMITATED = ("lifelong-cardinal:temperature=0", "lifelong-cardinal+pibt:temperature=0")
+IMITATED_ONE_SHOT = ("oneshot-cardinal", "oneshot-cardinal+pibt:patience=8")
 
 
 @dataclass(frozen=True)
@@ -35,24 +40,48 @@ class ResultTable:
 
 
 TABLES = (
-    ResultTable("pogema-random", (*ONE_SHOT, *LEARNED, IMITATED_ONE_SHOT), figure=True),
-    ResultTable("pogema-random-lifelong", (*LIFELONG, "lacam:anytime=False", *LEARNED, IMITATED), figure=True),
-    ResultTable("pogema-mazes", (*ONE_SHOT, *LEARNED[:1], IMITATED_ONE_SHOT)),
-    ResultTable("pogema-mazes-lifelong", ("pibt", "epibt", "lacam:anytime=False", *LEARNED[:1], IMITATED)),
-    ResultTable("pogema-warehouse", (*ONE_SHOT, *LEARNED[:1], IMITATED_ONE_SHOT)),
-    ResultTable("pogema-warehouse-lifelong", ("pibt", "epibt", *LEARNED[:1], IMITATED)),
-    ResultTable("pogema-cities", (*ONE_SHOT, *LEARNED[:1])),
-    ResultTable("pogema-cities-lifelong", ("pibt", "epibt", *LEARNED[:1])),
+    ResultTable("pogema-random", (*ONE_SHOT, *LEARNED, *IMITATED_ONE_SHOT), figure=True),
+    ResultTable(
+        "pogema-random-lifelong",
+        (*LIFELONG, *CRISSCROSS, "lacam:anytime=False", *LEARNED, *IMITATED),
+        figure=True,
+    ),
+    ResultTable("pogema-mazes", (*ONE_SHOT, *LEARNED, *IMITATED_ONE_SHOT)),
+    ResultTable("pogema-mazes-lifelong", (*LIFELONG, *CRISSCROSS, "lacam:anytime=False", *LEARNED, *IMITATED)),
+    ResultTable("pogema-warehouse", (*ONE_SHOT, *LEARNED, *IMITATED_ONE_SHOT)),
+    ResultTable("pogema-warehouse-lifelong", (*LIFELONG, *CRISSCROSS, *LEARNED, *IMITATED)),
+    ResultTable("pogema-cities", (*ONE_SHOT, *LEARNED, *IMITATED_ONE_SHOT)),
+    ResultTable("pogema-cities-lifelong", (*LIFELONG, *CRISSCROSS, *LEARNED, *IMITATED)),
     # The maps of the puzzles are smaller than the views of the trained policies.
     ResultTable("pogema-puzzles", ONE_SHOT[:3]),
     ResultTable("pogema-puzzles-lifelong", (*LIFELONG, "lacam:anytime=False")),
-    ResultTable("report", ("pibt", "prioritized", "lacam", "mappo", "mappo+pibt", TURNING)),
-    ResultTable("movingai-small", ("pibt", "lacam", TURNING)),
+    ResultTable(
+        "report",
+        (
+            "pibt",
+            "epibt",
+            "prioritized",
+            "lacam",
+            "mappo",
+            "mappo+pibt",
+            *TURNING,
+            "central",
+            "central+pibt:patience=8",
+        ),
+    ),
+    ResultTable(
+        "lorr-2023-example",
+        (*LIFELONG, *CRISSCROSS, "lifelong:temperature=0", "lifelong+pibt:temperature=0", "central", "central+pibt"),
+    ),
+    ResultTable("movingai-small", ("pibt", "epibt", "lacam", *TURNING)),
     ResultTable(
         "lorr-2023",
-        ("pibt", "epibt:depth=3", "epibt:depth=4", "epibt:depth=5", "epibt:depth=7,time_limit=0.1", "windowed"),
+        (
+            *("pibt", "epibt:depth=3", "epibt:depth=4", "epibt:depth=5", "epibt:depth=7,time_limit=0.1", "windowed"),
+            *("lifelong:temperature=0", "lifelong+pibt:temperature=0"),
+        ),
     ),
-    ResultTable("standard", ("pibt", "mappo", "ippo", "mappo-cardinal")),
+    ResultTable("standard", ("pibt", "mappo", "mappo+pibt", "ippo", "mappo-cardinal", *TURNING)),
     ResultTable("central-4", ("central-ppo",)),
     ResultTable("central-8", ("pibt", "central")),
     ResultTable("central-16", ("pibt", "central")),
@@ -62,23 +91,49 @@ TABLES = (
 def by_agents(results: Results, metrics: Sequence[str]) -> list[list[str]]:
     """Return a table with a row for each policy and a column for each number of agents.
 
-    Policies of this package come first, in bold. Policies without any of the metrics are omitted.
+    Policies of this package come first, in bold. Policies without any of the metrics are omitted. With one metric, the
+    cells have 95 % intervals, and the last column the number of episodes in each cell.
     """
     counts = sorted({row["num_agents"] for row in results["rows"]})
     body: list[list[str]] = []
     for rows, name in ((results["rows"], "**{}**"), (results["published"], "{}")):
         for policy in dict.fromkeys(row["policy"] for row in rows):
-            cells = {row["num_agents"]: _cell(row, metrics) for row in rows if row["policy"] == policy}
+            found = {row["num_agents"]: row for row in rows if row["policy"] == policy}
+            cells = {count: _cell(row, metrics, intervals=len(metrics) == 1) for count, row in found.items()}
             if any(cells.get(count) for count in counts):
-                body.append([name.format(policy), *(cells.get(count, "") for count in counts)])
+                numbers = sorted({found[count]["episodes"] for count in counts if cells.get(count)})
+                episodes = " to ".join(map(str, dict.fromkeys((numbers[0], numbers[-1]))))
+                body.append([name.format(policy), *(cells.get(count, "") for count in counts), episodes])
+    return [["", *map(str, counts), "episodes"], *body]
+
+
+def paired(results: Results, metrics: Sequence[str], rows: str = "paired") -> list[list[str]]:
+    """Return a table of the differences to the best published method, by policy and number of agents, with intervals.
+
+    The second line names the method of each column.
+    """
+    metric = metrics[0]
+    found = [row for row in results.get(rows, ()) if metric in row["metrics"]]
+    counts = sorted({row["num_agents"] for row in found})
+    best = {row["num_agents"]: row["best"] for row in found}
+    body = [["best published", *(best[count] for count in counts)]]
+    for policy in dict.fromkeys(row["policy"] for row in found):
+        cells = {row["num_agents"]: _cell(row, [metric], "+", True) for row in found if row["policy"] == policy}
+        body.append([f"**{policy}**", *(cells.get(count, "") for count in counts)])
     return [["", *map(str, counts)], *body]
+
+
+def paired_learned(results: Results, metrics: Sequence[str]) -> list[list[str]]:
+    """Return the table `paired` of the differences to the best published learned method."""
+    return paired(results, metrics, "paired_learned")
 
 
 def leaderboard(results: Results, metrics: Sequence[str]) -> list[list[str]]:
     """Return a table of all policies and published methods in the order of the first metric's mean, best first.
 
-    It has a column for each task or, if the suite has one task, for each number of agents, and one for the mean over
-    them. Policies without results in some of them have no mean and come last; more is better.
+    It has a column for each task or, if the suite has one task, for each number of agents, one for the mean over them,
+    and one for the digest of the policy's identity, which an evaluation writes to `identities.json`. Policies without
+    results in some of them have no mean and come last; more is better.
     """
     metric = metrics[0]
     tasks = list(dict.fromkeys(row["task"] for row in results["rows"]))
@@ -94,11 +149,14 @@ def leaderboard(results: Results, metrics: Sequence[str]) -> list[list[str]]:
         name: sum(values[key] for key in keys) / len(keys) for name, values in found.items() if {*keys} <= {*values}
     }
     body = [
-        [f"`{name[0]}`", name[1], *(_value(found[name].get(key)) for key in keys), _value(means.get(name))]
+        [
+            *(f"`{name[0]}`", name[1], *(_value(found[name].get(key)) for key in keys), _value(means.get(name))),
+            _identity(results, *name),
+        ]
         for name in sorted(found, key=lambda name: (-means.get(name, float("-inf")), name))
     ]
     names = [str(count) if len(tasks) == 1 else f"{task}, {count} agents" for task, count in keys]
-    return [["method", "source", *names, "mean"], *body]
+    return [["method", "source", *names, "mean", "identity"], *body]
 
 
 def by_task(results: Results, metrics: Sequence[str]) -> list[list[str]]:
@@ -137,6 +195,8 @@ LAYOUTS: dict[str, Callable[[Results, Sequence[str]], list[list[str]]]] = {
     "tasks": by_task,
     "policies": by_policy,
     "leaderboard": leaderboard,
+    "paired": paired,
+    "paired_learned": paired_learned,
 }
 
 
@@ -148,13 +208,26 @@ def markdown(layout: str, results: Results, metrics: Sequence[str]) -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in [header, ["---"] * len(header), *body])
 
 
-def _cell(row: Mapping[str, Any], metrics: Sequence[str]) -> str:
-    return ", ".join(_number(row["metrics"][name]["mean"]) for name in metrics if name in row["metrics"])
+def _cell(row: Mapping[str, Any], metrics: Sequence[str], sign: str = "", intervals: bool = False) -> str:
+    """Return the means of metrics in a row, with their intervals; `sign` is "+" for differences."""
+    found = [row["metrics"][name] for name in metrics if name in row["metrics"]]
+    return ", ".join(
+        f"{_number(one['mean'], sign)} ({_number(one['low'], sign)} to {_number(one['high'], sign)})"
+        if intervals and "low" in one
+        else _number(one["mean"], sign)
+        for one in found
+    )
+
+
+def _identity(results: Results, policy: str, source: str) -> str:
+    """Return the digest of the identity of a policy of this package; empty if it was not recorded."""
+    recorded = results.get("identities", {}).get("policies", {}).get(policy)
+    return f"`{digest(recorded)[:8]}`" if recorded is not None and source == "mapf_pz" else ""
 
 
 def _value(value: float | None) -> str:
     return "" if value is None else _number(value)
 
 
-def _number(value: float) -> str:
-    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+def _number(value: float, sign: str = "") -> str:
+    return f"{value:{sign}.0f}" if abs(value) >= 1000 else f"{value:{sign}.3g}"

@@ -86,3 +86,4 @@ gymnasium.register(
     entry_point="mapf_pz.wrappers.centralized:centralized_env",
     vector_entry_point="mapf_pz.wrappers.centralized_vector:CentralizedVectorEnv",
 )
+gymnasium.register("Mapf-Agents-v0", vector_entry_point="mapf_pz.wrappers.agent_vector:AgentVectorEnv")

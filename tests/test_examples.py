@@ -104,9 +104,15 @@ def test_the_report_with_stable_baselines(run_with_torch, tmp_path):
 
 
 def test_a_shared_policy_of_stable_baselines(run_with_torch):
-    pytest.importorskip("stable_baselines3")
-    pytest.importorskip("supersuit")
+    pytest.importorskip("sb3_contrib")
     assert "CSR on 2 unseen maps" in run_with_torch("shared_sb3.py", "--steps", 2048, "--episodes", 2)
+
+
+def test_ppo_in_one_file(run_with_torch):
+    *told, last = run_with_torch("cleanrl_ppo.py", "--agent-steps", 180_000, "--episodes", 8).splitlines()
+    assert len(told) == 10
+    assert last.startswith("CSR on 8 unseen maps: ")
+    assert float(last.split()[-1]) >= 0.25
 
 
 def run_in_a_process(name, *options):

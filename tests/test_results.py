@@ -6,8 +6,11 @@ from dataclasses import asdict
 import pytest
 
 from experiments import measured_numbers, results
+from experiments.paired import paired_rows
 from experiments.results import as_json, differences, is_reproducible, load_results, repeated
 from experiments.tables import TABLES, ResultTable, markdown
+from mapf_pz._internal.digest import digest
+from mapf_pz.evaluation import Episode
 
 
 def row(policy, num_agents, task="maze", **means):
@@ -15,6 +18,7 @@ def row(policy, num_agents, task="maze", **means):
         "policy": policy,
         "task": task,
         "num_agents": num_agents,
+        "episodes": num_agents // 8,
         "metrics": {name: {"mean": mean} for name, mean in means.items()},
     }
 
@@ -23,15 +27,17 @@ RESULTS = {
     "command": "mapf-pz evaluate --suite s",
     "commit": "0123456789",
     "code": "abc",
+    "identities": {"policies": {"pibt": {"policy": "pibt"}, "mappo": None}},
     "rows": [row("pibt", 8, CSR=0.98765, SoC=1e4), row("pibt", 16, CSR=1.0), row("mappo", 16, CSR=0.5)],
     "published": [row("LaCAM", 16, CSR=0.25), row("LaCAM", 80, CSR=0.25), row("RHCR", 16, SoC=1.0)],
 }
+RESULTS["rows"][1]["metrics"]["CSR"] |= {"low": 0.8, "high": 1.0}
 AGENTS = """
-|  | 8 | 16 |
-| --- | --- | --- |
-| **pibt** | 0.988 | 1 |
-| **mappo** |  | 0.5 |
-| LaCAM |  | 0.25 |
+|  | 8 | 16 | episodes |
+| --- | --- | --- | --- |
+| **pibt** | 0.988 | 1 (0.8 to 1) | 1 to 2 |
+| **mappo** |  | 0.5 | 2 |
+| LaCAM |  | 0.25 | 2 |
 """
 TRIALS = """
 |  | `pibt` | `mappo` |
@@ -53,11 +59,18 @@ mapf-pz evaluate --suite s  # commit 0123456, code abc
 
 
 LEADERBOARD = """
-| method | source | 8 | 16 | mean |
-| --- | --- | --- | --- | --- |
-| `pibt` | mapf_pz | 0.988 | 1 | 0.994 |
-| `LaCAM` | published |  | 0.25 |  |
-| `mappo` | mapf_pz |  | 0.5 |  |
+| method | source | 8 | 16 | mean | identity |
+| --- | --- | --- | --- | --- | --- |
+| `pibt` | mapf_pz | 0.988 | 1 | 0.994 | `IDENTITY` |
+| `LaCAM` | published |  | 0.25 |  |  |
+| `mappo` | mapf_pz |  | 0.5 |  |  |
+""".replace("IDENTITY", digest({"policy": "pibt"})[:8])
+PAIRED = """
+|  | 8 | 16 |
+| --- | --- | --- |
+| best published | LaCAM | EPH (a) |
+| **pibt** | +0.5 (-0.25 to +0.75) |  |
+| **mappo** |  | +0 (-1 to +1) |
 """
 
 
@@ -73,6 +86,35 @@ LEADERBOARD = """
 )
 def test_layouts(layout, metrics, expected):
     assert markdown(layout, RESULTS, metrics) == expected.strip()
+
+
+def test_differences_to_published_methods_are_paired_by_instance():
+    ours = [Episode("pibt", "maze", 8, number, {"CSR": 1.0, "SoC": 9.0}) for number in range(4)]
+    theirs = [
+        Episode(f"{name} (published)", "maze", 8, number, {"CSR": solved, "SoC": 1.0})
+        for name, all_solved in {"LaCAM": (1, 1, 1, 0), "EPH": (1, 1, 0, 0), "DCC": (0, 0, 0, 0), "IQL": (1,)}.items()
+        for number, solved in enumerate(all_solved)
+    ]
+    unknown = [Episode("SCRIMP (published)", "maze", 8, -number, {"CSR": 1.0}) for number in range(1, 5)]
+    (found,) = paired_rows(ours, [*theirs, *unknown], learned=False)
+    assert (found["policy"], found["best"], found["episodes"]) == ("pibt", "LaCAM", 4)
+    assert found["metrics"]["CSR"]["mean"] == 0.25
+    assert found["metrics"]["CSR"]["low"] < 0.25 < found["metrics"]["CSR"]["high"]
+    (learned,) = paired_rows(ours, [*theirs, *unknown], learned=True)
+    assert (learned["best"], learned["metrics"]["CSR"]["mean"]) == ("EPH", 0.5)
+    assert paired_rows(ours, unknown, learned=True) == []
+
+
+def test_differences_have_signs_and_intervals():
+    rows = [
+        row("pibt", 8, CSR=0.5) | {"best": "LaCAM"},
+        row("mappo", 16, CSR=0.0) | {"best": "EPH (a)"},
+        row("mappo", 16, avg_throughput=0.5) | {"best": "RHCR"},
+    ]
+    rows[0]["metrics"]["CSR"] |= {"low": -0.25, "high": 0.75}
+    rows[1]["metrics"]["CSR"] |= {"low": -1.0, "high": 1.0}
+    for layout in ("paired", "paired_learned"):
+        assert markdown(layout, RESULTS | {layout: rows}, ["CSR"]) == PAIRED.strip()
 
 
 def test_results_files_are_json():

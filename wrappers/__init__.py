@@ -4,6 +4,7 @@ They import the environment and the simulator. Read `centralized.py` first.
 """
 
 from mapf_pz.simulator.actions import ACTION_MODES, ActionMode
+from mapf_pz.wrappers.agent_vector import AgentVectorEnv
 from mapf_pz.wrappers.centralized import CentralizedEnv, TeamReward, centralized_env
 from mapf_pz.wrappers.centralized_vector import CentralizedVectorEnv
 from mapf_pz.wrappers.continuous_actions import ContinuousActions
@@ -14,6 +15,7 @@ from mapf_pz.wrappers.record_episode import RecordEpisode
 __all__ = [
     "ACTION_MODES",
     "ActionMode",
+    "AgentVectorEnv",
     "CentralizedEnv",
     "CentralizedVectorEnv",
     "ContinuousActions",

@@ -27,7 +27,7 @@ class EpisodeRecord:
     goal_counts: Ints
     """(N,): length of each agent's goal sequence, after which the sequence starts over."""
     shortest: Ints
-    """(N,): length in steps of each agent's shortest path from start to goal; -1 if there is none."""
+    """(N,): length in steps of each agent's shortest path to its goal; -1 if there is none. Not read with `restart`."""
 
 
 def metric_names(on_target: OnTarget) -> tuple[str, ...]:

@@ -16,9 +16,9 @@ from mapf_pz.simulator.kernels import world
 from mapf_pz.simulator.kernels.conflict import COLLISION_SYSTEMS, write_masks
 from mapf_pz.simulator.kernels.cost_lookup import costs_at
 from mapf_pz.simulator.kernels.cost_tables import CostTables
-from mapf_pz.simulator.kernels.cost_to_go import shortest_lengths
 from mapf_pz.simulator.kernels.observation.inputs import ObservationInputs
 from mapf_pz.simulator.kernels.observation.layers import allocate_layers, allocate_origins
+from mapf_pz.simulator.kernels.path_length import shortest_lengths
 from mapf_pz.simulator.kernels.reward import reward_terms
 from mapf_pz.simulator.kernels.state import CostToGo, PlanningView, Rules, allocate_state, planning_view_of, reset
 from mapf_pz.simulator.kernels.step import ON_TARGET, step
@@ -261,9 +261,7 @@ class Simulator:
 
     def metrics(self, b: int) -> dict[str, float]:
         """Return the metrics of environment `b` as if its episode ended now: see `mapf_pz.simulator.metrics`."""
-        agents, loader = self.state.agents[b], self._loader
-        m = int(self.state.map[b])
-        first_goals = self.state.goals[b, :, 0]
+        agents = self.state.agents[b]
         return episode_metrics(
             EpisodeRecord(
                 on_target=self.config.on_target,
@@ -271,12 +269,21 @@ class Simulator:
                 max_steps=self.config.max_steps,
                 resting_since=agents["resting_since"],
                 arrivals=agents["arrivals"],
-                goal_counts=loader.goal_counts[b],
-                shortest=shortest_lengths(
-                    self.world, m, loader.starts[b], loader.headings[b], first_goals, self._num_headings
-                ),
+                goal_counts=self._loader.goal_counts[b],
+                shortest=np.empty(0, np.int32) if self.config.on_target == "restart" else self._shortest_lengths(b),
             )
         )
+
+    def _shortest_lengths(self, b: int) -> Ints:
+        """Return the length in steps (N,) int32 of each agent's shortest path to its first goal; -1: there is none."""
+        m, starts, headings = int(self.state.map[b]), self._loader.starts[b], self._loader.headings[b]
+        goals = self.state.goals[b, :, 0]
+        slot, *to_go = self.tables.arrays
+        slots = slot[m, goals]
+        if self.tables.counts_steps and (slots >= 0).all():  # their tables are known already
+            costs = costs_at(CostToGo(*to_go), slots, starts, headings)
+            return np.where(np.isinf(costs), -1, costs).astype(np.int32)
+        return shortest_lengths(self.world, m, starts, headings, goals, self._num_headings)
 
     def positions(self, b: int) -> Ints:
         """Return where the agents of environment `b` are: (N, 2) int, [row, col]."""

@@ -20,6 +20,7 @@ from mapf_pz._internal.arrays import Ints
 from mapf_pz.environment.mapf_env import parallel_env
 from mapf_pz.speed.runs import Measurement, Run, Timing, measure, timed
 from mapf_pz.speed.workload import Workload
+from mapf_pz.wrappers.agent_vector import AgentVectorEnv
 
 SIMULATOR, COPY, POGEMA = "simulator", "memory copy", "POGEMA"
 
@@ -94,6 +95,47 @@ def pettingzoo_run(workload: Workload) -> Run:
     return timed(play)
 
 
+def vector_run(workload: Workload) -> Run:
+    """Step all agents as environments of a Gymnasium vector environment."""
+    env = AgentVectorEnv(workload.num_envs, num_threads=workload.num_threads, **workload.env_config().keywords())
+    actions = _random_actions(workload, env.simulator.num_actions).reshape(-1, env.num_envs)
+    env.reset(seed=workload.seed)
+    return _vector_run(env.step, actions)
+
+
+def sb3_run(workload: Workload) -> Run:
+    """Step all agents as environments of Stable-Baselines3; raises `ImportError` without it."""
+    from mapf_pz.wrappers.sb3 import AgentVecEnv
+
+    env = AgentVecEnv(workload.num_envs, num_threads=workload.num_threads, **workload.env_config().keywords())
+    actions = _random_actions(workload, env.env.simulator.num_actions).reshape(-1, env.num_envs)
+    env.seed(workload.seed)
+    env.reset()
+    return _vector_run(env.step, actions)
+
+
+def supersuit_run(workload: Workload) -> Run:
+    """Step all agents as environments by SuperSuit, an eighth of an episode; raises `ImportError` without it."""
+    import supersuit
+
+    agents: Any = supersuit.pettingzoo_env_to_vec_env_v1(parallel_env(**workload.env_config().keywords()))
+    env: Any = supersuit.concat_vec_envs_v1(agents, workload.num_envs, base_class="stable_baselines3")
+    actions = _random_actions(workload, env.action_space.n).reshape(-1, env.num_envs)
+    env.reset()
+    return _vector_run(env.step, actions[: max(1, len(actions) // 8)])
+
+
+def _vector_run(step: Callable[[Ints], object], actions: Ints) -> Run:
+    """Step with actions (T, B * N)."""
+
+    def play() -> int:
+        for numbers in actions:
+            step(numbers)
+        return actions.size
+
+    return timed(play)
+
+
 def torchrl_run(workload: Workload) -> Run:
     """Collect with TorchRL and a random policy; raises `ImportError` without TorchRL."""
     from mapf_pz.rl import BatchedMapfEnv
@@ -150,11 +192,14 @@ CANDIDATES: dict[str, Callable[[Workload], Run]] = {
     "  observing": observing_run,
     COPY: copy_run,
     "PettingZoo": pettingzoo_run,
+    "Gymnasium, agents": vector_run,
 }
-TORCHRL_CANDIDATES: dict[str, Callable[[Workload], Run]] = {
-    "TorchRL": torchrl_run,
-    "  PettingZooWrapper": wrapper_run,
+OPTIONAL: dict[str, dict[str, Callable[[Workload], Run]]] = {
+    "stable_baselines3": {"Stable-Baselines3, agents": sb3_run},
+    "supersuit": {"  SuperSuit": supersuit_run},
+    "torchrl": {"TorchRL": torchrl_run, "  PettingZooWrapper": wrapper_run},
 }
+"""Candidates by the module that they need."""
 PEERS: dict[str, Callable[[str, Workload], Run]] = {
     POGEMA: lambda python, workload: pogema_run(python, None, workload),
     "  its dictionaries": lambda python, workload: pogema_run(python, "PettingZoo", workload),
@@ -164,7 +209,9 @@ PEERS: dict[str, Callable[[str, Workload], Run]] = {
 
 def candidates(workload: Workload, pogema: str | None) -> dict[str, Run]:
     """Return the runs of all available candidates; `pogema` is a Python interpreter with POGEMA, or None."""
-    makers = CANDIDATES | (TORCHRL_CANDIDATES if _has_torchrl() else {})
+    makers = dict(CANDIDATES)
+    for module, others in OPTIONAL.items():
+        makers |= others if find_spec(module) else {}
     runs = {name: make(workload) for name, make in makers.items()}
     if pogema is not None:
         runs |= {name: make(pogema, workload) for name, make in PEERS.items()}
@@ -178,7 +225,8 @@ def candidate_table(workload: Workload, pogema: str | None, seconds: float) -> T
 
 def as_table(measured: dict[str, Measurement]) -> Table:
     """Return a table with a row per candidate; the last columns compare it with the memory copy and with POGEMA."""
-    caption = None if _has_torchrl() else "TorchRL is omitted, as it is not installed: pip install 'mapf-pz[train]'"
+    missing = [name.strip() for module, names in OPTIONAL.items() if not find_spec(module) for name in names]
+    caption = f"not measured, as not installed: {', '.join(missing)}" if missing else None
     table = Table(title="thousands of agent steps, medians of runs", caption=caption)
     table.add_column("")
     peers = [peer for peer in PEERS if peer in measured]
@@ -194,10 +242,6 @@ def as_table(measured: dict[str, Measurement]) -> Table:
         row += [f"{one.cpu_rate / measured[peer].cpu_rate:.1f}" for peer in peers]
         table.add_row(one.name, *row)
     return table
-
-
-def _has_torchrl() -> bool:
-    return find_spec("torchrl") is not None
 
 
 def _random_actions(workload: Workload, num_actions: int) -> Ints:

@@ -7,7 +7,7 @@ import numpy as np
 from mapf_pz._internal.arrays import Ints
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances.instance import Grid, Instance
-from mapf_pz.simulator.kernels.cost_to_go import shortest_lengths
+from mapf_pz.simulator.kernels.path_length import shortest_lengths
 from mapf_pz.simulator.kernels.world import allocate, set_map
 
 

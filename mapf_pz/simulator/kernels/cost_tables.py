@@ -40,6 +40,8 @@ class CostTables:
             max_bytes: the bound; None: `default_bytes` of what `num_goals` tables take.
             num_threads: threads that compute tables.
         """
+        self.counts_steps = unit_weights
+        """Whether the cost to go is the number of steps."""
         self._world = world
         num_maps, cells = world.obstacle.shape
         self._table_bytes = 4 * cells * (1 if unit_weights else num_headings + 1)

@@ -171,30 +171,3 @@ def _pop(cost: Array, heap: Array, place: Array, size: int) -> int:
     heap[parent] = last
     place[last] = parent
     return size
-
-
-def shortest_lengths(world: World, m: int, starts: Array, headings: Array, goals: Array, num_headings: int) -> Array:
-    """Return the length in steps (N,) int32 of each agent's shortest path on map `m`, without other agents; -1: none.
-
-    `starts`, `headings` and `goals` are (N,); `num_headings` is 4, or 1 for cardinal agents.
-    """
-    cells = world.obstacle.shape[1]
-    steps, queue = np.empty(cells, np.uint32), np.empty(cells * num_headings, np.int32)
-    lengths = np.empty(goals.size, np.int32)
-    order = np.argsort(goals, kind="stable")
-    work = starts[order], headings[order], goals[order]
-    _shortest_lengths(world.leads_to[m], *work, num_headings, steps, queue, lengths)
-    return lengths[np.argsort(order)]
-
-
-@jit
-def _shortest_lengths(
-    leads_to: Array, starts: Array, headings: Array, goals: Array, num_headings: int, steps: Array, queue: Array,
-    lengths: Array
-) -> None:  # fmt: skip
-    """Write the lengths (N,); agents with the same goal follow each other. `steps` and `queue` are scratch."""
-    for i in range(goals.size):
-        if i == 0 or goals[i] != goals[i - 1]:
-            count_steps(leads_to, goals[i], num_headings, steps, queue)
-        length = unpack(steps[starts[i]], headings[i])
-        lengths[i] = length if length < np.inf else -1

@@ -1,0 +1,166 @@
+"""`AgentVectorEnv`: a Gymnasium vector environment in which every agent is an environment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike
+
+from mapf_pz._internal.arrays import Bools, Floats, Ints
+from mapf_pz._internal.signatures import init_with_fields_of
+from mapf_pz.simulator.config import BatchConfig
+from mapf_pz.simulator.simulator import Observation
+from mapf_pz.wrappers.simulator_vector import SimulatorVectorEnv, VectorInfos, VectorObservation
+
+_AUTORESET_MODES = {mode.value: mode for mode in (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP)}
+
+
+@dataclass(frozen=True)
+class AgentVectorConfig(BatchConfig):
+    """All keywords of `AgentVectorEnv`."""
+
+    autoreset_mode: AutoresetMode | Literal["NextStep", "SameStep"] = AutoresetMode.NEXT_STEP
+    """When an episode that is over is reset: by the next step, which ignores the actions, or by the same one."""
+
+
+class AgentVectorEnv(SimulatorVectorEnv):
+    """The N agents of B environments as B * N single-agent environments, which share a policy's parameters.
+
+    | | |
+    | --- | --- |
+    | Observations | `(B * N, K, h, w)` float32; with `features`, a dictionary with `features`, `(B * N, F)`, too |
+    | Actions | `(B * N,)` integers, each in 0 to A - 1 |
+    | Rewards | `(B * N,)` float64 |
+    | Ends | terminated and truncated, `(B * N,)` bool |
+    | Infos | `action_mask`, `(B * N, A)` int8; `active`, `(B * N,)` bool: whether the next action is used |
+    | ... at the end of an episode | `is_success` and the names of `MapfEnv.metrics()`, those of all agents together |
+
+    Agent `i` of environment `b` is number `b * N + i`. The environments are those of `MapfEnv`: with the seed `s`,
+    environment `b` equals that of the seed `s + b`, step by step.
+
+    Agents that have disappeared (`on_target="finish"`) terminate, and are padded up to the end of their environment's
+    episode: they observe zeros, are not `active`, get no reward, and are truncated when the others' episode ends.
+
+    With `AutoresetMode.NEXT_STEP`, the step after the end of an episode resets it, ignores the actions of its agents
+    and gives no reward. With `SAME_STEP`, the last observations and infos are in the infos as `final_obs` and
+    `final_info`, and the observations are the first of the next episode.
+
+    `gymnasium.make_vec("mapf_pz:Mapf-Agents-v0", num_envs=B, ...)` creates it.
+    """
+
+    @init_with_fields_of(AgentVectorConfig)
+    def __init__(self, *arguments: Any, **keywords: Any) -> None:
+        """Create the environments; raises as `parallel_env`, and `ValueError` for another autoreset mode."""
+        config = AgentVectorConfig.from_keywords(*arguments, **keywords)
+        given = config.autoreset_mode
+        mode = _AUTORESET_MODES.get(given.value if isinstance(given, AutoresetMode) else given)
+        if mode is None:
+            raise ValueError(f"autoreset_mode={given!r}: expected one of {', '.join(map(repr, _AUTORESET_MODES))}")
+        super().__init__(config, mode)
+        self._agents_disappear = config.on_target == "finish"
+        self._same_step = mode is AutoresetMode.SAME_STEP
+        self.num_envs = config.num_envs * self.simulator.num_agents
+        self.single_observation_space = self.simulator.layout.space()
+        self.single_action_space = spaces.Discrete(self.simulator.num_actions)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._all = np.ones(self.num_envs, np.bool_)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[VectorObservation, VectorInfos]:
+        """Start new episodes in all environments.
+
+        Args:
+            seed: the seed of the first of the B environments, which increases by one per environment; or B seeds, None
+                for the environments that keep their generators.
+            options: not supported.
+
+        Raises `ValueError` for any options, or for a wrong number of seeds.
+        """
+        self._start(seed, options)
+        seen = self.simulator.observe()
+        return self._rows(seen), self._infos(seen)
+
+    def step(self, actions: ArrayLike) -> tuple[VectorObservation, Floats, Bools, Bools, VectorInfos]:
+        """Take one step with actions (B * N,).
+
+        Returns observations, rewards, terminated, truncated, infos. Raises `ValueError` for another shape, for numbers
+        that are not whole or not in 0 to A - 1, and `RuntimeError` before `reset()`.
+        """
+        self._require_reset()
+        self._step(self._checked(actions))
+        agents = self.simulator.agents
+        rewards = agents["reward"].astype(np.float64).reshape(-1)
+        terminated, truncated = agents["terminated"].flatten(), agents["truncated"].flatten()
+        seen, any_over = self.simulator.observe(), bool(self._over.any())
+        if any_over:
+            truncated |= self._of_agents(self._over) & ~terminated  # also those that have disappeared before
+        final: VectorInfos = self._metric_infos() if any_over else {}
+        if self._same_step and (any_over or (self._agents_disappear and terminated.any())):
+            final = self._final_infos(seen, terminated | truncated, final)
+            seen = self._next_episodes(seen)
+        return self._rows(seen), rewards, terminated, truncated, self._infos(seen) | final
+
+    def _checked(self, actions: ArrayLike) -> Ints:
+        """Return the actions as (B, N) int64; raises `ValueError` for wrong ones."""
+        numbers, last = np.asarray(actions), self.simulator.num_actions - 1
+        if numbers.shape != (self.num_envs,) or numbers.dtype.kind not in "iu":
+            got = f"{numbers.dtype} of shape {numbers.shape}"
+            raise ValueError(f"actions: expected integers of shape ({self.num_envs},), got {got}")
+        numbers = np.ascontiguousarray(numbers, np.int64)
+        if numbers.view(np.uint64).max() > last:  # negative numbers are large ones then
+            raise ValueError(f"actions: expected numbers from 0 to {last}, got {numbers.min()} to {numbers.max()}")
+        return numbers.reshape(self.simulator.agents.shape)
+
+    def _next_episodes(self, seen: Observation) -> Observation:
+        """Reset the environments whose episodes are over; return what all agents observe then."""
+        if self._over.any():
+            self.simulator.reset(np.flatnonzero(self._over).tolist())
+            self._over = np.zeros_like(self._over)
+            seen = self.simulator.observe()
+        gone = ~self.simulator.agents["active"]
+        seen.image[gone], seen.features[gone] = 0, 0
+        return seen
+
+    def _rows(self, seen: Observation) -> VectorObservation:
+        """Return the observations of all agents, a row each, without copying them."""
+        image = seen.image.reshape(self.num_envs, *seen.image.shape[2:])
+        if not self.simulator.layout.num_features:
+            return image
+        return {"image": image, "features": seen.features.reshape(self.num_envs, -1)}
+
+    def _of_agents(self, of_envs: Any) -> Any:
+        """Repeat values (B,) for each agent: (B * N,)."""
+        return np.repeat(of_envs, self.simulator.num_agents)
+
+    def _infos(self, seen: Observation) -> VectorInfos:
+        """Return the infos of a step, each with a mask."""
+        active = (self.simulator.agents["active"] & ~self._over[:, None]).reshape(-1)
+        action_mask = seen.action_mask.reshape(self.num_envs, -1)
+        return {"action_mask": action_mask, "_action_mask": self._all, "active": active, "_active": self._all}
+
+    def _metric_infos(self) -> VectorInfos:
+        """Return the metrics of the environments whose episodes are over, each with a mask."""
+        values: VectorInfos = {"is_success": self.simulator.terminated & self._over, **self._metrics(self._over)}
+        infos = {name: self._of_agents(one) for name, one in values.items()}
+        return infos | dict.fromkeys((f"_{name}" for name in values), self._of_agents(self._over))
+
+    def _final_infos(self, seen: Observation, ended: Bools, metrics: VectorInfos) -> VectorInfos:
+        """Return `final_obs` and `final_info` of the agents that have ended, each with a mask."""
+        rows, final = self._rows(seen), np.full(self.num_envs, None, dtype=object)
+        for i in np.flatnonzero(ended).tolist():
+            final[i] = _row(rows, i)
+        masks = {"action_mask": seen.action_mask.reshape(self.num_envs, -1), "_action_mask": ended}
+        return {"final_obs": final, "_final_obs": ended, "final_info": masks | metrics, "_final_info": ended}
+
+
+def _row(rows: VectorObservation, i: int) -> VectorObservation:
+    """Return a copy of one agent's observation."""
+    return {name: part[i].copy() for name, part in rows.items()} if isinstance(rows, dict) else rows[i].copy()

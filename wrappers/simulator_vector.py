@@ -1,0 +1,83 @@
+"""`SimulatorVectorEnv`: what the Gymnasium vector environments of this package share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from numpy.typing import ArrayLike, NDArray
+
+from mapf_pz._internal.arrays import Bools, Floats, Ints
+from mapf_pz.simulator.config import BatchConfig, EnvConfig
+from mapf_pz.simulator.simulator import Simulator
+
+VectorInfos = dict[str, Any]
+VectorObservation = NDArray[np.float32] | dict[str, NDArray[np.float32]]
+
+
+class SimulatorVectorEnv(VectorEnv[VectorObservation, ArrayLike, NDArray[Any]]):
+    """The B environments of one simulator: their seeds, resets and metrics.
+
+    Environment `b` of a batch with the seed `s` equals a single environment with the seed `s + b`.
+    """
+
+    def __init__(self, config: BatchConfig, autoreset_mode: AutoresetMode) -> None:
+        """Create the simulator; raises as it does."""
+        self.simulator = Simulator(EnvConfig(**config.keywords()), config.num_envs, config.num_threads)
+        self.metadata = {"autoreset_mode": autoreset_mode}
+        self._over = np.zeros(config.num_envs, np.bool_)
+        self._metric_names: tuple[str, ...] = ()  # empty before the first reset
+
+    def _start(self, seed: int | Sequence[int | None] | None, options: dict[str, Any] | None) -> dict[int, int]:
+        """Start new episodes in all environments, and return the seeds that were given, by environment.
+
+        Args:
+            seed: the seed of the first environment, which increases by one per environment; or one seed per
+                environment, None for those that keep their generators.
+            options: not supported.
+
+        Raises `ValueError` for any options, or for a wrong number of seeds.
+        """
+        if options:
+            raise ValueError(f"options={options!r}: expected none")
+        given = _by_environment(seed, self.simulator.num_envs)
+        self.simulator.reset(seeds=given)
+        self._over = self.simulator.over
+        self._metric_names = tuple(self.simulator.metrics(0))
+        return given
+
+    def _require_reset(self) -> None:
+        if not self._metric_names:
+            raise RuntimeError("call reset() before step()")
+
+    def _step(self, actions: Ints) -> None:
+        """Take one step with actions (B, N); environments whose episode was over are reset instead.
+
+        After it, their agents have neither a reward nor an end. `_over` (B,) tells which episodes are over now.
+        """
+        simulator, was_over = self.simulator, self._over
+        simulator.step(actions)
+        if was_over.any():
+            simulator.reset(np.flatnonzero(was_over).tolist())
+        self._over = simulator.over
+
+    def _metrics(self, over: Bools) -> dict[str, Floats]:
+        """Return the metrics of the environments `over` (B,) by name, (B,) float64; 0 in the others."""
+        metrics: dict[str, Floats] = {name: np.zeros(len(over)) for name in self._metric_names}
+        for b in np.flatnonzero(over).tolist():
+            for name, value in self.simulator.metrics(b).items():
+                metrics[name][b] = value
+        return metrics
+
+
+def _by_environment(seed: int | Sequence[int | None] | None, num_envs: int) -> dict[int, int]:
+    """Return the seeds that are given, by environment; raises `ValueError` for a wrong number of them."""
+    if seed is None:
+        return {}
+    if isinstance(seed, (int, np.integer)):
+        return {b: int(seed) + b for b in range(num_envs)}
+    if len(seed) != num_envs:
+        raise ValueError(f"seed: expected {num_envs} seeds, got {len(seed)}")
+    return {b: int(one) for b, one in enumerate(seed) if one is not None}
