@@ -263,6 +263,7 @@ def test_the_error_has_the_number_of_the_task(folder):
     assert message_of(folder, GOOD, GOOD | {"seed": "x"}).startswith("task 1: ")
     same_name = "expected unique task names ('name'), got '2 agents on random 5 x 5, 10 % obstacles' twice"
     assert message_of(folder, GOOD, GOOD) == same_name
+    assert message_of(folder, GOOD | {"name": "first"}, GOOD, GOOD) == same_name
     assert len(loaded(folder, GOOD, GOOD | {"name": "others"})) == 2
 
 

@@ -34,3 +34,11 @@ def test_a_notebook_shows_the_page_in_a_frame():
 def test_no_recording():
     with pytest.raises(ValueError, match="expected at least one recording"):
         html_page([])
+
+
+@pytest.mark.parametrize(("fps", "speed"), [(None, 4), (0.1, 1), (5, 4), (7, 8), (1000, 64)])
+def test_the_speed_is_the_nearest_of_the_page(tmp_path, fps, speed):
+    save_html(RECORDING, tmp_path / "a.html", *([] if fps is None else [fps]))
+    text = (tmp_path / "a.html").read_text("utf-8")
+    assert re.findall(r'"speed": ?(\d+)', text) == [str(speed)]
+    assert text == html_page(RECORDING, *([] if fps is None else [fps]))
