@@ -141,12 +141,12 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
             raise RuntimeError("the episode is over, call reset()")
         self.simulator.step(self._numbers(actions))
         observations, infos = self._observe()
-        agents, rows = self._agents, self._rows
-        rewards = dict(zip(self.agents, agents["reward"][rows].tolist(), strict=True))
-        terminated, truncated = agents["terminated"][rows].tolist(), agents["truncated"][rows].tolist()
-        terminations, truncations = self._flags(terminated), self._flags(truncated)
-        if any(terminated) or any(truncated):
+        rewards = self._by_agent("reward")
+        if self._any_ended():
+            terminations, truncations = self._by_agent("terminated"), self._by_agent("truncated")
             self._set_agents([agent for agent in self.agents if not (terminations[agent] or truncations[agent])])
+        else:  # copies of one dictionary, which is faster
+            terminations, truncations = self._no_flags.copy(), self._no_flags.copy()
         if self.render_mode == "human":
             self.render()
         return observations, rewards, terminations, truncations, infos
@@ -170,9 +170,16 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         """The agents' records, (N,) AGENT."""
         return self.simulator.agents[0]
 
-    def _flags(self, flags: list[bool]) -> dict[str, bool]:
-        """Return a dictionary of the flags of the agents that act; if all are False, a copy of one, which is faster."""
-        return dict(zip(self.agents, flags, strict=True)) if any(flags) else self._no_flags.copy()
+    def _any_ended(self) -> bool:
+        """Return whether the last step ended the episode of any agent."""
+        simulator = self.simulator
+        if simulator.terminated[0] or simulator.truncated[0]:
+            return True
+        return self.config.on_target == "finish" and bool(self._agents["terminated"].any())
+
+    def _by_agent(self, field: str) -> dict[str, Any]:
+        """Return a field of the records of the agents that acted."""
+        return dict(zip(self.agents, self._agents[field][self._rows].tolist(), strict=True))
 
     def _observe(self) -> tuple[dict[str, AgentObservation], Infos]:
         batch, rows = self.simulator.observe(), self._rows
