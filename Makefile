@@ -4,7 +4,7 @@
 # make docs       builds the documentation: site/index.html
 # make examples   runs the examples that need separate virtual environments, which it creates
 # make results    measures the documentation's result tables again, or one of them: SUITE=standard
-# make bench      measures the speed beside POGEMA's, which it installs in .venv-peers
+# make bench      measures the speed beside other environments, which it installs in .venv-peers, .venv-rware and .venv-jumanji
 # make wheel      builds the source archive and the wheel, and tries them outside of this tree
 # make clean      removes the virtual environments and what they have written
 # make long RUN=soak   or another run of minutes to days, in docs/verification.md: faults, coverage, mutation, mutation-sample, record-pogema;
@@ -17,6 +17,9 @@ PLAIN_TESTS := $(addprefix tests/simulator/test_, against_reference.py cache.py 
 	$(addprefix tests/planners/test_, pibt.py epibt.py shield.py prioritized.py refine.py neighborhood.py lacam.py decisions.py)
 OUTSIDE_TESTS := tests/environment/test_env.py tests/wrappers tests/instances/test_library.py tests/render
 KERNEL_TESTS := $(addprefix tests/simulator/test_, properties.py symmetry.py collision_table.py cost_to_go.py)
+
+PEER_rware := rware==2.0.0
+PEER_jumanji := jumanji==1.1.0 requests
 
 LONG := soak faults coverage mutation mutation-sample record-pogema figures reproduction report
 
@@ -54,8 +57,13 @@ results: .venv/installed
 		--config-settings editable_mode=compat --editable '.[train,render,dev]'
 	touch $@
 
-bench: .venv/installed .venv-peers/installed
-	$(BIN)/mapf-pz benchmark --pogema .venv-peers/bin/python
+bench: .venv/installed .venv-peers/installed .venv-rware/installed .venv-jumanji/installed
+	$(BIN)/mapf-pz benchmark --pogema .venv-peers/bin/python --rware .venv-rware/bin/python --jumanji .venv-jumanji/bin/python
+
+.venv-rware/installed .venv-jumanji/installed: .venv-%/installed:
+	$(PYTHON) -m venv .venv-$*
+	.venv-$*/bin/pip install --quiet --disable-pip-version-check $(PEER_$*)
+	touch $@
 
 .venv-peers/installed:
 	$(PYTHON) -m venv .venv-peers
@@ -77,7 +85,7 @@ wheel: .venv/installed
 	tests/wheel.sh $(OUTSIDE_TESTS)
 
 clean:
-	rm -rf .venv .venv-peers .venv-mutation .venv-rllib .venv-benchmarl runs site dist
+	rm -rf .venv .venv-peers .venv-rware .venv-jumanji .venv-mutation .venv-rllib .venv-benchmarl runs site dist
 
 long:
 	@: $(if $(filter $(RUN),$(LONG)),,$(error RUN=$(RUN): expected one of $(LONG)))

@@ -1,16 +1,12 @@
-"""Candidates: the interfaces of this package, parts of the simulator, a memory copy of the observations, and POGEMA.
+"""Candidates: the interfaces of this package, parts of the simulator, a memory copy of the observations, and peers.
 
-Every run has the length of one episode; the candidates alternate. POGEMA, the most similar environment, runs on the
-same map with the same number of agents and the same view size, if it is available.
+Every run has the length of one episode; the candidates alternate.
 """
 
 from __future__ import annotations
 
-import json
-import subprocess
 from collections.abc import Callable
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,11 +14,12 @@ from rich.table import Table
 
 from mapf_pz._internal.arrays import Ints
 from mapf_pz.environment.mapf_env import parallel_env
-from mapf_pz.speed.runs import Measurement, Run, Timing, measure, timed
+from mapf_pz.speed.peers import SIMILAR, Peers, peer_runs
+from mapf_pz.speed.runs import Measurement, Run, measure, timed
 from mapf_pz.speed.workload import Workload
 from mapf_pz.wrappers.agent_vector import AgentVectorEnv
 
-SIMULATOR, COPY, POGEMA = "simulator", "memory copy", "POGEMA"
+SIMULATOR, COPY = "simulator", "memory copy"
 
 
 def simulator_run(workload: Workload) -> Run:
@@ -37,7 +34,7 @@ def simulator_run(workload: Workload) -> Run:
             simulator.observe()
         return actions.size
 
-    return timed(play)
+    return timed(play, workload.observation_bytes)
 
 
 def stepping_run(workload: Workload) -> Run:
@@ -62,7 +59,7 @@ def observing_run(workload: Workload) -> Run:
             simulator.observe()
         return workload.env.max_steps * workload.num_envs * workload.num_agents
 
-    return timed(play)
+    return timed(play, workload.observation_bytes)
 
 
 def copy_run(workload: Workload) -> Run:
@@ -75,7 +72,7 @@ def copy_run(workload: Workload) -> Run:
                 array.copy()
         return workload.env.max_steps * workload.num_envs * workload.num_agents
 
-    return timed(play)
+    return timed(play, workload.observation_bytes)
 
 
 def pettingzoo_run(workload: Workload) -> Run:
@@ -92,7 +89,7 @@ def pettingzoo_run(workload: Workload) -> Run:
                 env.reset()
         return workload.env.max_steps * workload.num_agents
 
-    return timed(play)
+    return timed(play, workload.observation_bytes)
 
 
 def vector_run(workload: Workload) -> Run:
@@ -100,7 +97,7 @@ def vector_run(workload: Workload) -> Run:
     env = AgentVectorEnv(workload.num_envs, num_threads=workload.num_threads, **workload.env_config().keywords())
     actions = _random_actions(workload, env.simulator.num_actions).reshape(-1, env.num_envs)
     env.reset(seed=workload.seed)
-    return _vector_run(env.step, actions)
+    return _vector_run(env.step, actions, workload)
 
 
 def sb3_run(workload: Workload) -> Run:
@@ -111,7 +108,7 @@ def sb3_run(workload: Workload) -> Run:
     actions = _random_actions(workload, env.env.simulator.num_actions).reshape(-1, env.num_envs)
     env.seed(workload.seed)
     env.reset()
-    return _vector_run(env.step, actions)
+    return _vector_run(env.step, actions, workload)
 
 
 def supersuit_run(workload: Workload) -> Run:
@@ -122,10 +119,10 @@ def supersuit_run(workload: Workload) -> Run:
     env: Any = supersuit.concat_vec_envs_v1(agents, workload.num_envs, base_class="stable_baselines3")
     actions = _random_actions(workload, env.action_space.n).reshape(-1, env.num_envs)
     env.reset()
-    return _vector_run(env.step, actions[: max(1, len(actions) // 8)])
+    return _vector_run(env.step, actions[: max(1, len(actions) // 8)], workload)
 
 
-def _vector_run(step: Callable[[Ints], object], actions: Ints) -> Run:
+def _vector_run(step: Callable[[Ints], object], actions: Ints, workload: Workload) -> Run:
     """Step with actions (T, B * N)."""
 
     def play() -> int:
@@ -133,7 +130,7 @@ def _vector_run(step: Callable[[Ints], object], actions: Ints) -> Run:
             step(numbers)
         return actions.size
 
-    return timed(play)
+    return timed(play, workload.observation_bytes)
 
 
 def torchrl_run(workload: Workload) -> Run:
@@ -158,32 +155,7 @@ def _collector_run(env: Any, num_envs: int, workload: Workload) -> Run:
     def play() -> int:
         return next(batches).numel() * workload.num_agents
 
-    return timed(play)
-
-
-def pogema_run(python: str, integration: str | None, workload: Workload) -> Run:
-    """Run POGEMA in a separate process for each run; raises `ValueError` for workloads that it does not support."""
-    grid = workload.source.grid
-    if grid is None or workload.env.view_size[0] != workload.env.view_size[1] or workload.env.view_size[0] % 2 == 0:
-        raise ValueError("pogema: expected one map for all episodes, and a square view with an odd number of rows")
-    options = {
-        "map": ["".join("." if free else "#" for free in row) for row in grid.free],
-        "num_agents": workload.num_agents,
-        "view_size": workload.env.view_size[0],
-        "max_steps": workload.env.max_steps,
-        "seed": workload.seed,
-        "integration": integration,
-    }
-    command = [python, str(Path(__file__).with_name("pogema_player.py")), json.dumps(options)]
-
-    def run() -> Timing:
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode:
-            reason = done.stderr.strip().rpartition("\n")[2]
-            raise ValueError(f"pogema: {python} failed, is POGEMA 1.4.0 installed? {reason}")
-        return Timing(*json.loads(done.stdout))
-
-    return run
+    return timed(play, workload.observation_bytes)
 
 
 CANDIDATES: dict[str, Callable[[Workload], Run]] = {
@@ -200,40 +172,36 @@ OPTIONAL: dict[str, dict[str, Callable[[Workload], Run]]] = {
     "torchrl": {"TorchRL": torchrl_run, "  PettingZooWrapper": wrapper_run},
 }
 """Candidates by the module that they need."""
-PEERS: dict[str, Callable[[str, Workload], Run]] = {
-    POGEMA: lambda python, workload: pogema_run(python, None, workload),
-    "  its dictionaries": lambda python, workload: pogema_run(python, "PettingZoo", workload),
-}
-"""The most similar environment, with its own interface and with its PettingZoo interface."""
 
 
-def candidates(workload: Workload, pogema: str | None) -> dict[str, Run]:
-    """Return the runs of all available candidates; `pogema` is a Python interpreter with POGEMA, or None."""
+def candidates(workload: Workload, peers: Peers) -> dict[str, Run]:
+    """Return the runs of all available candidates."""
     makers = dict(CANDIDATES)
     for module, others in OPTIONAL.items():
         makers |= others if find_spec(module) else {}
-    runs = {name: make(workload) for name, make in makers.items()}
-    if pogema is not None:
-        runs |= {name: make(pogema, workload) for name, make in PEERS.items()}
-    return runs
+    return {name: make(workload) for name, make in makers.items()} | peer_runs(workload, peers)
 
 
-def candidate_table(workload: Workload, pogema: str | None, seconds: float) -> Table:
+def candidate_table(workload: Workload, peers: Peers, seconds: float) -> Table:
     """Measure all candidates: see `as_table`."""
-    return as_table(measure(candidates(workload, pogema), seconds))
+    return as_table(measure(candidates(workload, peers), seconds))
 
 
 def as_table(measured: dict[str, Measurement]) -> Table:
-    """Return a table with a row per candidate; the last columns compare it with the memory copy and with POGEMA."""
+    """Return a table with a row per candidate.
+
+    `bytes` is what each agent observes per step. The last columns compare with the memory copy and with POGEMA.
+    """
     missing = [name.strip() for module, names in OPTIONAL.items() if not find_spec(module) for name in names]
     caption = f"not measured, as not installed: {', '.join(missing)}" if missing else None
     table = Table(title="thousands of agent steps, medians of runs", caption=caption)
     table.add_column("")
-    peers = [peer for peer in PEERS if peer in measured]
-    for heading in ["per s", "per CPU s", "runs", "of copy"] + [f"x {peer.strip()}" for peer in peers]:
+    peers = [peer for peer in SIMILAR if peer in measured]
+    for heading in ["bytes", "per s", "per CPU s", "runs", "of copy"] + [f"x {peer.strip()}" for peer in peers]:
         table.add_column(heading, justify="right")
     for one in measured.values():
         row = [
+            "" if one.observation is None else f"{one.observation:,}",
             f"{one.rate / 1000:,.0f}",
             f"{one.cpu_rate / 1000:,.0f}",
             str(one.num_runs),

@@ -20,21 +20,23 @@ class Timing(NamedTuple):
     """Wall-clock time in seconds."""
     cpu: float
     """CPU time of all threads in seconds."""
+    observation: int | None = None
+    """Bytes that each agent observes per step; None: nothing is observed."""
 
 
 Run = Callable[[], Timing]
 """A function that runs a candidate once."""
 
 
-def timed(play: Callable[[], int]) -> Run:
-    """Return a run that measures a function, which returns its number of agent steps."""
+def timed(play: Callable[[], int], observation: int | None = None) -> Run:
+    """Return a run that measures a function, which returns its number of agent steps; `observation` as in `Timing`."""
 
     def run() -> Timing:
         wall, cpu = time.perf_counter(), time.process_time()
         steps = play()
         # The CPU clock may be so coarse that it does not advance.
         spent = max(time.process_time() - cpu, time.get_clock_info("process_time").resolution)
-        return Timing(steps, time.perf_counter() - wall, spent)
+        return Timing(steps, time.perf_counter() - wall, spent, observation)
 
     return run
 
@@ -51,6 +53,8 @@ class Measurement:
     """Median of the agent steps per CPU second of all threads."""
     num_runs: int
     """Number of runs."""
+    observation: int | None = None
+    """Bytes that each agent observes per step; None: nothing is observed."""
 
 
 def measure(runs: Mapping[str, Run], seconds: float) -> dict[str, Measurement]:
@@ -73,4 +77,5 @@ def _summary(name: str, runs: list[Timing]) -> Measurement:
         rate=median(run.steps / run.wall for run in runs),
         cpu_rate=median(run.steps / run.cpu for run in runs),
         num_runs=len(runs),
+        observation=runs[0].observation,
     )

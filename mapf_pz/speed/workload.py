@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ import numpy as np
 from mapf_pz.instances import FixedMap, RandomObstacles
 from mapf_pz.instances.instance import InstanceSource
 from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.observation import ObservationLayout
 from mapf_pz.simulator.simulator import Simulator
 from mapf_pz.simulator.source import make_source
 
@@ -68,6 +70,12 @@ class Workload:
     def num_agents(self) -> int:
         """N, the number of agents."""
         return self.source.num_agents
+
+    @property
+    def observation_bytes(self) -> int:
+        """Bytes of what each agent observes, without its action mask."""
+        layout = ObservationLayout(self.env_config())
+        return 4 * (math.prod(layout.image_shape) + layout.num_features)
 
     def with_env(self, **changes: Any) -> Self:
         """Return the workload with other fields of its environment."""

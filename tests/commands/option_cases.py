@@ -361,6 +361,8 @@ CASES = {
             "--tables": "--tables scaling",
             "--seconds": "--seconds 5",
             "--pogema": "--pogema python",
+            "--rware": "--rware python",
+            "--jumanji": "--jumanji python",
             "--height": "--height 15",
             "--width": "--width 15",
             "--density": "--density 0.3",

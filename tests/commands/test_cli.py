@@ -497,7 +497,8 @@ def test_medians_and_ratios():
     assert len(calls) == 6  # the first does not count
     assert [(one.name, one.num_runs) for one in measured.values()] == [("slow", 5), (COPY, 5)]
     rates = {"half": (5, 30), COPY: (10, 60), "POGEMA": (1, 3)}
-    table = as_table({name: Measurement(name, *rate, 1) for name, rate in rates.items()})
+    table = as_table({name: Measurement(name, *rate, 1, 1300) for name, rate in rates.items()})
+    assert next(iter(table.columns[1].cells)) == "1,300"
     assert [list(column.cells) for column in table.columns][-2:] == [
         ["50.0%", "100.0%", "10.0%"],
         ["10.0", "20.0", "1.0"],
@@ -510,6 +511,9 @@ def test_a_process_clock_that_stands_still(monkeypatch):
 
 
 POGEMA = """
+class Observed:
+    nbytes = 108
+
 class GridConfig:
     def __init__(self, map, num_agents, obs_radius, max_episode_steps, **rest):
         assert (map.count("\\n"), obs_radius, max_episode_steps) == (6, 1, 4), map
@@ -519,9 +523,28 @@ class pogema_v0:
     def __init__(self, grid_config):
         pass
     def reset(self):
-        pass
+        return [Observed()] * 2, [{}] * 2
     def step(self, actions):
         assert len(actions) == 2
+        return (self.reset()[0],)
+"""
+RWARE = """
+class Any:
+    def __getattr__(self, name):
+        return name
+ObservationType = RewardType = Any()
+
+class Warehouse:
+    def __init__(self, n_agents, max_steps, **rest):
+        assert (n_agents, max_steps) == (4, 4)
+    def reset(self, seed):
+        return [Observed()] * 4, {}
+    def step(self, actions):
+        assert len(actions) == 4
+        return (self.reset(0)[0],)
+
+class Observed:
+    nbytes = 284
 """
 
 
@@ -536,9 +559,23 @@ def test_beside_pogema(capsys, monkeypatch, tmp_path):
     status, out, err = run(capsys, "benchmark", *words)
     assert (status, err) == (0, [])
     assert "x POGEMA" in "\n".join(out)
+    assert re.search(r"│ POGEMA +│ +108 │", "\n".join(out))
     assert run(capsys, "benchmark", *words, "--new-maps")[2][0].startswith(
         "mapf-pz benchmark: pogema: expected one map"
     )
+
+
+def test_beside_other_environments(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr("mapf_pz.speed.candidates.find_spec", lambda name: None)
+    (tmp_path / "rware").mkdir()
+    (tmp_path / "rware" / "warehouse.py").write_text(RWARE)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    status, out, err = run(capsys, "benchmark", *SMALL, "--new-maps", "--rware", sys.executable)
+    assert (status, err) == (0, [])
+    assert re.search(r"│ rware, 4 agents +│ +284 │", "\n".join(out))
+    status, out, err = run(capsys, "benchmark", *SMALL, "--jumanji", sys.executable)
+    assert (status, len(err)) == (1, 1)
+    assert err[0].endswith("is Jumanji 1.1 installed? ModuleNotFoundError: No module named 'jax'")
 
 
 @pytest.mark.usefixtures("without_figures")
