@@ -1,4 +1,4 @@
-"""Other environments beside this one, each in a Python of its own, since their dependencies conflict with those here.
+"""Other environments beside this one, each in a separate Python, since their dependencies conflict with those here.
 
 A player, a file in this folder, runs in that Python, and prints a `Timing` as JSON.
 """
