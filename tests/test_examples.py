@@ -109,8 +109,9 @@ def test_a_shared_policy_of_stable_baselines(run_with_torch):
 
 
 def test_ppo_in_one_file(run_with_torch):
-    *told, last = run_with_torch("cleanrl_ppo.py", "--agent-steps", 180_000, "--episodes", 8).splitlines()
-    assert len(told) == 10
+    small = ("--agent-steps", 70_000, "--num-envs", 4, "--minibatch-size", 256, "--episodes", 8)
+    *told, last = run_with_torch("cleanrl_ppo.py", *small).splitlines()
+    assert len(told) >= 10
     assert last.startswith("CSR on 8 unseen maps: ")
     assert float(last.split()[-1]) >= 0.25
 
