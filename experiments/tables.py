@@ -108,7 +108,7 @@ def leaderboard(results: Results, metrics: Sequence[str]) -> list[list[str]]:
     """Return a table of all policies and published methods in the order of the first metric's mean, best first.
 
     It has a column for each task or, if the suite has one task, for each number of agents, one for the mean over them,
-    and one for the digest of the policy's identity, which an evaluation writes to `identities.json`. Policies without
+    and one for the digest of the policy's identity: its weights, configuration, options and seed. Policies without
     results in some of them have no mean and come last; more is better.
     """
     metric = metrics[0]
