@@ -3,6 +3,7 @@
 import os
 import random
 import signal
+from itertools import count
 
 import pytest
 
@@ -33,7 +34,7 @@ def only_kills_at_work(monkeypatch):
 
 def test_a_killed_evaluation_resumes(tmp_path):
     counters = Tally()
-    kill_evaluations(tmp_path, 2, 200, random.Random(0), counters)
+    kill_evaluations(tmp_path, 2, 400, random.Random(0), counters)
     assert (counters.kills.total(), counters.resumes, counters.lost) == (2, 2, 0)
     assert counters.written >= 2
 
@@ -123,12 +124,16 @@ def test_a_ray_worker_that_dies(tmp_path, monkeypatch):
     pytest.importorskip("ray")
     monkeypatch.setenv("RAY_AUTH_MODE", "disabled")
     monkeypatch.setenv("RAY_worker_niceness", "0")  # on a busy machine, its workers would never get their turn
-    words = evaluate_words(tmp_path / "out", 400, "ray")
-    end = kill(words, lambda _: episode_lines(tmp_path / "out"), 0, signal.SIGKILL, "worker")
-    assert end.killed
+    for number in count():  # the evaluation can be over before a worker is found at work: then a longer one
+        out, episodes = tmp_path / str(number), 400 * 4**number
+        words = evaluate_words(out, episodes, "ray")
+        end = kill(words, lambda _: episode_lines(out), 0, signal.SIGKILL, "worker")  # noqa: B023
+        if end.killed:
+            break
+        assert end.status == 0
     assert end.status == 0 or end.lines[-1].startswith("mapf-pz evaluate: Ray: "), end
-    before = episode_lines(tmp_path / "out")
-    assert complete(evaluate_words(tmp_path / "out", 400)).status == 0
-    assert episode_lines(tmp_path / "out")[: len(before)] == before
-    assert complete(evaluate_words(tmp_path / "whole", 400)).status == 0
-    assert untimed(episode_lines(tmp_path / "out")) == untimed(episode_lines(tmp_path / "whole"))
+    before = episode_lines(out)
+    assert complete(evaluate_words(out, episodes)).status == 0
+    assert episode_lines(out)[: len(before)] == before
+    assert complete(evaluate_words(tmp_path / "whole", episodes)).status == 0
+    assert untimed(episode_lines(out)) == untimed(episode_lines(tmp_path / "whole"))
