@@ -51,7 +51,13 @@ TABLES = (
     # The maps of the puzzles are smaller than the views of the trained policies.
     ResultTable("pogema-puzzles", ONE_SHOT[:3]),
     ResultTable("pogema-puzzles-lifelong", (*LIFELONG, "lacam:anytime=False")),
-    ResultTable("report", ("pibt", "prioritized", "lacam", "mappo", "mappo+pibt", TURNING[1])),
+    ResultTable(
+        "report",
+        (
+            *("pibt", "epibt", "prioritized", "lacam", "mappo", "mappo+pibt", *TURNING),
+            *("central", "central+pibt:patience=8"),
+        ),
+    ),
     ResultTable("movingai-small", ("pibt", "lacam", TURNING[1])),
     ResultTable(
         "lorr-2023",
