@@ -43,7 +43,7 @@ TABLES = (
     ResultTable("pogema-random", (*ONE_SHOT, *LEARNED, *IMITATED_ONE_SHOT), figure=True),
     ResultTable("pogema-random-lifelong", (*LIFELONG, "lacam:anytime=False", *LEARNED, IMITATED[1]), figure=True),
     ResultTable("pogema-mazes", (*ONE_SHOT, *LEARNED, *IMITATED_ONE_SHOT)),
-    ResultTable("pogema-mazes-lifelong", ("pibt", "epibt", "lacam:anytime=False", LEARNED[0], IMITATED[1])),
+    ResultTable("pogema-mazes-lifelong", (*LIFELONG, *CRISSCROSS, "lacam:anytime=False", *LEARNED, *IMITATED)),
     ResultTable("pogema-warehouse", (*ONE_SHOT, LEARNED[0], IMITATED_ONE_SHOT[1])),
     ResultTable("pogema-warehouse-lifelong", ("pibt", "epibt", LEARNED[0], IMITATED[1])),
     ResultTable("pogema-cities", (*ONE_SHOT, LEARNED[0])),
@@ -57,6 +57,10 @@ TABLES = (
             *("pibt", "epibt", "prioritized", "lacam", "mappo", "mappo+pibt", *TURNING),
             *("central", "central+pibt:patience=8"),
         ),
+    ),
+    ResultTable(
+        "lorr-2023-example",
+        (*LIFELONG, *CRISSCROSS, "lifelong:temperature=0", "lifelong+pibt:temperature=0", "central", "central+pibt"),
     ),
     ResultTable("movingai-small", ("pibt", "lacam", TURNING[1])),
     ResultTable(
