@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from mapf_pz.evaluation import Episode
-from mapf_pz.evaluation.reports.intervals import difference_interval
 from mapf_pz.evaluation.reports.published import PUBLISHED
+from mapf_pz.evaluation.reports.report import Summary, differences
 
 METRICS = ("CSR", "avg_throughput")
 """The metrics that are compared; more is better."""
@@ -34,23 +35,31 @@ def paired_rows(episodes: Sequence[Episode], published: Sequence[Episode], learn
     for metric in METRICS:
         values = _values(episodes, metric)
         references = _values([episode for episode in published if not (learned and _is_planner(episode))], metric)
-        for (cell, policy), of_policy in values.items():
-            best = _best(references, cell, len(of_policy))
+        for cell in dict.fromkeys(cell for cell, _ in values):
+            of_cell = [episode for episode in episodes if _cell(episode) == cell]
+            best = _best(references, cell, len({episode.number for episode in of_cell}))
             if best is not None:
-                differences = [value - references[cell, best][number] for number, value in of_policy.items()]
-                low, high = difference_interval(metric, differences)
-                difference = {"mean": float(np.mean(differences)), "low": low, "high": high}
-                rows.append(
-                    {
-                        "policy": policy,
-                        "task": cell[0],
-                        "num_agents": cell[1],
-                        "best": best.removesuffix(PUBLISHED),
-                        "episodes": len(differences),
-                        "metrics": {metric: {name: float(f"{value:.6g}") for name, value in difference.items()}},
-                    }
-                )
+                of_best = [episode for episode in published if (_cell(episode), episode.policy) == (cell, best)]
+                found = differences([*of_cell, *of_best], best, [metric]).rows
+                rows += [_row(each, metric, best.removesuffix(PUBLISHED)) for each in found]
     return rows
+
+
+def _row(difference: Summary, metric: str, best: str) -> dict[str, Any]:
+    """Return the mean difference of a policy and its 95 % interval, rounded to six digits."""
+    estimate = asdict(difference.estimates[metric])
+    return {
+        "policy": difference.policy,
+        "task": difference.task,
+        "num_agents": difference.num_agents,
+        "best": best,
+        "episodes": difference.episodes,
+        "metrics": {metric: {name: float(f"{value:.6g}") for name, value in estimate.items()}},
+    }
+
+
+def _cell(episode: Episode) -> Cell:
+    return episode.task, episode.num_agents
 
 
 def _is_planner(episode: Episode) -> bool:
@@ -62,8 +71,7 @@ def _values(episodes: Sequence[Episode], metric: str) -> dict[tuple[Cell, str], 
     found: dict[tuple[Cell, str], dict[int, float]] = {}
     for episode in episodes:
         if metric in episode.metrics and episode.number >= 0:
-            cell = episode.task, episode.num_agents
-            found.setdefault((cell, episode.policy), {})[episode.number] = episode.metrics[metric]
+            found.setdefault((_cell(episode), episode.policy), {})[episode.number] = episode.metrics[metric]
     return found
 
 
