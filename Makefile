@@ -29,35 +29,41 @@ train: .venv/installed
 	$(BIN)/mapf-pz train quickstart --num-learners auto --output runs/quickstart --overwrite
 
 # By files, so that what the tests of a file share is made once.
-test: .venv/installed
+test: .venv/developed
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest $(KERNEL_TESTS)
 
-lint: .venv/installed
+lint: .venv/developed
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/basedpyright
 	$(BIN)/python -m experiments.words
 
-format: .venv/installed
+format: .venv/developed
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
 
-docs: .venv/installed
+docs: .venv/developed
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 # Hours; MAPF_PZ_BENCHMARK names the folders of benchmark data. Resumes where it was stopped.
-results: .venv/installed
+results: .venv/developed
 	$(BIN)/python -m experiments.results measure $(if $(SUITE),--suites $(SUITE))
 
 # Type checkers and editors find the modules of an editable install only in the mode `compat`.
+INSTALL := $(BIN)/pip install --quiet --no-compile --disable-pip-version-check --constraint constraints.txt \
+	--config-settings editable_mode=compat --editable
+
 .venv/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt \
-		--config-settings editable_mode=compat --editable '.[train,render,dev]'
+	$(INSTALL) '.[train,render]'
 	touch $@
 
-bench: .venv/installed .venv-peers/installed .venv-rware/installed .venv-jumanji/installed
+.venv/developed: .venv/installed
+	$(INSTALL) '.[train,render,dev]'
+	touch $@
+
+bench: .venv/developed .venv-peers/installed .venv-rware/installed .venv-jumanji/installed
 	$(BIN)/mapf-pz benchmark --pogema .venv-peers/bin/python --rware .venv-rware/bin/python --jumanji .venv-jumanji/bin/python
 
 .venv-rware/installed .venv-jumanji/installed: .venv-%/installed:
@@ -71,7 +77,7 @@ bench: .venv/installed .venv-peers/installed .venv-rware/installed .venv-jumanji
 	touch $@
 
 # With small budgets: these show that the examples run, not what they learn.
-examples: .venv/installed .venv-rllib/installed .venv-benchmarl/installed .venv-peers/installed
+examples: .venv/developed .venv-rllib/installed .venv-benchmarl/installed .venv-peers/installed
 	.venv-rllib/bin/python examples/rllib_ppo.py --iterations 1 --episodes 2
 	.venv-benchmarl/bin/python examples/benchmarl_task.py --iterations 1 --output runs/example-benchmarl
 	.venv-peers/bin/python examples/in_pogema.py $(BIN)/mapf-pz mappo-cardinal
@@ -81,7 +87,7 @@ examples: .venv/installed .venv-rllib/installed .venv-benchmarl/installed .venv-
 	.venv-$*/bin/pip install --quiet --disable-pip-version-check --requirement $< --editable .
 	touch $@
 
-wheel: .venv/installed
+wheel: .venv/developed
 	tests/wheel.sh $(OUTSIDE_TESTS)
 
 clean:
@@ -91,14 +97,14 @@ long:
 	@: $(if $(filter $(RUN),$(LONG)),,$(error RUN=$(RUN): expected one of $(LONG)))
 	$(MAKE) long-$(RUN)
 
-long-soak: .venv/installed
+long-soak: .venv/developed
 	$(BIN)/python -m tests.soak
 	$(BIN)/python -m pytest -n 2 --hypothesis-profile=random tests/simulator tests/planners tests/guidance
 
-long-faults: .venv/installed
+long-faults: .venv/developed
 	$(BIN)/python -m tests.faults
 
-long-coverage: .venv/installed
+long-coverage: .venv/developed
 	$(BIN)/python -m pytest -n 2 $(COVERAGE) --cov-report=
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 $(COVERAGE) --cov-append --cov-report=term-missing:skip-covered \
 		--hypothesis-profile=quick -W ignore:overflow:RuntimeWarning $(PLAIN_TESTS) -k 'not (ten_thousand or benchmark or turned or time_makes)'
@@ -106,7 +112,7 @@ long-coverage: .venv/installed
 # Mutants are made in a clone. Finished ones are kept in runs/NAME.sqlite, from which the next run resumes.
 long-mutation: SAMPLE := true
 long-mutation-sample: SAMPLE := python -m tests.mutation_sample ../mutation-sample.sqlite
-long-mutation long-mutation-sample: long-%: .venv/installed .venv-mutation/installed
+long-mutation long-mutation-sample: long-%: .venv/developed .venv-mutation/installed
 	rm -rf runs/$*
 	git clone --quiet . runs/$*
 	cd runs/$* && export PATH=$(CURDIR)/.venv-mutation/bin:$$PATH MAPF_PZ_PYTHON=$(CURDIR)/$(BIN)/python && \
@@ -123,13 +129,13 @@ long-mutation long-mutation-sample: long-%: .venv/installed .venv-mutation/insta
 long-record-pogema: .venv-peers/installed
 	PYTHONPATH=. .venv-peers/bin/python -m tests.recordings.record_pogema tests/recordings
 
-long-figures: .venv/installed
+long-figures: .venv/developed
 	$(BIN)/python experiments/figures.py
 	$(BIN)/python experiments/concept_figures.py
 	$(BIN)/python experiments/screenshots.py
 
-long-reproduction: .venv/installed
+long-reproduction: .venv/developed
 	$(BIN)/python -m experiments.reproduction
 
-long-report: .venv/installed
+long-report: .venv/developed
 	$(BIN)/python -m experiments.report

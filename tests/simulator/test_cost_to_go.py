@@ -269,28 +269,46 @@ def test_shortest_steps_ignore_weights(action_model, num_agents):
     assert simulator.metrics(0)["SoC_ratio"] == pytest.approx(num_agents / shortest)
 
 
-@pytest.mark.parametrize("num_threads", [1, 2])
-@pytest.mark.parametrize("action_model", MODELS)
-def test_many_goals_at_once_equal_one_after_another(action_model, num_threads):
-    """Sweeps and Dijkstra's algorithm give the same tables to the bit, also on a map of two components."""
-    rng = np.random.default_rng(3)
+def two_components(rng):
     free = rng.random((20, 23)) < 0.7
     free[:, 11] = False
-    graph = one_way_graph(free, rng)
+    return free
+
+
+def serpentine(_rng):
+    """One corridor of 287 cells, back and forth: paths of more than 255 steps for agents that turn, and for others."""
+    free = np.ones((31, 17), np.bool_)
+    free[1::4, 1:] = free[3::4, :-1] = False
+    return free
+
+
+@pytest.mark.parametrize("num_threads", [1, 2])
+@pytest.mark.parametrize("action_model", MODELS)
+@pytest.mark.parametrize("draw", [two_components, serpentine])
+@pytest.mark.parametrize("unit_weights", [True, False])
+def test_many_goals_at_once_equal_one_after_another(unit_weights, draw, action_model, num_threads):
+    """Searches of several goals at once give the tables of searches of one goal to the bit."""
+    rng = np.random.default_rng(3)
+    free = draw(rng)
+    graph = GuidanceGraph.uniform(free) if unit_weights else one_way_graph(free, rng)
     cells = np.flatnonzero(free)
-    maps, slots = np.zeros(cells.size, np.int32), np.arange(cells.size, dtype=np.int32)
-    one_by_one, together = (new_tables(free, graph, action_model, num_threads) for _ in range(2))
+    maps = np.zeros(1, np.int32)
+    one_by_one, together = (new_tables(free, graph, action_model, num_threads, unit_weights) for _ in range(2))
     for k in range(cells.size):
-        one_by_one.require(maps[:1], cells[None, k : k + 1])
-    together.require(maps[:1], cells[None])
-    expected = one_by_one.arrays.exact[one_by_one.arrays.slot[0, cells]]
-    assert np.array_equal(together.arrays.exact[together.arrays.slot[0, cells]], expected)
-    assert sorted(together.arrays.slot[0, cells]) == slots.tolist()
+        one_by_one.require(maps, cells[None, k : k + 1])
+    together.require(maps, cells[None])
+    expected = contents(one_by_one, cells)
+    assert np.array_equal(contents(together, cells), expected)
+    assert sorted(together.arrays.slot[0, cells]) == list(range(cells.size))
 
 
-def new_tables(free, graph, action_model, num_threads):
+def contents(tables, cells):
+    slots = tables.arrays.slot[0, cells]
+    return (tables.arrays.packed if tables.counts_steps else tables.arrays.exact)[slots]
+
+
+def new_tables(free, graph, action_model, num_threads, unit_weights):
     arrays = world.allocate(1, free.shape)
     world.set_map(arrays, 0, free, graph)
-    return tables.CostTables(
-        arrays, 4 if action_model == "rotate" else 1, int(free.sum()), False, num_threads=num_threads
-    )
+    headings = 4 if action_model == "rotate" else 1
+    return tables.CostTables(arrays, headings, int(free.sum()), unit_weights, num_threads=num_threads)

@@ -7,7 +7,8 @@ import numpy as np
 from mapf_pz._internal.arrays import Ints
 from mapf_pz._internal.jit import Array, jit
 from mapf_pz._internal.machine import usable_memory
-from mapf_pz.simulator.kernels.cost_sweeps import FEWEST_GOALS, fill_by_sweeps
+from mapf_pz.simulator.kernels import cost_bfs, cost_sweeps
+from mapf_pz.simulator.kernels.cost_bfs import LANES
 from mapf_pz.simulator.kernels.cost_to_go import fill_tables
 from mapf_pz.simulator.kernels.state import Distances, World
 
@@ -56,6 +57,9 @@ class CostTables:
         self._unused = np.arange(room)[::-1].tolist()
         self._num_threads = num_threads
         self._scratch = np.empty((num_threads, 2, cells * num_headings), np.int32)
+        self._planes = None
+        if unit_weights and cells <= cost_bfs.MOST_CELLS:
+            self._planes = cost_bfs.allocate_planes(num_threads, world.height, world.width, num_headings)
 
     def forget(self, m: int) -> None:
         """Drop the tables of map `m`, which has changed."""
@@ -94,15 +98,22 @@ class CostTables:
 
     def _fill(self, maps: Ints, goals: Ints, slots: Ints) -> None:
         """Compute the tables `slots` (K,) of `goals` (K,) on `maps` (K,), which are sorted."""
-        counts = np.bincount(maps, minlength=len(self._world.equal_weight))
-        sweeps = (counts >= FEWEST_GOALS) & (self._world.equal_weight == 0)
-        single = ~sweeps[maps]
-        if single.any():
-            work = maps[single], goals[single], slots[single]
-            fill_tables(self._num_threads, self._world, *work, self.arrays, self._scratch)
-        for m in np.flatnonzero(sweeps):
+        counts = np.bincount(maps)[maps]
+        together = (self._world.equal_weight[maps] == 0) & (counts >= cost_sweeps.FEWEST_GOALS)
+        for m in np.unique(maps[together]):
             here = maps == m
-            fill_by_sweeps(self._num_threads, self._world, int(m), goals[here], slots[here], self.arrays)
+            cost_sweeps.fill_by_sweeps(self._num_threads, self._world, int(m), goals[here], slots[here], self.arrays)
+        if self._planes is not None:
+            place = np.arange(maps.size) - np.searchsorted(maps, maps)  # among the goals of its map
+            sizes = np.minimum(counts - place // LANES * LANES, LANES)  # of its block
+            together = sizes >= cost_bfs.FEWEST_GOALS
+            begins = np.flatnonzero(together & (place % LANES == 0))
+            cost_bfs.fill_by_bfs(
+                self._num_threads, self._world, maps, goals, slots, begins, sizes[begins], self.arrays, self._planes
+            )
+        if not together.all():
+            work = maps[~together], goals[~together], slots[~together]
+            fill_tables(self._num_threads, self._world, *work, self.arrays, self._scratch)
 
     def _drop_all_but(self, maps: Ints, goals: Ints) -> None:
         slot = self.arrays.slot
