@@ -184,7 +184,7 @@ class _FirstCompilation(event.Listener):
     def on_start(self, event: Any) -> None:
         if not self._done and event.data["dispatcher"].py_func.__module__.startswith("mapf_pz."):
             self._done = True
-            logger.warning("compiling kernels, which takes up to two minutes (once per machine and version) ...")
+            logger.warning("compiling kernels, which takes up to a minute (once per machine and version) ...")
 
     def on_end(self, event: Any) -> None:
         pass

@@ -16,6 +16,7 @@ from mapf_pz._internal.arrays import Ints
 from mapf_pz.environment.mapf_env import parallel_env
 from mapf_pz.speed.peers import SIMILAR, Peers, peer_runs
 from mapf_pz.speed.runs import Measurement, Run, measure, timed
+from mapf_pz.speed.teams import async_run, team_run
 from mapf_pz.speed.workload import Workload
 from mapf_pz.wrappers.agent_vector import AgentVectorEnv
 
@@ -165,6 +166,8 @@ CANDIDATES: dict[str, Callable[[Workload], Run]] = {
     COPY: copy_run,
     "PettingZoo": pettingzoo_run,
     "Gymnasium, agents": vector_run,
+    "Gymnasium, teams": team_run,
+    "  AsyncVectorEnv": async_run,
 }
 OPTIONAL: dict[str, dict[str, Callable[[Workload], Run]]] = {
     "stable_baselines3": {"Stable-Baselines3, agents": sb3_run},

@@ -108,9 +108,11 @@ class CostTables:
             sizes = np.minimum(counts - place // LANES * LANES, LANES)  # of its block
             together = sizes >= cost_bfs.FEWEST_GOALS
             begins = np.flatnonzero(together & (place % LANES == 0))
-            cost_bfs.fill_by_bfs(
-                self._num_threads, self._world, maps, goals, slots, begins, sizes[begins], self.arrays, self._planes
-            )
+            blocks = begins, sizes[begins]
+            if begins.size:
+                cost_bfs.fill_by_bfs(
+                    self._num_threads, self._world, maps, goals, slots, *blocks, self.arrays, self._planes
+                )
         if not together.all():
             work = maps[~together], goals[~together], slots[~together]
             fill_tables(self._num_threads, self._world, *work, self.arrays, self._scratch)
