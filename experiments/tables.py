@@ -41,12 +41,14 @@ class ResultTable:
 
 TABLES = (
     ResultTable("pogema-random", (*ONE_SHOT, *LEARNED, *IMITATED_ONE_SHOT), figure=True),
-    ResultTable("pogema-random-lifelong", (*LIFELONG, "lacam:anytime=False", *LEARNED, IMITATED[1]), figure=True),
+    ResultTable(
+        "pogema-random-lifelong", (*LIFELONG, *CRISSCROSS, "lacam:anytime=False", *LEARNED, *IMITATED), figure=True
+    ),
     ResultTable("pogema-mazes", (*ONE_SHOT, *LEARNED, *IMITATED_ONE_SHOT)),
     ResultTable("pogema-mazes-lifelong", (*LIFELONG, *CRISSCROSS, "lacam:anytime=False", *LEARNED, *IMITATED)),
-    ResultTable("pogema-warehouse", (*ONE_SHOT, LEARNED[0], IMITATED_ONE_SHOT[1])),
+    ResultTable("pogema-warehouse", (*ONE_SHOT, *LEARNED, *IMITATED_ONE_SHOT)),
     ResultTable("pogema-warehouse-lifelong", ("pibt", "epibt", LEARNED[0], IMITATED[1])),
-    ResultTable("pogema-cities", (*ONE_SHOT, LEARNED[0])),
+    ResultTable("pogema-cities", (*ONE_SHOT, *LEARNED, *IMITATED_ONE_SHOT)),
     ResultTable("pogema-cities-lifelong", ("pibt", "epibt", LEARNED[0])),
     # The maps of the puzzles are smaller than the views of the trained policies.
     ResultTable("pogema-puzzles", ONE_SHOT[:3]),
@@ -62,10 +64,13 @@ TABLES = (
         "lorr-2023-example",
         (*LIFELONG, *CRISSCROSS, "lifelong:temperature=0", "lifelong+pibt:temperature=0", "central", "central+pibt"),
     ),
-    ResultTable("movingai-small", ("pibt", "lacam", TURNING[1])),
+    ResultTable("movingai-small", ("pibt", "epibt", "lacam", *TURNING)),
     ResultTable(
         "lorr-2023",
-        ("pibt", "epibt:depth=3", "epibt:depth=4", "epibt:depth=5", "epibt:depth=7,time_limit=0.1", "windowed"),
+        (
+            *("pibt", "epibt:depth=3", "epibt:depth=4", "epibt:depth=5", "epibt:depth=7,time_limit=0.1", "windowed"),
+            *("lifelong:temperature=0", "lifelong+pibt:temperature=0"),
+        ),
     ),
     ResultTable("standard", ("pibt", "mappo", "mappo+pibt", "ippo", "mappo-cardinal", *TURNING)),
     ResultTable("central-4", ("central-ppo",)),
