@@ -1,0 +1,155 @@
+"""The report's experiment as its authors ran it, with Stable-Baselines3: `pip install stable-baselines3`.
+
+Their environment with its defects (`report_env.py`), their network, and PPO with their settings. `--repair` repairs
+defects, one or several; `--repair all` all of them. A stopped run goes on from its last evaluation.
+"""
+
+import csv
+import io
+import pickle
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import tyro
+from report_env import NO_DEFECTS, Defects, ReportEnv
+from report_sb3 import ReportCNN
+from stable_baselines3 import PPO
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.preprocessing import is_image_space
+from stable_baselines3.common.vec_env import VecEnv
+from torch import nn
+
+CHECKPOINT = "checkpoint.pickle"
+DEFECTS = tuple(field.name for field in fields(Defects))
+COLUMNS: tuple[str, ...] = ("env_steps", "mean_reward", "min_reward", "max_reward", "finished")
+
+
+@dataclass(frozen=True)
+class Example:
+    """One run."""
+
+    steps: int = 500_000
+    """Length of training in environment steps, rounded up to whole evaluation intervals."""
+    repair: tuple[str, ...] = ()
+    """The repaired defects, or `all`."""
+    gsde: bool = True
+    """Whether exploration depends on the state (gSDE); otherwise, noise is independent in each step."""
+    num_envs: int = 8
+    """Number of environments, with 512 steps each in a batch. The authors' runs have 1, 8 or 16."""
+    interval: int = 25_000
+    """Environment steps between evaluations."""
+    episodes: int = 5
+    """Episodes of an evaluation."""
+    seed: int = 0
+    """Random seed."""
+    output: Path = Path("runs/report_published")
+    """Folder of `curve.csv` and of the checkpoint."""
+
+
+@dataclass
+class Run:
+    """A run in progress. The environments are part of it, since finished agents stay finished in the published ones."""
+
+    model: PPO
+    """PPO with the environments that it is trained in."""
+    evaluation: VecEnv
+    """The environment of evaluations."""
+    rows: list[dict[str, float]]
+    """The evaluations up to now: see `COLUMNS`."""
+
+    def save(self, folder: Path) -> None:
+        """Write the evaluations and the checkpoint."""
+        folder.mkdir(parents=True, exist_ok=True)
+        with (folder / "curve.csv").open("w", newline="") as file:
+            writer = csv.DictWriter(file, COLUMNS)
+            writer.writeheader()
+            writer.writerows(self.rows)
+        model = io.BytesIO()
+        self.model.save(model)
+        parts = (model.getvalue(), self.model.get_env(), self.evaluation, self.rows, torch.get_rng_state())
+        (folder / "checkpoint.new").write_bytes(pickle.dumps(parts))
+        (folder / "checkpoint.new").replace(folder / CHECKPOINT)
+
+
+def start(example: Example) -> Run:
+    """Return a new run with the authors' settings."""
+    return Run(make_model(example), make_vec_env(lambda: make_env(example), 1, seed=example.seed + 1000), [])
+
+
+def resume(folder: Path) -> Run:
+    """Return the run in a folder, which must be one of your own: the checkpoint is executed like a program."""
+    model, envs, evaluation, rows, state = pickle.loads((folder / CHECKPOINT).read_bytes())
+    torch.set_rng_state(state)
+    return Run(PPO.load(io.BytesIO(model), envs, device="cpu", force_reset=False), evaluation, rows)
+
+
+def make_env(example: Example) -> ReportEnv:
+    """Return the environment; raises `ValueError` for an unknown defect."""
+    if unknown := set(example.repair) - {"all", *DEFECTS}:
+        raise ValueError(f"--repair {' '.join(sorted(unknown))}: expected all, or some of {', '.join(DEFECTS)}")
+    if "all" in example.repair:
+        return ReportEnv(NO_DEFECTS)
+    return ReportEnv(replace(Defects(), **dict.fromkeys(example.repair, False)))
+
+
+def make_model(example: Example) -> PPO:
+    """Return PPO with the authors' settings."""
+    envs = make_vec_env(lambda: make_env(example), example.num_envs, seed=example.seed)
+    policy: dict[str, Any] = {
+        "normalize_images": is_image_space(envs.observation_space),  # bytes up to 255 are divided by 255
+        "features_extractor_class": ReportCNN,
+        "features_extractor_kwargs": {"features_dim": 128},
+        "activation_fn": nn.GELU,
+        "log_std_init": -2,
+        "ortho_init": False,
+    }
+    return PPO(
+        "CnnPolicy",
+        envs,
+        learning_rate=2.5e-4,
+        n_steps=512,
+        batch_size=128,
+        n_epochs=10,
+        gamma=0.9999,
+        gae_lambda=0.95,
+        clip_range=0.2,
+        ent_coef=0.0,
+        vf_coef=0.19,
+        max_grad_norm=5,
+        use_sde=example.gsde,
+        policy_kwargs=policy | ({"squash_output": True} if example.gsde else {}),
+        seed=example.seed,
+        device="cpu",
+    )
+
+
+def evaluate(run: Run, episodes: int) -> dict[str, float]:
+    """Return the team's rewards in episodes without exploration, and how many agents have finished in the last one."""
+    returns, finished = [], 0
+    for _ in range(episodes):
+        observation, total, over = run.evaluation.reset(), 0.0, False
+        while not over:
+            action, _ = run.model.predict(observation, deterministic=True)  # pyright: ignore[reportArgumentType]
+            observation, rewards, ends, infos = run.evaluation.step(action)
+            total, over, finished = total + float(rewards[0]), bool(ends[0]), infos[0]["finished"]
+        returns.append(total)
+    numbers = (run.model.num_timesteps, float(np.mean(returns)), min(returns), max(returns), finished)
+    return dict(zip(COLUMNS, numbers, strict=True))
+
+
+def main(example: Example) -> None:
+    """Train, and evaluate at regular intervals."""
+    torch.set_num_threads(1)
+    run = resume(example.output) if (example.output / CHECKPOINT).exists() else start(example)
+    while run.model.num_timesteps < example.steps:
+        run.model.learn(example.interval, reset_num_timesteps=run.model.num_timesteps == 0)
+        run.rows.append(evaluate(run, example.episodes))
+        run.save(example.output)
+        print(", ".join(f"{name} {value:,.1f}" for name, value in run.rows[-1].items()), flush=True)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Example))
