@@ -73,41 +73,41 @@ class ReportEnv(gymnasium.Env[NDArray[Any], NDArray[Any]]):
         walls = ~problem.grid.free
         if self.defects.stations:
             walls[tuple(problem.errands.T)] = True
-        self._cells = np.where(walls[::-1] if self.defects.flipped else walls, WALL, EMPTY)
+        self.cells = np.where(walls[::-1] if self.defects.flipped else walls, WALL, EMPTY)
         starts, goals = problem.starts.tolist(), problem.errands[:NUM_AGENTS].tolist()
         if self.defects.header:  # the numbers of robots and tasks; the latter is no cell, which means a random one
             starts, goals = [divmod(NUM_AGENTS, walls.shape[1]), *starts], [None, *goals]
-        self._starts, self._goal_cells = starts[:NUM_AGENTS], goals[:NUM_AGENTS]
+        self.starts, self._goal_cells = starts[:NUM_AGENTS], goals[:NUM_AGENTS]
         shape = (VIEW, NUM_AGENTS * 3, VIEW) if self.defects.transposed else (NUM_AGENTS * 3, VIEW, VIEW)
         if self.defects.bytes:  # a bound of 255 would tell Stable-Baselines3 to transpose the other shape
             self.observation_space = spaces.Box(0, 255 if self.defects.transposed else TYPES[-1] // 3, shape, np.uint8)
         else:
             self.observation_space = spaces.Box(0, TYPES[-1] / 3, shape, np.float32)
         self.action_space = spaces.Box(-1, 1, (NUM_AGENTS, 4), np.float32)
-        self._finished = np.zeros(NUM_AGENTS, np.bool_)
+        self.finished = np.zeros(NUM_AGENTS, np.bool_)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[Any], dict[str, Any]]:
         """Start an episode with random directions."""
         super().reset(seed=seed)
-        self._grid, self._steps = self._cells.copy(), 0
-        self._positions = np.array(self._starts)
-        self._directions = self.np_random.integers(4, size=NUM_AGENTS)
+        self.grid, self._steps = self.cells.copy(), 0
+        self.positions = np.array(self.starts)
+        self.directions = self.np_random.integers(4, size=NUM_AGENTS)
         if not self.defects.finished:
-            self._finished[:] = False
-        for i, (x, y) in enumerate(self._positions):
-            self._grid[x, y] = AGENT + i
-        self._goals = np.array([self._place(cell) for cell in self._goal_cells])
-        for x, y in self._goals:
-            self._grid[x, y] = GOAL
-        return self._observe(), {}
+            self.finished[:] = False
+        for i, (x, y) in enumerate(self.positions):
+            self.grid[x, y] = AGENT + i
+        self.goals = np.array([self._place(cell) for cell in self._goal_cells])
+        for x, y in self.goals:
+            self.grid[x, y] = GOAL
+        return self.observe(), {}
 
     def _place(self, cell: tuple[int, int] | None) -> tuple[int, int]:
         """Return the cell, or a random empty one instead of None."""
         while cell is None:
-            x, y = self.np_random.integers(self._grid.shape)
-            if self._grid[x, y] == EMPTY:
+            x, y = self.np_random.integers(self.grid.shape)
+            if self.grid[x, y] == EMPTY:
                 cell = (int(x), int(y))
         return cell
 
@@ -119,42 +119,43 @@ class ReportEnv(gymnasium.Env[NDArray[Any], NDArray[Any]]):
         choices = (points > bounds).sum(axis=1).clip(max=STILL).tolist()
         reward = sum(self._act(i, choice) for i, choice in enumerate(choices))
         self._steps += 1
-        return self._observe(), reward, False, self._steps >= MAX_STEPS, {"finished": int(self._finished.sum())}
+        return self.observe(), reward, False, self._steps >= MAX_STEPS, {"finished": int(self.finished.sum())}
 
     def _act(self, i: int, choice: int) -> float:
         """Let agent `i` act, and return its reward."""
-        if self._finished[i] or choice == STILL:
+        if self.finished[i] or choice == STILL:
             return 0.0
-        ahead = self._positions[i] + DIRECTIONS[self._directions[i]]
-        is_inside = bool((ahead >= 0).all() and (ahead < self._grid.shape).all())
+        ahead = self.positions[i] + DIRECTIONS[self.directions[i]]
+        is_inside = bool((ahead >= 0).all() and (ahead < self.grid.shape).all())
         if not is_inside and self.defects.border:
             return 0.0
         if choice != FORWARD:
-            self._directions[i] = (self._directions[i] + (1 if choice == RIGHT else 3)) % 4
+            self.directions[i] = (self.directions[i] + (1 if choice == RIGHT else 3)) % 4
             return TURN_REWARD
         return self._advance(i, tuple(ahead.tolist()) if is_inside else None)
 
     def _advance(self, i: int, ahead: tuple[int, int] | None) -> float:
         """Let agent `i` move to the cell `ahead` (None: outside of the map), and return its reward."""
-        content = WALL if ahead is None else self._grid[ahead]
-        if content == GOAL and not self.defects.any_goal and ahead != tuple(self._goals[i].tolist()):
+        content = WALL if ahead is None else self.grid[ahead]
+        if content == GOAL and not self.defects.any_goal and ahead != tuple(self.goals[i].tolist()):
             content = EMPTY
         if content == GOAL:  # it is reached from the cell before it
-            self._finished[i] = True
+            self.finished[i] = True
             return FORWARD_REWARD + GOAL_REWARD
         if content != EMPTY or ahead is None:
             return FORWARD_REWARD if self.defects.blocked else 0.0
-        here = tuple(self._positions[i].tolist())
-        self._grid[ahead] = AGENT + i
-        self._grid[here] = EMPTY
-        if not self.defects.any_goal and (self._goals == here).all(axis=1).any():
-            self._grid[here] = GOAL  # another agent's, which it has crossed
-        self._positions[i] = ahead
+        here = tuple(self.positions[i].tolist())
+        self.grid[ahead] = AGENT + i
+        self.grid[here] = EMPTY
+        if not self.defects.any_goal and (self.goals == here).all(axis=1).any():
+            self.grid[here] = GOAL  # another agent's, which it has crossed
+        self.positions[i] = ahead
         return FORWARD_REWARD
 
-    def _observe(self) -> NDArray[Any]:
+    def observe(self) -> NDArray[Any]:
+        """Return what the team observes now."""
         planes = np.empty((NUM_AGENTS * 3, VIEW, VIEW), np.float32)
-        _draw(self._grid, self._positions, self._directions, self._goals, self.defects.occluded,
+        _draw(self.grid, self.positions, self.directions, self.goals, self.defects.occluded,
               self.defects.any_goal, planes.reshape(NUM_AGENTS, 3, VIEW, VIEW))  # fmt: skip
         shown = (planes / 3).astype(self.observation_space.dtype)
         return shown.transpose(2, 0, 1) if self.defects.transposed else shown

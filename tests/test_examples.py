@@ -103,6 +103,20 @@ def test_the_report_with_stable_baselines(run_with_torch, tmp_path):
     assert {"progress.csv", "results.json"} <= {file.name for file in tmp_path.iterdir()}
 
 
+def test_the_report_as_published(run_with_torch, tmp_path):
+    """A run goes on from its last evaluation, with the environments and the agents that have finished in them."""
+    pytest.importorskip("torchrl")
+    pytest.importorskip("stable_baselines3")
+    small = ("--num-envs", 1, "--interval", 512, "--episodes", 1, "--output", tmp_path)
+    first = run_with_torch("report_published.py", "--steps", 512, *small)
+    second = run_with_torch("report_published.py", "--steps", 1024, *small)
+    assert re.fullmatch(r"env_steps 512\.0, mean_reward [\d.]+, .* finished \d+\.0\n", first)
+    assert second.startswith("env_steps 1,024.0, ")
+    header, *rows = (tmp_path / "curve.csv").read_text().splitlines()
+    assert header == "env_steps,mean_reward,min_reward,max_reward,finished"
+    assert [row.split(",")[0] for row in rows] == ["512", "1024"]
+
+
 def test_a_shared_policy_of_stable_baselines(run_with_torch):
     pytest.importorskip("sb3_contrib")
     assert "CSR on 2 unseen maps" in run_with_torch("shared_sb3.py", "--steps", 2048, "--episodes", 2)

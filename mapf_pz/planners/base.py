@@ -21,6 +21,7 @@ from mapf_pz.planners.problem import Path, Problem, problem_of
 from mapf_pz.planners.trace import Trace
 from mapf_pz.simulator.actions import wait_action
 from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.kernels.cost_tables import compile_tables
 from mapf_pz.simulator.simulator import Simulator
 
 
@@ -59,6 +60,7 @@ class Planner(ABC):
         minutes. Like `reset_states`, it resets all per-episode state.
         """
         if action_model not in self._compiled:
+            compile_tables()
             self._call_kernels(_simulator_of_corridors(action_model))
             self._compiled.add(action_model)
             self.reset_states()

@@ -24,6 +24,7 @@ class Problem(NamedTuple):
     starts: Array  # (N,) int32: cells
     headings: Array  # (N,) int32: at the start; 0 for cardinal agents
     goals: Array  # (N,) int32: cells
+    width: int  # number of columns of the map
 
 
 def starting_costs(problem: Problem) -> Floats:
@@ -75,4 +76,5 @@ def problem_of(simulator: Simulator, b: int = 0) -> Problem:
         starts=agents["cell"].copy(),
         headings=np.zeros(len(agents), np.int32) if cardinal else agents["heading"].copy(),
         goals=agents["goal"].copy(),
+        width=simulator.shape[1],
     )

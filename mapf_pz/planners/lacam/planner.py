@@ -182,9 +182,10 @@ def _without_turns(problem: Problem) -> Problem:
     if num_headings(problem.to_go) == 1:
         return problem
     num_cells = problem.leads_to.shape[1]
-    world = allocate(1, (1, num_cells - 1))
-    world.leads_to[0], world.weight[0] = problem.leads_to, problem.weight
-    costs = problem.weight[:4][problem.leads_to != np.arange(num_cells)]
+    is_open = problem.leads_to != np.arange(num_cells)
+    world = allocate(1, ((num_cells - 1) // problem.width, problem.width))
+    world.leads_to[0], world.weight[0], world.obstacle[0] = problem.leads_to, problem.weight, ~is_open.any(axis=0)
+    costs = problem.weight[:4][is_open]
     world.equal_weight[0] = costs[0] if len(np.unique(costs)) == 1 else 0
     unit_weights = bool(world.equal_weight[0] == 1)
     max_bytes = 8 * num_cells * len(problem.goals)

@@ -11,6 +11,7 @@ from mapf_pz.simulator.kernels import cost_bfs, cost_sweeps
 from mapf_pz.simulator.kernels.cost_bfs import LANES
 from mapf_pz.simulator.kernels.cost_to_go import fill_tables
 from mapf_pz.simulator.kernels.state import Distances, World
+from mapf_pz.simulator.kernels.world import allocate
 
 CACHE_BYTES = 2**30
 """Where no bound is given: tables that are no longer used are kept up to this size."""
@@ -133,6 +134,16 @@ def default_bytes(needed: int) -> int:
     It is `CACHE_BYTES`, or as much as is needed, up to half of the memory that can be used.
     """
     return max(CACHE_BYTES, min(needed, (usable_memory() or 0) // 2))
+
+
+def compile_tables() -> None:
+    """Call every kernel that computes tables, so that none of them is compiled later."""
+    num_goals = max(cost_sweeps.FEWEST_GOALS, LANES) + 1  # one more than a block
+    for unit_weights in (True, False):
+        world = allocate(1, (1, num_goals))
+        world.equal_weight[0] = float(unit_weights)
+        tables = CostTables(world, 4, num_goals, unit_weights)
+        tables.require(np.zeros(1, np.int32), np.arange(num_goals, dtype=np.int32)[None])
 
 
 @jit
