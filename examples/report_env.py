@@ -112,7 +112,7 @@ class ReportEnv(gymnasium.Env[NDArray[Any], NDArray[Any]]):
         return cell
 
     def step(self, action: NDArray[Any]) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
-        """Let the agents act one after another."""
+        """Let the agents act in the order of their numbers."""
         bounds = np.cumsum((np.asarray(action, np.float64) + 1) / 2, axis=1)
         # In (0, total], so that an action of weight 0 is never sampled.
         points = (1 - self.np_random.random((NUM_AGENTS, 1))) * bounds[:, -1:]
