@@ -31,6 +31,11 @@ def team_run(workload: Workload) -> Run:
 class ProcessorTime(gymnasium.Wrapper[Any, Any, Any, Any]):
     """Adds the CPU seconds of its process to the infos."""
 
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Start an episode; a vector environment does this in a step."""
+        observation, info = super().reset(seed=seed, options=options)
+        return observation, info | {"cpu": time.process_time()}
+
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Take a step."""
         observation, reward, terminated, truncated, info = super().step(action)
