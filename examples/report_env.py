@@ -17,6 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mapf_pz.instances import load_problem
+from mapf_pz.wrappers import ACTION_MODES
 
 Ints = NDArray[np.int64]
 LEFT, RIGHT, FORWARD, STILL = range(4)
@@ -113,10 +114,7 @@ class ReportEnv(gymnasium.Env[NDArray[Any], NDArray[Any]]):
 
     def step(self, action: NDArray[Any]) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
         """Let the agents act in the order of their numbers."""
-        bounds = np.cumsum((np.asarray(action, np.float64) + 1) / 2, axis=1)
-        # In (0, total], so that an action of weight 0 is never sampled.
-        points = (1 - self.np_random.random((NUM_AGENTS, 1))) * bounds[:, -1:]
-        choices = (points > bounds).sum(axis=1).clip(max=STILL).tolist()
+        choices = ACTION_MODES["affine"](np.asarray(action, np.float64), self.np_random).tolist()
         reward = sum(self._act(i, choice) for i, choice in enumerate(choices))
         self._steps += 1
         return self.observe(), reward, False, self._steps >= MAX_STEPS, {"finished": int(self.finished.sum())}
