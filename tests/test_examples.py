@@ -110,10 +110,10 @@ def test_the_report_as_published(run_with_torch, tmp_path):
     small = ("--num-envs", 1, "--interval", 512, "--episodes", 1, "--output", tmp_path)
     first = run_with_torch("report_published.py", "--steps", 512, *small)
     second = run_with_torch("report_published.py", "--steps", 1024, *small)
-    assert re.fullmatch(r"env_steps 512\.0, mean_reward [\d.]+, .* finished \d+\.0\n", first)
+    assert re.fullmatch(r"env_steps 512\.0, mean_reward [\d.]+, .* fresh_finished \d+\.0\n", first)
     assert second.startswith("env_steps 1,024.0, ")
     header, *rows = (tmp_path / "curve.csv").read_text().splitlines()
-    assert header == "env_steps,mean_reward,min_reward,max_reward,finished"
+    assert header == "env_steps,mean_reward,min_reward,max_reward,finished,fresh_reward,fresh_finished"
     assert [row.split(",")[0] for row in rows] == ["512", "1024"]
 
 

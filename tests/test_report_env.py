@@ -187,5 +187,20 @@ def test_a_mistyped_defect_is_one_line(module):
     sys.path.insert(0, str(EXAMPLES))
     report = pytest.importorskip("report_published")
     sys.path.remove(str(EXAMPLES))
-    with pytest.raises(ValueError, match="--repair typo: expected all, or some of bytes, transposed"):
-        report.make_env(report.Example(repair=("typo",)))
+    for typo in (report.Example(repair=("typo",)), report.Example(keep=("typo",))):
+        with pytest.raises(ValueError, match="typo: no defect; expected all, or some of bytes, transposed"):
+            report.make_env(typo)
+
+
+def test_defects_are_repaired_by_name(module):
+    sys.path.insert(0, str(EXAMPLES))
+    report = pytest.importorskip("report_published")
+    sys.path.remove(str(EXAMPLES))
+
+    def defects(**options):
+        return report.make_env(report.Example(**options)).defects
+
+    assert defects() == module.Defects()
+    assert defects(repair=("all",)) == module.NO_DEFECTS
+    assert defects(repair=("bytes", "border")) == replace(module.Defects(), bytes=False, border=False)
+    assert defects(repair=("all",), keep=("blocked",)) == replace(module.NO_DEFECTS, blocked=True)

@@ -22,6 +22,7 @@ from mapf_pz.simulator.source import make_source
 
 Credit = Literal["team", "agent"]
 CuriosityName = Literal["none", "rnd", "random-features", "inverse-dynamics"]
+Activation = Literal["relu", "gelu", "tanh"]
 ObservationPrecision = Literal["float32", "float16"]
 
 
@@ -38,7 +39,9 @@ class OptimizationConfig:
     minibatch_size: int = 256
     """Number of environment steps, each of all agents, per gradient step."""
     learning_rate: float = 7e-4
-    """Initial learning rate of Adam; it decays linearly to a tenth."""
+    """Initial learning rate of Adam; it decays linearly."""
+    final_learning_rate: float = 0.1
+    """Learning rate at the end of the run as a fraction of the initial one; 1: it is constant."""
     max_grad_norm: float = 0.5
     """Maximum norm of the gradients; larger gradients are scaled down to it."""
 
@@ -46,6 +49,7 @@ class OptimizationConfig:
         """Check numbers."""
         check_counts(self, 1, "num_envs", "steps_per_batch", "num_epochs", "minibatch_size")
         check_positive(self, math.inf, "learning_rate", "max_grad_norm")
+        check_from_zero(self, 1, "final_learning_rate")
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,7 @@ class PPOConfig:
     clip_epsilon: float = 0.2
     """Clipping range of the probability ratio: the ratio is clipped to 1 plus or minus this value."""
     entropy_coeff: float = 0.01
-    """Initial weight of the entropy bonus; it decays linearly to a tenth."""
+    """Initial weight of the entropy bonus; it decays like the learning rate."""
     critic_coeff: float = 0.5
     """Weight of the value loss."""
     credit: Credit = "agent"
@@ -94,7 +98,7 @@ class CuriosityConfig:
     size: Annotated[int, arg(name="curiosity-size")] = 64
     """Size of the embedding that is predicted for curiosity."""
     learning_rate: Annotated[float, arg(name="curiosity-learning-rate")] = 1e-4
-    """Initial learning rate of the curiosity networks; it decays linearly to a tenth."""
+    """Initial learning rate of the curiosity networks; it decays like that of the policy."""
     update_fraction: Annotated[float, arg(name="curiosity-update-fraction")] = 0.25
     """Fraction of each minibatch that the curiosity networks are trained on."""
 
@@ -225,6 +229,8 @@ class ModelConfig:
     """Size of the hidden state of the policy's GRU; 0 disables recurrence. Critics are not recurrent."""
     head: tuple[int, ...] = (128,)
     """Widths of the hidden layers of the policy head and the value head."""
+    activation: Activation = "relu"
+    """Activation function of these layers; encoders have ReLU."""
     communication: int = 0
     """Number of rounds of attention in which agents exchange embeddings; 0 disables communication. It requires the
     feature `pose`. With communication, `central-ppo` acts for any number of agents, also different from training."""
@@ -236,6 +242,7 @@ class ModelConfig:
 
     def __post_init__(self) -> None:
         """Check names and numbers."""
+        check_names(self)
         check_part("encoder", self.encoder, get_args(EncoderName))
         check_counts(self, 1, "conv_channels", "hidden", "head")
         check_counts(self, 0, "num_blocks", "recurrent", "communication")

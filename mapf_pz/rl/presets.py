@@ -77,6 +77,18 @@ _REPORT = TrainConfig(
     validation_episodes=32,
 )
 
+# The problem of the authors' runs, their episodes and the settings of their PPO, with this package's environment; their
+# exploration is another, which depends on the state.
+_REPORT_PUBLISHED = replace(
+    _REPORT,
+    task=TaskConfig(
+        env=replace(_REPORT.task.env, map=None, scenario="warehouse_small_10", max_steps=1000),
+        action_mode="affine",
+    ),
+    model=replace(_REPORT.model, activation="gelu"),
+    optimization=replace(_REPORT.optimization, steps_per_batch=512, num_epochs=10, final_learning_rate=1.0),
+)
+
 # A centralized policy for any number of agents. The run continues from an imitated policy: see `policies/README.md`.
 _CENTRAL_TEAM = TrainConfig(
     task=TaskConfig(
@@ -214,6 +226,7 @@ PRESETS: dict[str, TrainConfig] = {
     ),
     "central": _CENTRAL_TEAM,
     "report": _REPORT,
+    "report-published": _REPORT_PUBLISHED,
     "lifelong": _LIFELONG,
     "lifelong-cardinal": _LIFELONG_CARDINAL,
     "oneshot": _ONESHOT,
@@ -230,6 +243,7 @@ SUMMARIES = {
     "central-ppo-8": "The same with 8 agents and larger networks.",
     "central": "A centralized policy with communication, for any number of agents.",
     "report": "The report's experiment: its map, observations, rewards and networks.",
+    "report-published": "The problem and the settings of the runs that the report's authors published.",
     "lifelong": "Imitation of windowed planning in lifelong episodes, agents that turn.",
     "lifelong-cardinal": "Imitation of windowed planning in lifelong episodes, cardinal actions.",
     "oneshot": "Imitation of LaCAM in episodes with one goal per agent, agents that turn.",

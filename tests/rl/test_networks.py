@@ -3,6 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
+from torch.nn.functional import gelu
 
 import mapf_pz
 from mapf_pz.rl import load_policy, train
@@ -81,6 +82,15 @@ def test_convolutions_are_padded_where_the_shorter_side_is_3_or_less(size, left)
 def test_the_report_s_network_has_two_convolutions():
     with pytest.raises(ValueError, match=r"conv_channels=\(16,\): the encoder 'report' has exactly two convolutions"):
         Actor(ObservationShape((7, 20, 20), 0, 5), ModelConfig(encoder="report"))
+
+
+@pytest.mark.parametrize(("name", "function"), [("relu", torch.relu), ("gelu", gelu), ("tanh", torch.tanh)])
+def test_the_activation_of_heads(name, function):
+    actor = Actor(ObservationShape((3, 7, 7), 0, 5), dataclasses.replace(MODELS["conv"], activation=name))
+    image = torch.rand(2, 3, 7, 7)
+    hidden, logits = actor.head[0], actor.head[-1]
+    (expected,) = actor(image)
+    torch.testing.assert_close(logits(function(hidden(actor.encoder(image, None)))), expected)
 
 
 @pytest.mark.parametrize(("side", "pooled"), [(7, 7), (11, 11), (12, 6), (20, 10), (22, 11), (24, 6), (40, 10)])

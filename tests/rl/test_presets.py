@@ -4,6 +4,8 @@ import pytest
 import torch
 from torch import nn
 
+from mapf_pz import parallel_env
+from mapf_pz.instances import load_problem
 from mapf_pz.rl.algorithms.named import ALGORITHMS
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.presets import PRESETS, SUMMARIES
@@ -63,6 +65,23 @@ def test_presets_without_a_bundled_policy(name, expected):
 
 def test_every_preset_is_summarized_on_the_command_line():
     assert list(SUMMARIES) == list(PRESETS)
+
+
+def test_the_report_as_published():
+    """The settings of the authors' configuration: ten agents with fixed starts and goals, and 1000 steps."""
+    config = PRESETS["report-published"]
+    ppo, model, optimization = config.ppo, config.model, config.optimization
+    assert described(config)[2:] == ((8, 512, 10, 128, 2.5e-4, 0.0), 5_000_000)
+    assert (ppo.gamma, ppo.lmbda, ppo.clip_epsilon, ppo.critic_coeff, ppo.credit) == (0.9999, 0.95, 0.2, 0.19, "team")
+    assert (model.activation, optimization.final_learning_rate, optimization.max_grad_norm) == ("gelu", 1, 5)
+    assert config.task.action_mode == "affine"
+    problem = load_problem("warehouse_small_10")
+    env = parallel_env(**config.task.env.keywords())
+    for seed in (0, 1):
+        env.reset(seed=seed)
+        assert env.positions.tolist() == problem.starts.tolist()
+        assert env.goals.tolist() == problem.errands[:10].tolist()
+    assert config.task.env.max_steps == 1000
 
 
 def test_the_report_has_the_sizes_of_its_figures():

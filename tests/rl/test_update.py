@@ -224,6 +224,16 @@ def test_step_sizes_and_entropy_bonus_fall_linearly_to_a_tenth(name, progress):
     assert learner.loss.entropy_coeff.item() == pytest.approx(0.05 * (1 - 0.9 * progress))
 
 
+@pytest.mark.parametrize("final", [0.0, 0.4, 1.0])
+def test_the_learning_rate_at_the_end(final):
+    config = configured(learning_rate=2e-3, final_learning_rate=final)
+    algorithm, batch = make(config)
+    learner = algorithm.make_learner()
+    for done, fraction in ((0.0, 1), (0.5, (1 + final) / 2), (1.0, final)):
+        learner.learn(batch.clone(), done)
+        assert learner.optimizer.param_groups[0]["lr"] == pytest.approx(2e-3 * fraction)
+
+
 def test_a_run_lowers_the_entropy_bonus_from_update_to_update(tmp_path):
     made, seen = [], []
 

@@ -107,8 +107,8 @@ class Learner(ABC):
         return call
 
     def anneal(self, done: float) -> float:
-        """Decay the learning rates linearly to a tenth, and return the factor for the completed fraction `done`."""
-        factor = 1 - 0.9 * done
+        """Decay the learning rates linearly, and return the factor for the completed fraction `done`."""
+        factor = 1 - (1 - self.config.optimization.final_learning_rate) * done
         for group in self.optimizer.param_groups:
             group["lr"] = group["initial_lr"] * factor
         return factor

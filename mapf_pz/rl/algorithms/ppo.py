@@ -97,7 +97,7 @@ class PPOLearner(Learner):
         return {name: float(value) for name, value in means.items()}
 
     def anneal(self, done: float) -> float:
-        """Decay the learning rates and the entropy bonus linearly to a tenth, and return the factor."""
+        """Decay the learning rates and the entropy bonus linearly, and return the factor."""
         factor = super().anneal(done)
         entropy_coeff: Tensor = self.loss.get_buffer("entropy_coeff")
         entropy_coeff.fill_(self.config.ppo.entropy_coeff * factor)

@@ -9,10 +9,12 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 from torchrl.modules import GRUModule
 
-from mapf_pz.rl.config import Credit, ModelConfig
+from mapf_pz.rl.config import Activation, Credit, ModelConfig
 from mapf_pz.rl.networks.communication import make_team_encoder
 from mapf_pz.rl.networks.encoders import make_encoder, scaled
 from mapf_pz.rl.networks.observation_shape import ObservationShape
+
+ACTIVATIONS: dict[Activation, type[nn.Module]] = {"relu": nn.ReLU, "gelu": nn.GELU, "tanh": nn.Tanh}
 
 
 class Actor(nn.Module):
@@ -25,7 +27,7 @@ class Actor(nn.Module):
         """Build the encoder and the head."""
         super().__init__()
         self.encoder = make_team_encoder(shape, config)
-        self.head = _head(config.recurrent or config.hidden, config.head, shape.actions, scale=0.01)
+        self.head = _head(config.recurrent or config.hidden, config, shape.actions, scale=0.01)
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> tuple[Tensor, ...]:
         """Return the parameters of the action distribution, here the logits."""
@@ -49,7 +51,7 @@ class LocalCritic(nn.Module):
         """Build the encoder and the head."""
         super().__init__()
         self.encoder = make_team_encoder(shape, config)
-        self.head = _head(config.hidden, config.head, 1, scale=1.0)
+        self.head = _head(config.hidden, config, 1, scale=1.0)
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> Tensor:
         """Return the values."""
@@ -66,7 +68,7 @@ class TeamCritic(nn.Module):
         """Build the encoder and the head."""
         super().__init__()
         self.encoder = make_team_encoder(shape, config)
-        self.head = _head(2 * config.hidden, config.head, 1, scale=1.0)
+        self.head = _head(2 * config.hidden, config, 1, scale=1.0)
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> Tensor:
         """Return the values; the agents' dimension is the one before the image's three."""
@@ -83,7 +85,7 @@ class TeamActor(nn.Module):
         super().__init__()
         self.encoder = make_encoder(shape.stacked(num_agents), config)
         size = config.recurrent or config.hidden
-        self.head = _head(size, config.head, num_agents * shape.actions, scale=0.01)
+        self.head = _head(size, config, num_agents * shape.actions, scale=0.01)
         self.log_scale = nn.Parameter(torch.full((num_agents, shape.actions), -0.5))
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> tuple[Tensor, Tensor]:
@@ -181,7 +183,7 @@ class TeamValue(nn.Module):
         super().__init__()
         self.encoder = make_encoder(shape.stacked(num_agents), config)
         self.shape = (1,) if credit == "team" else (num_agents, 1)
-        self.head = _head(config.hidden, config.head, math.prod(self.shape), scale=1.0)
+        self.head = _head(config.hidden, config, math.prod(self.shape), scale=1.0)
 
     def forward(self, image: Tensor, features: Tensor | None = None) -> Tensor:
         """Return the values."""
@@ -213,9 +215,9 @@ def add_recurrence(actor: Actor | TeamActor, config: ModelConfig) -> nn.Module:
     return RecurrentActor(actor, config) if config.recurrent else actor
 
 
-def _head(size: int, hidden: tuple[int, ...], out: int, scale: float) -> nn.Sequential:
+def _head(size: int, config: ModelConfig, out: int, scale: float) -> nn.Sequential:
     layers: list[nn.Module] = []
-    for width in hidden:
-        layers += [scaled(nn.Linear(size, width)), nn.ReLU()]
+    for width in config.head:
+        layers += [scaled(nn.Linear(size, width)), ACTIVATIONS[config.activation]()]
         size = width
     return nn.Sequential(*layers, scaled(nn.Linear(size, out), scale))
