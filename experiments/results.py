@@ -126,8 +126,6 @@ def identities(table: ResultTable) -> Identities:
 def changes(table: ResultTable) -> Iterator[str]:
     """Yield a line for each policy and task of a table that is not the one that was measured."""
     results, now = load_results(table.suite), identities(table)
-    if "identities" not in results:  # its files were not recorded; the repeated episodes show that they are the same
-        return
     found = Identities(**results["identities"]).changes(now, now.policies, now.tasks)
     for name, text in (*found.policies.items(), *found.tasks.items()):
         yield f"{table.suite}, {name}: {text}; run python -m experiments.results measure --suites {table.suite}"

@@ -47,9 +47,9 @@ TABLES = (
     ResultTable("pogema-mazes", (*ONE_SHOT, *LEARNED, *IMITATED_ONE_SHOT)),
     ResultTable("pogema-mazes-lifelong", (*LIFELONG, *CRISSCROSS, "lacam:anytime=False", *LEARNED, *IMITATED)),
     ResultTable("pogema-warehouse", (*ONE_SHOT, *LEARNED, *IMITATED_ONE_SHOT)),
-    ResultTable("pogema-warehouse-lifelong", ("pibt", "epibt", LEARNED[0], IMITATED[1])),
+    ResultTable("pogema-warehouse-lifelong", (*LIFELONG, *CRISSCROSS, *LEARNED, *IMITATED)),
     ResultTable("pogema-cities", (*ONE_SHOT, *LEARNED, *IMITATED_ONE_SHOT)),
-    ResultTable("pogema-cities-lifelong", ("pibt", "epibt", LEARNED[0])),
+    ResultTable("pogema-cities-lifelong", (*LIFELONG, *CRISSCROSS, *LEARNED, *IMITATED)),
     # The maps of the puzzles are smaller than the views of the trained policies.
     ResultTable("pogema-puzzles", ONE_SHOT[:3]),
     ResultTable("pogema-puzzles-lifelong", (*LIFELONG, "lacam:anytime=False")),
@@ -167,9 +167,8 @@ def by_policy(results: Results, metrics: Sequence[str]) -> list[list[str]]:
 
 
 def _origin(results: Results) -> str:
-    """Return the suite (not of results before suites had versions), the commit and the code of results."""
-    suite = f"suite {results['suite']}, " if "suite" in results else ""
-    return f"{suite}commit {results['commit'][:7]}, code {results['code']}"
+    """Return the suite, the commit and the code of results."""
+    return f"suite {results['suite']}, commit {results['commit'][:7]}, code {results['code']}"
 
 
 def source(results: Results, _: Sequence[str]) -> list[str]:

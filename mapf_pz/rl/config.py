@@ -21,7 +21,7 @@ from mapf_pz.simulator.seeds import FIRST_EVALUATION_SEED
 from mapf_pz.simulator.source import make_source
 
 Credit = Literal["team", "agent"]
-CuriosityName = Literal["none", "rnd", "random-features", "inverse-dynamics"]
+CuriosityName = Literal["none", "rnd", "random-features", "inverse-dynamics", "disagreement"]
 Activation = Literal["relu", "gelu", "tanh"]
 ObservationPrecision = Literal["float32", "float16"]
 
@@ -85,11 +85,12 @@ class PPOConfig:
 
 @dataclass(frozen=True)
 class CuriosityConfig:
-    """An intrinsic reward for prediction errors, added to the task's reward; its encoders are like the policy's."""
+    """An intrinsic reward for what cannot be predicted yet, added to the task's; its encoders are like the policy's."""
 
     kind: Annotated[CuriosityName, arg(name="curiosity")] = "none"
     """Curiosity reward. `rnd`: error in predicting a random network's embedding of the next observation;
-    `random-features`, `inverse-dynamics`: error in predicting the effect of an action on the embedding."""
+    `random-features`, `inverse-dynamics`: error in predicting the effect of an action on the embedding; `disagreement`:
+    variance of five such predictions."""
     weight: Annotated[float, arg(name="curiosity-weight")] = 0.1
     """Weight of the curiosity reward, which is normalized to about 0.03 per step (the task's reward: about 0.1).
     Curiosity should dominate only where the task's reward is 0."""

@@ -89,7 +89,7 @@ def test_a_run_is_resumed_on_the_cpu(tmp_path):
     assert int(rows(tmp_path)[-1]["agent_steps"]) >= 576
 
 
-@pytest.mark.parametrize("kind", ["rnd", "random-features", "inverse-dynamics"])
+@pytest.mark.parametrize("kind", ["rnd", "random-features", "inverse-dynamics", "disagreement"])
 def test_curiosity_trains(tmp_path, kind):
     folder = train(dataclasses.replace(ON_CUDA, curiosity=CuriosityConfig(kind)), tmp_path)
     assert float(rows(folder)[-1]["intrinsic_reward"]) > 0

