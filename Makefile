@@ -132,6 +132,7 @@ long-record-pogema: .venv-peers/installed
 long-figures: .venv/developed
 	$(BIN)/python experiments/figures.py
 	$(BIN)/python experiments/concept_figures.py
+	$(BIN)/python -m experiments.report_figures
 	$(BIN)/python experiments/screenshots.py
 
 long-reproduction: .venv/developed

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -37,14 +38,15 @@ def animate_episode() -> None:
 
 
 def draw_episode_starts() -> None:
-    """Draw the report's Figures 1 and 2: 10, 100 and 800 agents in a warehouse, 100 in a city."""
-    settings = [*((WAREHOUSE, num_agents) for num_agents in (10, 100, 800)), ("Paris_1_256", 100)]
-    for name, num_agents in settings:
-        env = mapf_pz.parallel_env(map=name, num_agents=num_agents, render_mode="rgb_array")
+    """Draw the report's Figures 1 and 2: 10, 100 and 800 agents in a warehouse, 100 in a city; and its problem."""
+    settings: list[dict[str, Any]] = [{"map": WAREHOUSE, "num_agents": num_agents} for num_agents in (10, 100, 800)]
+    settings += [{"map": "Paris_1_256", "num_agents": 100}, {"scenario": "warehouse_small_10"}]
+    for keywords in settings:
+        env = mapf_pz.parallel_env(**keywords, render_mode="rgb_array")
         env.reset(seed=0)
         picture = env.render()
         assert isinstance(picture, np.ndarray)
-        save_png(picture, IMAGES / f"{name}-{num_agents}.png")
+        save_png(picture, IMAGES / f"{'-'.join(map(str, keywords.values()))}.png")
 
 
 def draw_observation() -> None:

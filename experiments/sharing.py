@@ -1,18 +1,21 @@
-"""Measure what agents gain from each other's information: `PYTHONPATH=. python -m experiments.sharing`.
+"""Measure what agents gain from each other's information: `python -m experiments.sharing`.
 
-Policies imitate LaCAM, for the same number of agent steps on the same maps. They differ in what each agent knows of the
-others: what is in its own view, also the observations of its nearest neighbors, or embeddings that agents exchange
-within a radius, or all of them, which makes the policy a centralized one. Validation is without the safety layer.
+Policies differ in what each agent knows of the others: what is in its own view, also the observations of its nearest
+neighbors, or embeddings that agents exchange within a radius, or all of them, which makes the policy a centralized one.
+They imitate LaCAM or learn by PPO, at two densities of obstacles, with three seeds. Validation is without the safety
+layer. Finished runs are reused; `docs/results/sharing.csv` gets their validations, from which the figure is drawn.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import csv
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import tyro
+from matplotlib.figure import Figure
 
 from experiments.report import read_progress
 from experiments.reproduction import Variation
@@ -21,7 +24,13 @@ from mapf_pz.rl.config import ImitationConfig, TrainConfig
 from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.training.train import train
 
-NUM_NEIGHBORS, RADII = (1, 2, 4), (3, 5, None)
+ROOT = Path(__file__).parents[1]
+CURVES, IMAGE = ROOT / "docs" / "results" / "sharing.csv", ROOT / "docs" / "images" / "sharing.png"
+NUM_NEIGHBORS, RADII = (1, 2, 4), (0, 3, 5, None)
+DENSITIES = (0.15, 0.3)
+AGENT_STEPS = {"dagger": 150_000, "mappo": 600_000}
+"""Length of a training by imitation and by PPO."""
+VALIDATIONS = 5
 METRICS = ("CSR", "ISR", "return")
 
 
@@ -31,56 +40,99 @@ class Options:
 
     output: Path = Path("runs/sharing")
     """Folder of all runs."""
-    agent_steps: int = 150_000
-    """Length of each training in agent steps."""
-    seeds: tuple[int, ...] = (0,)
+    seeds: tuple[int, ...] = (0, 1, 2)
     """Random seeds."""
 
 
-def base(agent_steps: int) -> TrainConfig:
-    """Return the configuration without sharing: 8 agents on random 10 x 10 maps, 30 % of which are obstacles."""
-    preset = PRESETS["central"]
+def base(algorithm: str, density: float) -> TrainConfig:
+    """Return the configuration without sharing: 8 agents on random 10 x 10 maps."""
+    preset, steps = PRESETS["central"], AGENT_STEPS[algorithm]
+    optimization = PRESETS["mappo"].optimization
+    if algorithm == "dagger":
+        optimization = replace(preset.optimization, steps_per_batch=16, minibatch_size=32, learning_rate=1e-3)
     return replace(
         preset,
-        algorithm="dagger",
+        algorithm=algorithm,
         task=replace(
             preset.task,
             env=replace(preset.task.env, num_agents=8, max_steps=64),
-            mixture=MapMixture(height=10, width=10, density=0.3),
+            mixture=MapMixture(height=10, width=10, density=density),
         ),
         model=replace(preset.model, communication=0),
-        optimization=replace(preset.optimization, steps_per_batch=16, minibatch_size=32, learning_rate=1e-3),
+        optimization=optimization,
+        ppo=PRESETS["mappo"].ppo,
         imitation=ImitationConfig(expert="lacam:time_limit=0.05", expert_share=0.5, temperature=0.3),
         initial_temperature=1.0,
-        agent_steps=agent_steps,
-        validation_interval=agent_steps,
+        agent_steps=steps,
+        validation_interval=steps // VALIDATIONS,
         validation_episodes=256,
     )
 
 
-def rows(agent_steps: int) -> Iterator[Variation]:
+def rows(algorithm: str, density: float) -> Iterator[Variation]:
     """Yield what agents know of each other, from the least to the most."""
-    alone = Variation("own view", base(agent_steps))
+    alone = Variation("own view", base(algorithm, density))
     yield alone
     for number in NUM_NEIGHBORS:
         yield alone.with_(f"observations of {number} nearest", env={"num_neighbors": number})
     for radius in RADII:
-        name = "embeddings of all (centralized)" if radius is None else f"embeddings within {radius} cells"
+        name = "embeddings of all" if radius is None else f"embeddings within {radius} cells"
         yield alone.with_(name, model={"communication": 2, "communication_radius": radius})
 
 
 def main(options: Options) -> None:
-    """Train the missing runs in sequence, and print the table: means over the seeds."""
-    print("| each agent knows | CSR | ISR | return | minutes |\n| --- | --- | --- | --- | --- |", flush=True)
-    for row in rows(options.agent_steps):
-        runs = [options.output / f"{row.name.split(' (')[0].replace(' ', '-')}-{seed}" for seed in options.seeds]
-        for run, seed in zip(runs, options.seeds, strict=True):
-            if not (run / "policy.safetensors").exists():
-                train(replace(row.config, seed=seed), run, overwrite=True)
-        last = [read_progress(run)[-1] for run in runs]
-        means = [np.mean([values[f"validation_{name}"] for values in last]) for name in METRICS]
-        minutes = np.mean([values["seconds"] for values in last]) / 60
-        print(f"| {row.name} | {' | '.join(f'{mean:.3f}' for mean in means)} | {minutes:.1f} |", flush=True)
+    """Train the missing runs in sequence, and write the validations and the figure."""
+    found: list[dict[str, str]] = []
+    for algorithm in AGENT_STEPS:
+        for density in DENSITIES:
+            for seed in options.seeds:
+                for row in rows(algorithm, density):
+                    run = options.output / f"{algorithm}-{density}-{row.name.replace(' ', '-')}-{seed}"
+                    if not (run / "policy.safetensors").exists():
+                        train(replace(row.config, seed=seed), run, overwrite=True)
+                    found += _validations(run, algorithm, density, row.name, seed)
+                    print(run.name, found[-1], flush=True)
+    with CURVES.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(found[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(found)
+    draw(found)
+
+
+def _validations(run: Path, algorithm: str, density: float, name: str, seed: int) -> Iterator[dict[str, str]]:
+    """Yield a run's validations."""
+    for row in read_progress(run):
+        if not np.isnan(row["validation_CSR"]):
+            setting = {"algorithm": algorithm, "density": str(density), "knows": name, "seed": str(seed)}
+            numbers = {metric: f"{row[f'validation_{metric}']:.3f}" for metric in METRICS}
+            yield setting | {"agent_steps": f"{row['agent_steps']:.0f}"} | numbers
+
+
+def draw(validations: Sequence[Mapping[str, str]]) -> None:
+    """Plot the CSR over the agent steps, mean and range of the seeds: a panel for each algorithm and density."""
+    figure = Figure(figsize=(13, 8), layout="constrained")
+    panels = figure.subplots(len(AGENT_STEPS), len(DENSITIES), sharex="row", sharey=True, squeeze=False)
+    titles = {"dagger": "imitation of LaCAM", "mappo": "PPO"}
+    for i, algorithm in enumerate(AGENT_STEPS):
+        for j, density in enumerate(DENSITIES):
+            panel = panels[i, j]
+            for k, row in enumerate(rows(algorithm, density)):
+                steps, mean, low, high = _curve(validations, (algorithm, str(density), row.name))
+                panel.plot(steps, mean, color=f"C{k}", label=row.name)
+                panel.fill_between(steps, low, high, color=f"C{k}", alpha=0.12, linewidth=0)
+            panel.set(title=f"{titles[algorithm]}, {density:.0%} obstacles", xlabel="thousand agent steps")
+            panel.set_ylabel("all agents at their goals (CSR)" if j == 0 else None)
+    panels[0, 0].legend(fontsize=8)
+    figure.savefig(IMAGE, dpi=90)
+
+
+def _curve(validations: Sequence[Mapping[str, str]], setting: tuple[str, str, str]) -> tuple[np.ndarray, ...]:
+    """Return thousands of agent steps, and the mean, minimum and maximum of the CSR over the seeds."""
+    chosen = [row for row in validations if (row["algorithm"], row["density"], row["knows"]) == setting]
+    seeds = dict.fromkeys(row["seed"] for row in chosen)
+    steps = np.array([float(row["agent_steps"]) for row in chosen if row["seed"] == next(iter(seeds))]) / 1000
+    rates = np.array([[float(row["CSR"]) for row in chosen if row["seed"] == seed] for seed in seeds])
+    return steps, rates.mean(0), rates.min(0), rates.max(0)
 
 
 if __name__ == "__main__":
