@@ -1,14 +1,14 @@
 """The environment of the report's authors, with its defects, each of which can be repaired.
 
-It follows the description of their published code in `docs/explanation/report.md`: ten agents of one warehouse, 1000
-steps, a single reward for the team, observations of 30 planes of 20 x 20 cells, and actions that are sampled from
-weights. Axis 0 of the map is x, axis 1 is y; direction 0 is x + 1, then y + 1, x - 1, y - 1.
+It does what their published code does, as `docs/explanation/report.md` describes: ten agents of one warehouse, 1000
+steps, a single reward for the team, and observations of 30 planes of 20 x 20 cells. Axis 0 of the map is x, axis 1 is
+y; direction 0 is x + 1, then y + 1, x - 1, y - 1.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium
 import numpy as np
@@ -23,11 +23,21 @@ Ints = NDArray[np.int64]
 LEFT, RIGHT, FORWARD, STILL = range(4)
 EMPTY, WALL, GOAL, AGENT = range(4)  # what is in a cell; agent `i` is AGENT + i
 TYPES = (1, 2, 4, 10)  # how these are shown; 0 is a cell that is not seen
+WALL_COLOR = 5  # in the plane of goals, which are 1, as long as an action was a number
 DIRECTIONS = np.array([(1, 0), (0, 1), (-1, 0), (0, -1)])
 VIEW = 20
 NUM_AGENTS = 10
 MAX_STEPS = 1000
 FORWARD_REWARD, TURN_REWARD, GOAL_REWARD = 0.1, 0.01, 20.0
+
+# The authors' own starts and goals, cells of the upside-down map by their numbers; larger numbers are random cells.
+# Source: `warehouse_small_10` in Start-Kit/example_problems/warehouse.domain of VineetTambe/multi-agent-rl, a3bc75b.
+STARTS = (1032, 204, 1761, 180, 198, 1311, 252, 406, 1610, 1500)
+GOALS = (298, 1543, 2000, 2500, 1650, 1683, 1664, 1641, 255, 1772)
+
+Actions = Literal["number", "weights"]
+"""What an agent's action is: a number `a` in [-1, 1], which means action `round(1.5 a + 1.5)`, in runs until December
+5, 2023; or four of them, from which it is sampled with the weights `(a + 1) / 2`, from December 6 on."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +55,7 @@ class Defects:
     header: bool = True
     """The number in the first line of a file is read as the first agent's start or goal, and the last is omitted."""
     flipped: bool = True
-    """The map is upside down, but starts and goals are not."""
+    """The map is upside down, with the authors' starts and goals; otherwise, all are the problem's."""
     stations: bool = True
     """The cells of goals, `E` and `S` in the map's file, are walls."""
     any_goal: bool = True
@@ -63,28 +73,34 @@ class ReportEnv(gymnasium.Env[NDArray[Any], NDArray[Any]]):
     """The team of ten agents in `warehouse_small_10`, as a single agent.
 
     Observation: `Box (30, 20, 20)`, for each agent the types, the goals and the directions of the cells in its view, in
-    thirds; transposed, (20, 30, 20). Action: `Box (10, 4)` in [-1, 1], from which each agent's action is sampled with
-    the weights `(a + 1) / 2`. Reward: the sum over agents. It is truncated after 1000 steps and never terminated.
+    thirds; transposed, (20, 30, 20). Action: `Box (10,)` or `Box (10, 4)` in [-1, 1], see `Actions`. Reward: the sum
+    over agents. It is truncated after 1000 steps and never terminated.
     """
 
-    def __init__(self, defects: Defects | None = None) -> None:
+    def __init__(self, defects: Defects | None = None, actions: Actions = "number") -> None:
         """Read the problem, which comes with the package."""
-        self.defects = defects or Defects()
+        self.defects, self._actions = defects or Defects(), actions
         problem = load_problem("warehouse_small_10")
         walls = ~problem.grid.free
         if self.defects.stations:
             walls[tuple(problem.errands.T)] = True
         self.cells = np.where(walls[::-1] if self.defects.flipped else walls, WALL, EMPTY)
-        starts, goals = problem.starts.tolist(), problem.errands[:NUM_AGENTS].tolist()
-        if self.defects.header:  # the numbers of robots and tasks; the latter is no cell, which means a random one
-            starts, goals = [divmod(NUM_AGENTS, walls.shape[1]), *starts], [None, *goals]
-        self.starts, self._goal_cells = starts[:NUM_AGENTS], goals[:NUM_AGENTS]
+        starts, goals = list(STARTS), list(GOALS)
+        if not self.defects.flipped:
+            numbers = np.arange(walls.size).reshape(walls.shape)
+            starts, goals = (numbers[tuple(cells.T)].tolist() for cells in (problem.starts, problem.errands))
+        if self.defects.header:
+            starts, goals = [len(problem.starts), *starts], [len(problem.errands), *goals]
+        self.starts = [divmod(number, walls.shape[1]) for number in starts[:NUM_AGENTS]]
+        self._goal_cells = [
+            divmod(number, walls.shape[1]) if number < walls.size else None for number in goals[:NUM_AGENTS]
+        ]
         shape = (VIEW, NUM_AGENTS * 3, VIEW) if self.defects.transposed else (NUM_AGENTS * 3, VIEW, VIEW)
         if self.defects.bytes:  # a bound of 255 would tell Stable-Baselines3 to transpose the other shape
             self.observation_space = spaces.Box(0, 255 if self.defects.transposed else TYPES[-1] // 3, shape, np.uint8)
         else:
             self.observation_space = spaces.Box(0, TYPES[-1] / 3, shape, np.float32)
-        self.action_space = spaces.Box(-1, 1, (NUM_AGENTS, 4), np.float32)
+        self.action_space = spaces.Box(-1, 1, (NUM_AGENTS, 4) if actions == "weights" else (NUM_AGENTS,), np.float32)
         self.finished = np.zeros(NUM_AGENTS, np.bool_)
 
     def reset(
@@ -114,8 +130,12 @@ class ReportEnv(gymnasium.Env[NDArray[Any], NDArray[Any]]):
 
     def step(self, action: NDArray[Any]) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
         """Let the agents act in the order of their numbers."""
-        choices = ACTION_MODES["affine"](np.asarray(action, np.float64), self.np_random).tolist()
-        reward = sum(self._act(i, choice) for i, choice in enumerate(choices))
+        values = np.asarray(action, np.float64)
+        if self._actions == "weights":
+            choices = ACTION_MODES["affine"](values, self.np_random)
+        else:
+            choices = np.round((values + 1) * 1.5).astype(np.int64)
+        reward = sum(self._act(i, choice) for i, choice in enumerate(choices.tolist()))
         self._steps += 1
         return self.observe(), reward, False, self._steps >= MAX_STEPS, {"finished": int(self.finished.sum())}
 
@@ -153,8 +173,9 @@ class ReportEnv(gymnasium.Env[NDArray[Any], NDArray[Any]]):
     def observe(self) -> NDArray[Any]:
         """Return what the team observes now."""
         planes = np.empty((NUM_AGENTS * 3, VIEW, VIEW), np.float32)
+        wall_color = WALL_COLOR if self._actions == "number" else 0
         _draw(self.grid, self.positions, self.directions, self.goals, self.defects.occluded,
-              self.defects.any_goal, planes.reshape(NUM_AGENTS, 3, VIEW, VIEW))  # fmt: skip
+              self.defects.any_goal, wall_color, planes.reshape(NUM_AGENTS, 3, VIEW, VIEW))  # fmt: skip
         shown = (planes / 3).astype(self.observation_space.dtype)
         return shown.transpose(2, 0, 1) if self.defects.transposed else shown
 
@@ -164,8 +185,9 @@ _SHOWN = np.array(TYPES)
 
 @njit(cache=True)
 def _draw(
-    grid: Ints, positions: Ints, directions: Ints, goals: Ints, occluded: bool, any_goal: bool, thirds: NDArray[Any]
-) -> None:
+    grid: Ints, positions: Ints, directions: Ints, goals: Ints, occluded: bool, any_goal: bool, wall_color: int,
+    thirds: NDArray[Any]
+) -> None:  # fmt: skip
     """Draw the types, goals and directions that each agent sees to `thirds` (N, 3, 20, 20), times 3."""
     contents, seen = np.empty((VIEW, VIEW), np.int64), np.empty((VIEW, VIEW), np.bool_)
     for i in range(len(positions)):
@@ -177,7 +199,7 @@ def _draw(
             for y in range(VIEW):
                 content = contents[x, y] if seen[x, y] else -1
                 thirds[i, 0, x, y] = 0 if content < 0 else _SHOWN[min(content, AGENT)]
-                thirds[i, 1, x, y] = content == GOAL
+                thirds[i, 1, x, y] = 1 if content == GOAL else wall_color if content == WALL else 0
                 thirds[i, 2, x, y] = directions[content - AGENT] if content >= AGENT else 0
 
 

@@ -1,5 +1,7 @@
 """The report's experiment as its authors ran it, with Stable-Baselines3: `pip install stable-baselines3`.
 
+The settings are those of their runs 21 and 23; with `--actions weights`, those of 24 and 25.
+
 Their environment with its defects (`report_env.py`), their network, and PPO with their settings. `--repair` repairs
 defects, one or several; `--repair all` all of them, except for those that `--keep` names. A stopped run goes on from
 its last evaluation.
@@ -10,13 +12,12 @@ import io
 import pickle
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 import tyro
 from numpy.typing import NDArray
-from report_env import Defects, ReportEnv
+from report_env import Actions, Defects, ReportEnv
 from report_sb3 import ReportCNN
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
@@ -46,10 +47,14 @@ class Example:
     """The repaired defects, or `all`."""
     keep: tuple[str, ...] = ()
     """Defects that are kept although `repair` names them or `all`."""
+    actions: Actions = "number"
+    """Each agent's action: a `number` in runs until December 5, 2023, four `weights` from December 6 on."""
     gsde: bool = True
     """Whether exploration depends on the state (gSDE); otherwise, noise is independent in each step."""
+    dropout: float = 0.1
+    """Dropout of the features. The authors' runs with 8 and 16 environments have 0.1, the others 0."""
     num_envs: int = 8
-    """Number of environments, with 512 steps each in a batch. The authors' runs have 1, 8 or 16."""
+    """Number of environments, with 512 steps each in a batch."""
     interval: int = 25_000
     """Environment steps between evaluations."""
     episodes: int = 5
@@ -102,19 +107,18 @@ def make_env(example: Example) -> ReportEnv:
     if unknown := ({*example.repair} - {"all"} | {*example.keep}) - {*DEFECTS}:
         raise ValueError(f"{' '.join(sorted(unknown))}: no defect; expected all, or some of {', '.join(DEFECTS)}")
     repaired = replace(Defects(), **dict.fromkeys(DEFECTS if "all" in example.repair else example.repair, False))
-    return ReportEnv(replace(repaired, **dict.fromkeys(example.keep, True)))
+    return ReportEnv(replace(repaired, **dict.fromkeys(example.keep, True)), example.actions)
 
 
 def make_model(example: Example) -> PPO:
     """Return PPO with the authors' settings."""
     envs = make_vec_env(lambda: make_env(example), example.num_envs, seed=example.seed)
-    policy: dict[str, Any] = {
+    policy = {
         "normalize_images": is_image_space(envs.observation_space),  # bytes up to 255 are divided by 255
         "features_extractor_class": ReportCNN,
-        "features_extractor_kwargs": {"features_dim": 128},
+        "features_extractor_kwargs": {"features_dim": 128, "dropout": example.dropout},
         "activation_fn": nn.GELU,
         "log_std_init": -2,
-        "ortho_init": False,
     }
     return PPO(
         "CnnPolicy",
@@ -130,7 +134,7 @@ def make_model(example: Example) -> PPO:
         vf_coef=0.19,
         max_grad_norm=5,
         use_sde=example.gsde,
-        policy_kwargs=policy | ({"squash_output": True} if example.gsde else {}),
+        policy_kwargs=policy,
         seed=example.seed,
         device="cpu",
     )

@@ -45,7 +45,7 @@ class Example:
 class ReportCNN(BaseFeaturesExtractor):
     """The report's two convolutions, 8 x 8 with stride 4 and 4 x 4 with stride 2, and its linear layer."""
 
-    def __init__(self, observation_space: spaces.Box, features_dim: int) -> None:
+    def __init__(self, observation_space: spaces.Box, features_dim: int, dropout: float = 0.0) -> None:
         """Build the layers for images (N * K, h, w), at least 20 x 20."""
         super().__init__(observation_space, features_dim)
         first, second = REPORT.model.conv_channels
@@ -57,7 +57,7 @@ class ReportCNN(BaseFeaturesExtractor):
             nn.Flatten(),
         )
         size = convolutions(torch.zeros(1, *observation_space.shape)).shape[1]
-        self.layers = nn.Sequential(convolutions, nn.Linear(size, features_dim), nn.ReLU())
+        self.layers = nn.Sequential(convolutions, nn.Linear(size, features_dim), nn.Dropout(dropout), nn.ReLU())
 
     def forward(self, observations: Tensor) -> Tensor:
         """Return the features (B, features_dim)."""

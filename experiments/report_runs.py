@@ -28,9 +28,11 @@ BLOCK = re.compile(r"(<!-- report runs -->\n).*?(<!-- end of report runs -->)", 
 
 SETTINGS: dict[str, tuple[str, ...]] = {
     "as published": (),
-    "all repaired": ("--repair", "all"),
-    "all repaired, but blocked moves pay": ("--repair", "all", "--keep", "blocked"),
     "finished agents act again": ("--repair", "finished"),
+    "actions from weights": ("--actions", "weights"),
+    "all repaired": ("--repair", "all"),
+    "all repaired, weights": ("--repair", "all", "--actions", "weights"),
+    "all repaired, weights, blocked moves pay": ("--repair", "all", "--keep", "blocked", "--actions", "weights"),
     "float observations": ("--repair", "bytes"),
     "channels first": ("--repair", "transposed"),
     "turns at the border": ("--repair", "border"),
@@ -41,6 +43,7 @@ SETTINGS: dict[str, tuple[str, ...]] = {
     "blocked moves pay nothing": ("--repair", "blocked"),
     "no occlusion": ("--repair", "occluded"),
     "normal noise": ("--no-gsde",),
+    "no dropout": ("--dropout", "0"),
 }
 """Settings and the options of the example."""
 
@@ -171,7 +174,7 @@ def draw(runs: Runs, authors: Rows) -> None:
         left.plot(steps / 1000, rewards, color=f"C{k}", linewidth=1, label=f"authors' {name}")
     _draw_range(left, runs["as published"], 1, "ours, as published", "black")
     left.set(ylabel="reward of an episode, sum over agents", title="the environment of evaluations", xlim=(0, 1000))
-    for k, name in enumerate(("as published", "finished agents act again", "all repaired")):
+    for k, name in enumerate(("as published", "finished agents act again", "actions from weights", "all repaired")):
         if name in runs:
             _draw_range(right, runs[name], 5, f"ours, {name}", "black" if k == 0 else f"C{k + 4}")
     right.set(title="new environments", xlim=(0, 500))

@@ -23,8 +23,8 @@ def module():
     return report_env
 
 
-def with_defects(module, *names):
-    return module.ReportEnv(replace(module.NO_DEFECTS, **dict.fromkeys(names, True)))
+def with_defects(module, *names, actions="weights"):
+    return module.ReportEnv(replace(module.NO_DEFECTS, **dict.fromkeys(names, True)), actions)
 
 
 def actions(**by_agent):
@@ -52,13 +52,35 @@ def put(env, i, cell, direction):
     env.grid[cell], env.positions[i], env.directions[i] = 3 + i, cell, direction
 
 
+@pytest.mark.parametrize("actions", ["number", "weights"])
 @pytest.mark.parametrize("defects", [True, False])
-def test_gymnasiums_checker(module, defects):
-    check_env(module.ReportEnv(None if defects else module.NO_DEFECTS), skip_render_check=True)
+def test_gymnasiums_checker(module, defects, actions):
+    check_env(module.ReportEnv(None if defects else module.NO_DEFECTS, actions), skip_render_check=True)
+
+
+def test_an_action_is_a_number(module):
+    """-1 turns left, -1/3 right, 1/3 moves forward, 1 stays; the middle, 0, moves forward."""
+    env = with_defects(module, "blocked", actions="number")
+    for value, reward in ((-1, 0.1), (-0.7, 0.1), (-0.6, 0.1), (-0.01, 0.1), (0, 1.0), (0.6, 1.0), (0.7, 0), (1, 0)):
+        env.reset(seed=0)
+        assert env.step(np.full(10, value))[1] == pytest.approx(reward)
+    directions = env.directions.copy()
+    env.step(np.full(10, -1))
+    assert ((directions - env.directions) % 4 == 1).all()
+    env.step(np.full(10, -1 / 3))
+    assert (directions == env.directions).all()
+
+
+def test_walls_are_in_the_plane_of_goals_while_an_action_is_a_number(module):
+    number, weights = with_defects(module, actions="number"), with_defects(module)
+    plane, goals = number.reset(seed=0)[0][1::3], weights.reset(seed=0)[0][1::3]
+    walls = weights.observe()[::3] == np.float32(2 / 3)
+    np.testing.assert_allclose(plane, goals + np.float32(5 / 3) * walls, rtol=1e-6)
+    assert walls.any()
 
 
 def test_a_seed_decides_everything(module):
-    first, second = module.ReportEnv(), module.ReportEnv()
+    first, second = (module.ReportEnv(actions="weights") for _ in range(2))
     rng = np.random.default_rng(0)
     assert np.array_equal(first.reset(seed=3)[0], second.reset(seed=3)[0])
     for action in rng.uniform(-1, 1, (50, 10, 4)):
@@ -81,10 +103,14 @@ def test_starts_and_goals(module):
     assert wrong.goals[0].tolist() != first
 
 
-def test_four_published_agents_stand_on_walls(module):
+def test_the_authors_starts_and_goals(module):
+    """They are free in the map that is upside down. The first of each is a number of the file's first line."""
     env = module.ReportEnv()
-    on_walls = [bool(env.cells[cell] == module.WALL) for cell in map(tuple, env.starts)]
-    assert sum(on_walls) == 4
+    assert env.starts == [(0, 10), *(divmod(number, 57) for number in module.STARTS[:9])]
+    assert all(env.cells[cell] == module.EMPTY for cell in env.starts)
+    first, second = (env.reset(seed=seed) and env.goals.tolist() for seed in (0, 1))
+    same = [one == other for one, other in zip(first, second, strict=True)]
+    assert same == [False, True, True, False, False, True, True, True, True, True]
 
 
 def test_an_agent_beside_a_goal_finishes(module):
