@@ -8,7 +8,7 @@
 # make wheel      builds the source archive and the wheel, and tries them outside of this tree
 # make clean      removes the virtual environments and what they have written
 # make long RUN=soak   or another run of minutes to days, in docs/verification.md: faults, coverage, mutation, mutation-sample, record-pogema;
-#                      for the documentation: figures, reproduction, report
+#                      for the documentation: figures, reproduction, report, report-runs
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -21,7 +21,7 @@ KERNEL_TESTS := $(addprefix tests/simulator/test_, properties.py symmetry.py col
 PEER_rware := rware==2.0.0
 PEER_jumanji := jumanji==1.1.0 requests
 
-LONG := soak faults coverage mutation mutation-sample record-pogema figures reproduction report
+LONG := soak faults coverage mutation mutation-sample record-pogema figures reproduction report report-runs
 
 .PHONY: train test lint format docs examples results bench wheel clean long $(addprefix long-,$(LONG))
 
@@ -140,3 +140,9 @@ long-reproduction: .venv/developed
 
 long-report: .venv/developed
 	$(BIN)/python -m experiments.report
+
+# MAPF_PZ_REPORT_RUNS names the authors' evaluations, which are drawn beside ours.
+long-report-runs: .venv/developed
+	$(BIN)/python -m experiments.report_runs run
+	$(BIN)/python -m experiments.report_runs collect
+	$(BIN)/python -m experiments.report_runs write $(if $(MAPF_PZ_REPORT_RUNS),--authors $(MAPF_PZ_REPORT_RUNS))

@@ -47,13 +47,16 @@ SETTINGS: dict[str, tuple[str, ...]] = {
 }
 """Settings and the options of the example."""
 
+LENGTH = 500_000
+"""Length of a run in environment steps."""
+
 Rows = Sequence[Mapping[str, str]]
 
 
 def run(
     settings: tuple[str, ...] = tuple(SETTINGS),
     seeds: tuple[int, ...] = (0, 1, 2),
-    steps: int = 500_000,
+    steps: int = LENGTH,
     jobs: int = 1,
     output: Path = Path("runs/report-runs"),
 ) -> None:
@@ -88,18 +91,18 @@ def folder(output: Path, name: str, seed: int) -> Path:
 
 
 def collect(output: Path = Path("runs/report-runs")) -> None:
-    """Write the evaluations of all runs of three seeds to one file, and the table and the figure.
+    """Write the evaluations of all complete runs to one file, and the table.
 
     Args:
         output: folder of all runs.
     """
-    rows = [
-        {"setting": name, "seed": str(seed)} | row
-        for name in SETTINGS
-        for seed in range(3)
-        if (path := folder(output, name, seed) / "curve.csv").exists()
-        for row in _read(path)
-    ]
+    rows: list[dict[str, str]] = []
+    for name in SETTINGS:
+        for seed in range(3):
+            path = folder(output, name, seed) / "curve.csv"
+            curve = _read(path) if path.exists() else []
+            if curve and float(curve[-1]["env_steps"]) >= LENGTH:
+                rows += [{"setting": name, "seed": str(seed)} | row for row in curve]
     with CURVES.open("w", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()

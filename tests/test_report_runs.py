@@ -1,0 +1,48 @@
+"""The authors' runs, repeated: the table of the page, and the settings."""
+
+import csv
+import sys
+
+import pytest
+import tyro
+
+from experiments import report_runs
+
+
+def test_the_table_of_the_page_is_that_of_the_evaluations(tmp_path, monkeypatch):
+    text, page = report_runs.PAGE.read_text(), tmp_path / "report.md"
+    page.write_text(text)
+    monkeypatch.setattr(report_runs, "PAGE", page)
+    report_runs.write()
+    assert page.read_text() == text
+
+
+def test_rows_are_means_over_seeds_of_the_first_and_the_last_evaluation(tmp_path, monkeypatch):
+    example = "env_steps,mean_reward,min_reward,max_reward,finished,fresh_reward,fresh_finished"
+    for seed, last in enumerate((10, 30)):
+        run = report_runs.folder(tmp_path, "as published", seed)
+        run.mkdir()
+        lines = [example, "250000,100,1,2,3,200,0.2", f"{report_runs.LENGTH},{last},1,2,9,400,0.6"]
+        (run / "curve.csv").write_text("\n".join(lines))
+    unfinished = report_runs.folder(tmp_path, "as published", 2)
+    unfinished.mkdir()
+    (unfinished / "curve.csv").write_text(f"{example}\n250000,100,1,2,3,200,0.2\n")
+    monkeypatch.setattr(report_runs, "CURVES", tmp_path / "curves.csv")
+    monkeypatch.setattr(report_runs, "write", lambda: None)
+    report_runs.collect(tmp_path)
+    (*_, line) = report_runs.table(report_runs.read_runs())
+    assert line == "| as published | 2 | 500,000 | 100 → 20 (10 to 30) | 9.0 | 200 → 400 | 0.2 → 0.6 |"
+
+
+def test_the_options_of_all_settings_are_the_examples():
+    pytest.importorskip("stable_baselines3")
+    sys.path.insert(0, str(report_runs.EXAMPLE.parent))
+    import report_published
+
+    sys.path.remove(str(report_runs.EXAMPLE.parent))
+    settings = [tyro.cli(report_published.Example, args=options) for options in report_runs.SETTINGS.values()]
+    assert len({str(setting) for setting in settings}) == len(settings)
+    for setting in settings:
+        report_published.make_env(setting)
+    with report_runs.CURVES.open(newline="") as file:
+        assert {row["setting"] for row in csv.DictReader(file)} <= set(report_runs.SETTINGS)
