@@ -122,8 +122,7 @@ def write(authors: Path | None = None) -> None:
         authors: file of the authors' evaluations, with columns `run`, `env_steps` and `mean_reward`.
     """
     runs = read_runs()
-    block = f"\\g<1>{chr(10).join(table(runs))}\n\\g<2>"
-    PAGE.write_text(BLOCK.sub(block, PAGE.read_text()))
+    PAGE.write_text(BLOCK.sub("\\g<1>\n" + "\n".join(table(runs)) + "\n\n\\g<2>", PAGE.read_text()))
     if authors is not None:
         draw(runs, _read(authors))
 
