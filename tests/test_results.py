@@ -25,6 +25,7 @@ def row(policy, num_agents, task="maze", **means):
 
 RESULTS = {
     "command": "mapf-pz evaluate --suite s",
+    "suite": "s/1 89ab",
     "commit": "0123456789",
     "code": "abc",
     "identities": {"policies": {"pibt": {"policy": "pibt"}, "mappo": None}},
@@ -53,7 +54,7 @@ POLICIES = """
 """
 SOURCE = """
 ```sh
-mapf-pz evaluate --suite s  # commit 0123456, code abc
+mapf-pz evaluate --suite s  # suite s/1 89ab, commit 0123456, code abc
 ```
 """
 
