@@ -1,0 +1,168 @@
+"""Measure whether edge weights in the observation help: idea 1 of the report. `python -m experiments.edge_weights`.
+
+Policies that differ in what they observe of the costs imitate a planner under guidance graphs that are random in every
+episode, with three seeds, and are evaluated under graphs that none of them has seen. Finished runs are reused.
+`docs/results/edge-weights.csv` gets the results, and `docs/explanation/report.md` the table.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import tyro
+
+from experiments.report import read_progress
+from mapf_pz.evaluation.episodes import rollout, simulator_of
+from mapf_pz.evaluation.policies import policy_factory
+from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.presets import PRESETS
+from mapf_pz.rl.training.train import train
+from mapf_pz.simulator.seeds import FIRST_EVALUATION_SEED
+from mapf_pz.simulator.simulator import Simulator
+
+ROOT = Path(__file__).parents[1]
+RESULTS = ROOT / "docs" / "results" / "edge-weights.csv"
+PAGE = ROOT / "docs" / "explanation" / "report.md"
+BLOCK = re.compile(r"(<!-- edge weights -->\n).*?(<!-- end of edge weights -->)", re.S)
+
+AGENT_STEPS = 800_000
+"""Length of a training."""
+EXPERT = PRESETS["lifelong"].imitation.expert
+CHANNELS, FEATURES = ("view", "goal", "orientation", "other_goals"), ("last_actions", "goal_vector")
+WEIGHTS = ("edge_weights",)
+ROUTES = ("cost_to_go", "heuristic", "others_next", "others_heuristic")
+ADVANTAGE = ("action_advantage",)
+SETTINGS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "neither": ((), ()),
+    "edge weights": (WEIGHTS, ()),
+    "cost to go": (("cost_to_go",), ()),
+    "cost to go, edge weights": (("cost_to_go", *WEIGHTS), ()),
+    "all that derives from the cost to go": (ROUTES, ADVANTAGE),
+    "all that derives from the cost to go, edge weights": ((*ROUTES, *WEIGHTS), ADVANTAGE),
+}
+"""Channels and features that are observed in addition to `CHANNELS` and `FEATURES`."""
+METRICS = {"agreement": ".3f", "throughput": ".2f", "cost": ".1f"}
+"""Measures of a policy and their formats in the table; the expert has no agreement."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of the experiment."""
+
+    output: Path = Path("runs/edge-weights")
+    """Folder of all runs."""
+    seeds: tuple[int, ...] = (0, 1, 2)
+    """Random seeds."""
+    agent_steps: int = AGENT_STEPS
+    """Length of each training."""
+    episodes: int = 32
+    """Number of episodes of each evaluation."""
+
+
+def config(setting: str) -> TrainConfig:
+    """Return the preset `lifelong` with random guidance graphs and the observations of a setting."""
+    preset = PRESETS["lifelong"]
+    channels, features = SETTINGS[setting]
+    env = replace(
+        preset.task.env,
+        channels=(*CHANNELS, *channels),
+        features=(*FEATURES, *features),
+        edge_weights="random",
+    )
+    return replace(preset, task=replace(preset.task, env=env), validation_interval=0)
+
+
+def main(options: Options) -> None:
+    """Train and evaluate the missing runs in sequence, and write the results and the table."""
+    rows = [_row("the planner", 0, EXPERT, options)]
+    for seed in options.seeds:
+        for setting in SETTINGS:
+            run = options.output / f"{setting.replace(',', '').replace(' ', '-')}-{seed}"
+            if not (run / "policy.safetensors").exists():
+                train(replace(config(setting), seed=seed, agent_steps=options.agent_steps), run, overwrite=True)
+            rows.append(_row(setting, seed, f"{run}+pibt:temperature=0", options) | {"agreement": _agreement(run)})
+            print(rows[-1], flush=True)
+    with RESULTS.open("w", newline="") as file:
+        writer = csv.DictWriter(file, ["setting", "seed", *METRICS], restval="", lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+    write()
+
+
+def _agreement(run: Path) -> str:
+    """Return how often the most likely action was the planner's in the last fifth of a training.
+
+    It is measured before the policy learns from these steps; their episodes have graphs that it has not seen.
+    """
+    rates = [row["agreement"] for row in read_progress(run)]
+    return f"{np.mean(rates[-len(rates) // 5 :]):.4f}"
+
+
+def _row(setting: str, seed: int, policy: str, options: Options) -> dict[str, str]:
+    """Return goals per step, and the weights of all steps per goal, in episodes with graphs that are new."""
+    task = config(setting if setting in SETTINGS else next(iter(SETTINGS))).task
+    env, acting = policy_factory(policy)(task.env_keywords())
+    goals, cost = 0.0, 0.0
+    for episode in range(options.episodes):
+        costs = Costs(simulator_of(env))
+        done = rollout(env, acting, FIRST_EVALUATION_SEED + episode, on_step=costs.add)
+        goals += done.metrics["avg_throughput"] * done.num_steps
+        cost += costs.total
+    steps = options.episodes * task.env.max_steps
+    return {"setting": setting, "seed": str(seed), "throughput": f"{goals / steps:.4f}", "cost": f"{cost / goals:.3f}"}
+
+
+class Costs:
+    """The weights of all agents' steps in an episode: of edges, and of waiting and turning."""
+
+    def __init__(self, simulator: Simulator) -> None:
+        """Start with no steps."""
+        self._simulator = simulator
+        self._before: np.ndarray | None = None
+        self.total = 0.0
+
+    def add(self) -> None:
+        """Add the last step; the first call is after the reset."""
+        view = self._simulator.planning_view()
+        cells = view.agents["cell"].copy()
+        if self._before is not None:
+            moves = view.leads_to[:, self._before] == cells
+            moved = cells != self._before
+            edge = np.where(moved, moves.argmax(0), len(view.weight) - 1)
+            self.total += float(view.weight[edge, self._before].sum())
+        self._before = cells
+
+
+def write() -> None:
+    """Write the table: means over seeds, with minimum and maximum."""
+    with RESULTS.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    PAGE.write_text(BLOCK.sub("\\g<1>\n" + "\n".join(table(rows)) + "\n\n\\g<2>", PAGE.read_text()))
+
+
+def table(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
+    """Yield the lines of the table in Markdown."""
+    yield "| observed | agreement | goals per step | cost per goal |"
+    yield "| --- | --- | --- | --- |"
+    for setting in dict.fromkeys(row["setting"] for row in rows):
+        chosen = [row for row in rows if row["setting"] == setting]
+        yield f"| {setting} | {' | '.join(map(partial(_cell, chosen), METRICS))} |"
+
+
+def _cell(rows: Sequence[Mapping[str, str]], metric: str) -> str:
+    """Format the mean of a measure, with the minimum and the maximum of several seeds."""
+    values = [float(row[metric]) for row in rows if row[metric]]
+    if not values:
+        return ""
+    mean, low, high = (f"{value:{METRICS[metric]}}" for value in (np.mean(values), min(values), max(values)))
+    return mean if len(values) == 1 else f"{mean} ({low} to {high})"
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Options))
