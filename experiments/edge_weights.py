@@ -8,19 +8,18 @@ episode, with three seeds, and are evaluated under graphs that none of them has 
 from __future__ import annotations
 
 import csv
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import tyro
 
 from experiments.report import read_progress
+from experiments.report_page import spread, write_table
 from mapf_pz.evaluation.episodes import rollout, simulator_of
 from mapf_pz.evaluation.policies import policy_factory
-from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.config import TaskConfig, TrainConfig
 from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.training.train import train
 from mapf_pz.simulator.seeds import FIRST_EVALUATION_SEED
@@ -28,8 +27,6 @@ from mapf_pz.simulator.simulator import Simulator
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "docs" / "results" / "edge-weights.csv"
-PAGE = ROOT / "docs" / "explanation" / "report.md"
-BLOCK = re.compile(r"(<!-- edge weights -->\n).*?(<!-- end of edge weights -->)", re.S)
 
 AGENT_STEPS = 800_000
 """Length of a training."""
@@ -47,8 +44,8 @@ SETTINGS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "all that derives from the cost to go, edge weights": ((*ROUTES, *WEIGHTS), ADVANTAGE),
 }
 """Channels and features that are observed in addition to `CHANNELS` and `FEATURES`."""
-METRICS = {"agreement": ".3f", "throughput": ".2f", "cost": ".1f"}
-"""Measures of a policy and their formats in the table; the expert has no agreement."""
+METRICS = {"agreement": 3, "throughput": 2, "cost": 1}
+"""Measures of a policy and their digits in the table; the expert has no agreement."""
 
 
 @dataclass(frozen=True)
@@ -80,13 +77,14 @@ def config(setting: str) -> TrainConfig:
 
 def main(options: Options) -> None:
     """Train and evaluate the missing runs in sequence, and write the results and the table."""
-    rows = [_row("the planner", 0, EXPERT, options)]
+    rows = [{"setting": "the planner", "seed": "0"} | _measures(config("neither").task, EXPERT, options.episodes)]
     for seed in options.seeds:
         for setting in SETTINGS:
             run = options.output / f"{setting.replace(',', '').replace(' ', '-')}-{seed}"
             if not (run / "policy.safetensors").exists():
                 train(replace(config(setting), seed=seed, agent_steps=options.agent_steps), run, overwrite=True)
-            rows.append(_row(setting, seed, f"{run}+pibt:temperature=0", options) | {"agreement": _agreement(run)})
+            measures = _measures(config(setting).task, f"{run}+pibt:temperature=0", options.episodes)
+            rows.append({"setting": setting, "seed": str(seed), "agreement": _agreement(run)} | measures)
             print(rows[-1], flush=True)
     with RESULTS.open("w", newline="") as file:
         writer = csv.DictWriter(file, ["setting", "seed", *METRICS], restval="", lineterminator="\n")
@@ -104,18 +102,16 @@ def _agreement(run: Path) -> str:
     return f"{np.mean(rates[-len(rates) // 5 :]):.4f}"
 
 
-def _row(setting: str, seed: int, policy: str, options: Options) -> dict[str, str]:
+def _measures(task: TaskConfig, policy: str, episodes: int) -> dict[str, str]:
     """Return goals per step, and the weights of all steps per goal, in episodes with graphs that are new."""
-    task = config(setting if setting in SETTINGS else next(iter(SETTINGS))).task
     env, acting = policy_factory(policy)(task.env_keywords())
     goals, cost = 0.0, 0.0
-    for episode in range(options.episodes):
+    for episode in range(episodes):
         costs = Costs(simulator_of(env))
         done = rollout(env, acting, FIRST_EVALUATION_SEED + episode, on_step=costs.add)
         goals += done.metrics["avg_throughput"] * done.num_steps
         cost += costs.total
-    steps = options.episodes * task.env.max_steps
-    return {"setting": setting, "seed": str(seed), "throughput": f"{goals / steps:.4f}", "cost": f"{cost / goals:.3f}"}
+    return {"throughput": f"{goals / (episodes * task.env.max_steps):.4f}", "cost": f"{cost / goals:.3f}"}
 
 
 class Costs:
@@ -143,7 +139,7 @@ def write() -> None:
     """Write the table: means over seeds, with minimum and maximum."""
     with RESULTS.open(newline="") as file:
         rows = list(csv.DictReader(file))
-    PAGE.write_text(BLOCK.sub("\\g<1>\n" + "\n".join(table(rows)) + "\n\n\\g<2>", PAGE.read_text()))
+    write_table("edge weights", table(rows))
 
 
 def table(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
@@ -152,16 +148,9 @@ def table(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
     yield "| --- | --- | --- | --- |"
     for setting in dict.fromkeys(row["setting"] for row in rows):
         chosen = [row for row in rows if row["setting"] == setting]
-        yield f"| {setting} | {' | '.join(map(partial(_cell, chosen), METRICS))} |"
-
-
-def _cell(rows: Sequence[Mapping[str, str]], metric: str) -> str:
-    """Format the mean of a measure, with the minimum and the maximum of several seeds."""
-    values = [float(row[metric]) for row in rows if row[metric]]
-    if not values:
-        return ""
-    mean, low, high = (f"{value:{METRICS[metric]}}" for value in (np.mean(values), min(values), max(values)))
-    return mean if len(values) == 1 else f"{mean} ({low} to {high})"
+        columns = {metric: [float(row[metric]) for row in chosen if row[metric]] for metric in METRICS}
+        cells = [spread(values, METRICS[metric]) if values else "" for metric, values in columns.items()]
+        yield f"| {setting} | {' | '.join(cells)} |"
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from experiments.report_page import spread
 from experiments.reproduction import Variation
 from mapf_pz.rl.algorithms.algorithm import Algorithm
 from mapf_pz.rl.algorithms.named import algorithm_of
@@ -155,17 +156,11 @@ def table(runs: dict[str, list[Path]]) -> Iterator[str]:
     for name, folders in runs.items():
         results = [json.loads((run / RESULTS).read_text()) for run in folders]
         cells = [
-            " → ".join(_spread([result[when][key] for result in results], digits) for when in ("before", "after"))
+            " → ".join(spread([result[when][key] for result in results], digits) for when in ("before", "after"))
             for key, digits in (("CSR", 2), ("ISR", 2), ("reward", 0))
         ]
         minutes = np.mean([result["cpu_seconds"] for result in results]) / 60
         yield f"| {name} | {' | '.join(cells)} | {minutes:.1f} |"
-
-
-def _spread(values: list[float], digits: int) -> str:
-    """Format a mean, and the minimum and the maximum if there are several different values."""
-    mean, low, high = (f"{value:.{digits}f}" for value in (np.mean(values), min(values), max(values)))
-    return mean if low == high else f"{mean} ({low} to {high})"
 
 
 def draw(runs: dict[str, list[Path]]) -> None:

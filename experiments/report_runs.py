@@ -8,7 +8,6 @@ reused. `collect` writes all evaluations to `docs/results/report-runs.csv`, from
 from __future__ import annotations
 
 import csv
-import re
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,11 +19,12 @@ import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from experiments.report_page import spread, write_table
+
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "examples" / "report_published.py"
 CURVES = ROOT / "docs" / "results" / "report-runs.csv"
-PAGE, IMAGE = ROOT / "docs" / "explanation" / "report.md", ROOT / "docs" / "images" / "report-runs.png"
-BLOCK = re.compile(r"(<!-- report runs -->\n).*?(<!-- end of report runs -->)", re.S)
+IMAGE = ROOT / "docs" / "images" / "report-runs.png"
 
 SETTINGS: dict[str, tuple[str, ...]] = {
     "as published": (),
@@ -122,7 +122,7 @@ def write(authors: Path | None = None) -> None:
         authors: file of the authors' evaluations, with columns `run`, `env_steps` and `mean_reward`.
     """
     runs = read_runs()
-    PAGE.write_text(BLOCK.sub("\\g<1>\n" + "\n".join(table(runs)) + "\n\n\\g<2>", PAGE.read_text()))
+    write_table("report runs", table(runs))
     if authors is not None:
         draw(runs, _read(authors))
 
@@ -152,18 +152,12 @@ def table(runs: Runs) -> Iterator[str]:
         cells = [
             f"{len(curves)}",
             f"{last[0, 0]:,.0f}",
-            f"{first[:, 1].mean():.0f} → {_spread(last[:, 1], 0)}",
-            _spread(last[:, 4], 1),
-            f"{first[:, 5].mean():.0f} → {_spread(last[:, 5], 0)}",
-            f"{first[:, 6].mean():.1f} → {_spread(last[:, 6], 1)}",
+            f"{first[:, 1].mean():.0f} → {spread(last[:, 1], 0)}",
+            spread(last[:, 4], 1),
+            f"{first[:, 5].mean():.0f} → {spread(last[:, 5], 0)}",
+            f"{first[:, 6].mean():.1f} → {spread(last[:, 6], 1)}",
         ]
         yield f"| {name} | {' | '.join(cells)} |"
-
-
-def _spread(values: np.ndarray, digits: int) -> str:
-    """Format a mean, with the minimum and the maximum of several values."""
-    mean, low, high = (f"{value:.{digits}f}" for value in (values.mean(), values.min(), values.max()))
-    return mean if low == high else f"{mean} ({low} to {high})"
 
 
 def draw(runs: Runs, authors: Rows) -> None:

@@ -1,4 +1,4 @@
-"""The experiment on edge weights: the table of the page, and the costs."""
+"""The experiment on edge weights: the costs."""
 
 import numpy as np
 
@@ -7,14 +7,6 @@ from experiments import edge_weights
 from mapf_pz.evaluation.episodes import simulator_of
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.simulator.actions import CardinalAction
-
-
-def test_the_table_of_the_page_is_that_of_the_results(tmp_path, monkeypatch):
-    text, page = edge_weights.PAGE.read_text(), tmp_path / "report.md"
-    page.write_text(text)
-    monkeypatch.setattr(edge_weights, "PAGE", page)
-    edge_weights.write()
-    assert page.read_text() == text
 
 
 def test_costs_are_the_weights_of_edges_and_of_waiting():

@@ -1,4 +1,4 @@
-"""The authors' runs, repeated: the table of the page, and the settings."""
+"""The authors' runs, repeated: the rows of the table, and the settings."""
 
 import csv
 import sys
@@ -7,14 +7,6 @@ import pytest
 import tyro
 
 from experiments import report_runs
-
-
-def test_the_table_of_the_page_is_that_of_the_evaluations(tmp_path, monkeypatch):
-    text, page = report_runs.PAGE.read_text(), tmp_path / "report.md"
-    page.write_text(text)
-    monkeypatch.setattr(report_runs, "PAGE", page)
-    report_runs.write()
-    assert page.read_text() == text
 
 
 def test_rows_are_means_over_seeds_of_the_first_and_the_last_evaluation(tmp_path, monkeypatch):

@@ -1,0 +1,23 @@
+"""The page on the report: its generated tables, each between `<!-- NAME -->` and `<!-- end of NAME -->`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+PAGE = Path(__file__).parents[1] / "docs" / "explanation" / "report.md"
+
+
+def write_table(name: str, lines: Iterable[str], page: Path = PAGE) -> None:
+    """Replace the table of this name by the lines of another."""
+    block = re.compile(f"(<!-- {name} -->\n).*?(<!-- end of {name} -->)", re.S)
+    page.write_text(block.sub("\\g<1>\n" + "\n".join(lines) + "\n\n\\g<2>", page.read_text()))
+
+
+def spread(values: Sequence[float] | np.ndarray, digits: int) -> str:
+    """Format a mean, with the minimum and the maximum of several values unless they look the same."""
+    mean, low, high = (f"{value:.{digits}f}" for value in (np.mean(values), np.min(values), np.max(values)))
+    return mean if low == high else f"{mean} ({low} to {high})"

@@ -1,0 +1,22 @@
+"""The page on the report: its generated tables."""
+
+import pytest
+
+from experiments import edge_weights, report_page, report_runs
+
+
+@pytest.mark.parametrize("experiment", [edge_weights, report_runs])
+def test_the_table_of_the_page_is_that_of_the_results(tmp_path, monkeypatch, experiment):
+    text, page = report_page.PAGE.read_text(), tmp_path / "report.md"
+    page.write_text(text)
+    tables = []
+
+    def write_table(name, lines):
+        tables.append(name)
+        report_page.write_table(name, lines, page)
+
+    monkeypatch.setattr(experiment, "write_table", write_table)
+    experiment.write()
+    assert page.read_text() == text
+    (name,) = tables
+    assert f"<!-- {name} -->" in text
