@@ -1,13 +1,14 @@
 """The experiment of the report's authors, as published and with repairs: `make long RUN=report-runs`.
 
-`run` trains with `examples/report_published.py`: each setting with three seeds. Stopped runs go on, finished ones are
-reused. `collect` writes all evaluations to `docs/results/report-runs.csv`, from which `write` makes the table in
-`docs/explanation/report.md` and the figure, with the curves of the authors' own runs beside.
+`run` trains with `examples/report_published.py`: each setting with three seeds. Stopped runs go on. `collect` adds the
+evaluations of complete runs to `docs/results/report-runs.csv`, whose runs are not repeated. From this file, `write`
+makes the table in `docs/explanation/report.md` and the figure, with the curves of the authors' own runs beside.
 """
 
 from __future__ import annotations
 
 import csv
+import itertools
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -60,7 +61,7 @@ def run(
     jobs: int = 1,
     output: Path = Path("runs/report-runs"),
 ) -> None:
-    """Train the missing runs: 20 minutes of a core each.
+    """Train the runs that are not in `docs/results/report-runs.csv` yet: 20 minutes of a core each.
 
     Args:
         settings: names of settings. Default: all.
@@ -80,8 +81,10 @@ def run(
             subprocess.run(command, check=True, stdout=told, stderr=subprocess.STDOUT)
         print(f"{name}, seed {seed}: done", flush=True)
 
+    known = _complete(_read(CURVES), steps)
+    missing = [(name, seed) for name in settings for seed in seeds if (name, str(seed)) not in known]
     with ThreadPoolExecutor(jobs) as pool:
-        for done in [pool.submit(train, name, seed) for name in settings for seed in seeds]:
+        for done in [pool.submit(train, name, seed) for name, seed in missing]:
             done.result()
 
 
@@ -91,23 +94,30 @@ def folder(output: Path, name: str, seed: int) -> Path:
 
 
 def collect(output: Path = Path("runs/report-runs")) -> None:
-    """Write the evaluations of all complete runs to one file, and the table.
+    """Add the evaluations of all complete runs to those of earlier ones, and write the table.
 
     Args:
         output: folder of all runs.
     """
-    rows: list[dict[str, str]] = []
-    for name in SETTINGS:
-        for seed in range(3):
-            path = folder(output, name, seed) / "curve.csv"
-            curve = _read(path) if path.exists() else []
-            if curve and float(curve[-1]["env_steps"]) >= LENGTH:
-                rows += [{"setting": name, "seed": str(seed)} | row for row in curve]
+    runs = _complete(_read(CURVES) if CURVES.exists() else [], LENGTH)
+    for name, seed in itertools.product(SETTINGS, range(3)):
+        path = folder(output, name, seed) / "curve.csv"
+        if path.exists():
+            runs |= _complete([{"setting": name, "seed": str(seed)} | row for row in _read(path)], LENGTH)
+    rows = [row for name in SETTINGS for run, curve in runs.items() if run[0] == name for row in curve]
     with CURVES.open("w", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows(row | {key: f"{float(row[key]):.2f}" for key in row if "reward" in key} for row in rows)
     write()
+
+
+def _complete(rows: Rows, steps: int) -> dict[tuple[str, str], list[Mapping[str, str]]]:
+    """Return the evaluations of each setting and seed that was trained for `steps` environment steps or more."""
+    runs: dict[tuple[str, str], list[Mapping[str, str]]] = {}
+    for row in rows:
+        runs.setdefault((row["setting"], row["seed"]), []).append(row)
+    return {run: curve for run, curve in runs.items() if float(curve[-1]["env_steps"]) >= steps}
 
 
 def _read(path: Path) -> list[dict[str, str]]:

@@ -1,6 +1,7 @@
 """The authors' runs, repeated: the rows of the table, and the settings."""
 
 import csv
+import subprocess
 import sys
 
 import pytest
@@ -24,6 +25,16 @@ def test_rows_are_means_over_seeds_of_the_first_and_the_last_evaluation(tmp_path
     report_runs.collect(tmp_path)
     (*_, line) = report_runs.table(report_runs.read_runs())
     assert line == "| as published | 2 | 500,000 | 100 → 20 (10 to 30) | 9.0 | 200 → 400 | 0.2 → 0.6 |"
+    report_runs.collect(tmp_path / "none")
+    assert [line] == list(report_runs.table(report_runs.read_runs()))[2:], "earlier runs are kept"
+
+
+def test_runs_whose_evaluations_are_known_are_not_repeated(tmp_path, monkeypatch):
+    monkeypatch.setattr(report_runs, "EXAMPLE", tmp_path / "missing.py")
+    report_runs.run(settings=("as published",), output=tmp_path)
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(subprocess.CalledProcessError):
+        report_runs.run(settings=("as published",), steps=1_000_000, output=tmp_path)
 
 
 def test_the_options_of_all_settings_are_the_examples():
