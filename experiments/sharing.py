@@ -3,12 +3,13 @@
 Policies differ in what each agent knows of the others: what is in its own view, also the observations of its nearest
 neighbors, or embeddings that agents exchange within a radius, or all of them, which makes the policy a centralized one.
 They imitate LaCAM or learn by PPO, at two densities of obstacles, with three seeds. Validation is without the safety
-layer. Finished runs are reused; `docs/results/sharing.csv` gets their validations, from which the figure is drawn.
+layer. `docs/results/sharing.csv` gets the validations of each run as soon as it is finished; its runs are not repeated.
 """
 
 from __future__ import annotations
 
 import csv
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -81,22 +82,38 @@ def rows(algorithm: str, density: float) -> Iterator[Variation]:
 
 
 def main(options: Options) -> None:
-    """Train the missing runs in sequence, and write the validations and the figure."""
-    found: list[dict[str, str]] = []
-    for algorithm in AGENT_STEPS:
-        for density in DENSITIES:
-            for seed in options.seeds:
-                for row in rows(algorithm, density):
-                    run = options.output / f"{algorithm}-{density}-{row.name.replace(' ', '-')}-{seed}"
-                    if not (run / "policy.safetensors").exists():
-                        train(replace(row.config, seed=seed), run, overwrite=True)
-                    found += _validations(run, algorithm, density, row.name, seed)
-                    print(run.name, found[-1], flush=True)
-    with CURVES.open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(found[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(found)
+    """Train the missing runs in sequence; write the validations after each, and the figure at the end."""
+    found = _read()
+    known = {_setting(row) for row in found}
+    for seed, algorithm, density in itertools.product(options.seeds, AGENT_STEPS, DENSITIES):
+        for row in rows(algorithm, density):
+            if (algorithm, str(density), row.name, str(seed)) not in known:
+                run = options.output / f"{algorithm}-{density}-{row.name.replace(' ', '-')}-{seed}"
+                train(replace(row.config, seed=seed), run, overwrite=True)
+                found += _validations(run, algorithm, density, row.name, seed)
+                _write(found)
     draw(found)
+
+
+def _read() -> list[dict[str, str]]:
+    """Return the validations of earlier runs."""
+    if not CURVES.exists():
+        return []
+    with CURVES.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def _write(validations: Sequence[Mapping[str, str]]) -> None:
+    """Write the validations, runs in the order of their settings and seeds."""
+    with CURVES.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(validations[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(sorted(validations, key=_setting))
+
+
+def _setting(row: Mapping[str, str]) -> tuple[str, str, str, str]:
+    """Return what determines a run."""
+    return row["algorithm"], row["density"], row["knows"], row["seed"]
 
 
 def _validations(run: Path, algorithm: str, density: float, name: str, seed: int) -> Iterator[dict[str, str]]:

@@ -1,0 +1,53 @@
+"""What information sharing is worth: runs whose validations are known are not repeated; the figure has all curves."""
+
+import csv
+
+import pytest
+
+pytest.importorskip("torchrl")
+
+from experiments import sharing
+
+
+@pytest.fixture
+def trained(tmp_path, monkeypatch):
+    """Two validations are written instead of trainings; the list of the runs that were trained."""
+    runs = []
+
+    def write_progress(config, run, overwrite):
+        assert overwrite
+        runs.append((run.name, config.seed))
+        run.mkdir(parents=True)
+        numbers = "\n".join(f"{steps},0.{config.seed}5,0.5,1.25" for steps in (30_000, 60_000))
+        (run / "progress.csv").write_text(f"agent_steps,validation_CSR,validation_ISR,validation_return\n{numbers}\n")
+
+    monkeypatch.setattr(sharing, "train", write_progress)
+    monkeypatch.setattr(sharing, "CURVES", tmp_path / "sharing.csv")
+    monkeypatch.setattr(sharing, "IMAGE", tmp_path / "sharing.png")
+    return runs
+
+
+def test_runs_whose_validations_are_known_are_not_repeated(tmp_path, trained):
+    sharing.main(sharing.Options(output=tmp_path, seeds=(0,)))
+    assert len(trained) == 8 * 2 * 2, "what agents know, algorithms, densities"
+    sharing.main(sharing.Options(output=tmp_path, seeds=(0, 1)))
+    assert [seed for _, seed in trained] == [0] * 32 + [1] * 32
+    with sharing.CURVES.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 64 * 2
+    assert [row["CSR"] for row in rows[:4]] == ["0.050", "0.050", "0.150", "0.150"]
+    assert sharing.IMAGE.stat().st_size > 10_000
+
+
+def test_policies_that_know_more_have_the_same_task_and_training():
+    for algorithm in sharing.AGENT_STEPS:
+        alone, *others = [row.config for row in sharing.rows(algorithm, 0.3)]
+        assert alone.task.env.num_neighbors == alone.model.communication == 0
+        for config in others:
+            assert config.task.mixture == alone.task.mixture
+            assert (config.optimization, config.ppo, config.imitation) == (
+                alone.optimization,
+                alone.ppo,
+                alone.imitation,
+            )
+            assert (config.task.env.num_neighbors > 0) != (config.model.communication > 0)
