@@ -54,7 +54,7 @@ class Options:
     """Random seeds."""
     agent_steps: int = AGENT_STEPS
     """Length of each training."""
-    weight: float = 1.0
+    weight: float = 0.1
     """Weight of the curiosity reward."""
 
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, NoReturn
 
+import numpy as np
 from tyro.conf import Positional
 
 from mapf_pz.commands.env_flags import EnvKeywords
+from mapf_pz.evaluation.solver import solver_of
 from mapf_pz.evaluation.tracker import known_cost
 from mapf_pz.instances import load_problem
 from mapf_pz.instances.instance import Instance, Scenario
@@ -32,22 +34,28 @@ class PlanningKeywords(EnvKeywords):
     )
 
 
+MAX_NAMED = 100
+"""Maximum number of agents that an error message names."""
 SOLVED = PlanningKeywords.of(EnvConfig(max_steps=1000, initial_heading="east"))
 """The default instance and limits."""
 
 
 @dataclass(frozen=True)
 class SolveOptions:
-    """Options of `mapf-pz solve`: the output file, a planner, and an instance."""
+    """Options of `mapf-pz solve`: the output file, a planner or a policy, and an instance."""
 
     output: Positional[Path]
     """Output file: `.json` (League of Robot Runners), `.csv` (MAPF tracker, cardinal agents), `.txt` (PIBT, LaCAM)."""
     planner: str = "pibt"
-    """Planner, optionally with options, such as `epibt:depth=5` or `lacam:anytime=False`."""
+    """Planner or policy, optionally with options, such as `epibt:depth=5`, `lacam:anytime=False` or
+    `oneshot+pibt:patience=8`. The plan of a policy is the steps that it takes."""
     env: PlanningKeywords = SOLVED
     """The instance, and limits of the plan. The reported costs are in steps, whatever the edge weights are."""
     time_limit: float = 10.0
     """Time limit in seconds."""
+    partial: bool = False
+    """Whether the steps of a policy or of a planner of single steps are also written if they end before all agents are
+    at their goals. The exit status is 1 then, too."""
     seed: int = 0
     """Random seed."""
     trace: Path | None = None
@@ -88,32 +96,46 @@ class ScheduleOptions:
 
 def solve(options: SolveOptions) -> None:
     """Solve an instance, validate and write the plan, and print its costs. The exit status is 1 if there is no plan."""
-    planner = planner_of(options.planner, options.seed)
+    solver = solver_of(options.planner, options.seed)
     env = options.env.config()
     check_format(options.output, env.action_model)
     instance = sample_instance(env, options.seed)
-    planner.compile(env.action_model)
-    start = time.perf_counter()
-    plan = planner.solve(instance, options.time_limit, env.max_steps, env.edge_weights, env.distance_bytes)
-    seconds = time.perf_counter() - start
-    if plan is None:
-        limits = f"{options.time_limit:g} seconds and {env.max_steps} steps"
-        raise RuntimeError(f"{options.planner} found no plan for {instance.num_agents} agents within {limits}")
-    bound = plan.sum_of_costs if planner.optimal else lower_bound(instance, env.distance_bytes)
-    scenario = _scenario_name(env)
-    _write(plan, instance, options.output, PlanMetadata(scenario, options.planner, seconds, bound))
+    plan = solver.solve(instance, options.time_limit, env.max_steps, env.edge_weights, env.distance_bytes, partial=True)
+    seconds = solver.trace.seconds
+    metadata = PlanMetadata(_scenario_name(env), options.planner, seconds)
+    if plan is None or plan.away(instance).any():
+        _report_unsolved(plan, instance, options, metadata)
+    bound = plan.sum_of_costs if solver.optimal else lower_bound(instance, env.distance_bytes)
+    _write(plan, instance, options.output, replace(metadata, lower_bound=bound))
     if options.trace is not None:
         options.trace.parent.mkdir(parents=True, exist_ok=True)
-        write_trace(planner.trace, options.trace)
+        write_trace(solver.trace, options.trace)
     ratio = plan.sum_of_costs / bound if bound else 1.0
     print(
         f"{options.output}: {plan.num_agents} agents, sum of costs {plan.sum_of_costs}, makespan {plan.makespan}, "
         f"{ratio:.3f} times the lower bound {bound}, {seconds:.3g} seconds"
     )
-    known = known_cost(scenario, plan.num_agents)
+    known = known_cost(metadata.scenario_name, plan.num_agents)
     if env.action_model == "cardinal" and known.best:
         ratio = plan.sum_of_costs / known.best
         print(f"MAPF tracker: {ratio:.3f} times the best known cost {known.best}, lower bound {known.lower}")
+
+
+def _report_unsolved(plan: Plan | None, instance: Instance, options: SolveOptions, metadata: PlanMetadata) -> NoReturn:
+    """Raise `RuntimeError` with the agents that are not at their goals; with `partial`, write the steps before."""
+    limits = f"{options.time_limit:g} seconds and {options.env.config().max_steps} steps"
+    if plan is None:
+        raise RuntimeError(f"{options.planner} found no plan for {instance.num_agents} agents within {limits}")
+    away = np.flatnonzero(plan.away(instance)).tolist()
+    written = "not written without --partial"
+    if options.partial:
+        _write(plan, instance, options.output, metadata)
+        written = f"written to {options.output}"
+    named = ", ".join(map(str, away[:MAX_NAMED])) + (", ..." if len(away) > MAX_NAMED else "")
+    raise RuntimeError(
+        f"{options.planner}: {len(away)} of {plan.num_agents} agents are not at their goals after {plan.num_steps} "
+        f"steps: {named} (limits: {limits}; {written})"
+    )
 
 
 def schedule(options: ScheduleOptions) -> None:
@@ -137,9 +159,12 @@ def schedule(options: ScheduleOptions) -> None:
 
 
 def _write(plan: Plan, instance: Instance, output: Path | None, metadata: PlanMetadata) -> None:
-    """Validate a plan, and write it if there is an output; raises `RuntimeError` if it is illegal."""
+    """Validate a plan, whose agents need not be at their goals, and write it if there is an output.
+
+    Raises `RuntimeError` if it is illegal.
+    """
     violation = validate(instance, plan)
-    if violation is not None:
+    if violation is not None and violation.kind != "goal":
         raise RuntimeError(f"{metadata.solver} returned an illegal plan: {violation}")
     if output is not None:
         output.parent.mkdir(parents=True, exist_ok=True)

@@ -156,7 +156,7 @@ def run_episodes(
             yield from (of_all[number] for number in numbers)
         else:
             if not isinstance(policy, PlannedPolicy):  # which runs another program
-                _compile(env, policy, task.seed + numbers[0])
+                compile_policy(env, policy, task.seed + numbers[0])
             for number in numbers:
                 metrics = _metrics(env, policy, task, number)
                 if isinstance(policy, PlannedPolicy) and policy.note:
@@ -179,7 +179,7 @@ def _batch(env: AnyEnv, policy: Policy | BatchPolicy, task: EvaluationTask, epis
     return None if in_batch is None else EpisodeBatch(simulator, in_batch, task)
 
 
-def _compile(env: AnyEnv, policy: Policy, seed: int) -> None:
+def compile_policy(env: AnyEnv, policy: Policy, seed: int) -> None:
     """Call the policy once, so that compilation and loading are not measured."""
     observations, infos = env.reset(seed=seed)
     policy.reset_states()

@@ -96,6 +96,7 @@ class Planner(ABC):
         max_steps: int = 1000,
         edge_weights: EdgeWeights = "uniform",
         distance_bytes: int | None = None,
+        partial: bool = False,
     ) -> Plan | None:
         """Return a plan that brings all agents to their goals, or None if none was found.
 
@@ -106,19 +107,22 @@ class Planner(ABC):
             max_steps: maximum number of steps of the plan.
             edge_weights: the guidance graph, as in `EnvConfig`.
             distance_bytes: maximum memory for cost-to-go tables, as in `EnvConfig`.
+            partial: whether a planner of single steps returns its steps up to the limits if some agents are not at
+                their goals then; planners of whole paths return None.
         """
         self.compile(action_model_of(instance))
         deadline = Deadline(time_limit, self.clock)
         self.reset_states()
         self.trace = Trace(self.clock)
         plan = self._solve(simulator_of(instance, max_steps, edge_weights, self._seed, distance_bytes), deadline)
-        if plan is not None:
+        finished = plan is not None and not plan.away(instance).any()
+        if plan is not None and finished:
             self.trace.add(plan.sum_of_costs)
-        return plan
+        return plan if finished or partial else None
 
     @abstractmethod
     def _solve(self, simulator: Simulator, deadline: Deadline) -> Plan | None:
-        """Return a plan of the episode, or None if none was found in time."""
+        """Return a plan of the episode, or None if none was found in time; a planner of single steps, its steps."""
 
 
 class StepPlanner(Planner):
@@ -202,6 +206,27 @@ class PlanFollower(Planner):
         return Plan(simulator.coordinates(path.cells), path.headings)
 
 
+class Steps:
+    """The steps of an environment's episode, recorded as a plan."""
+
+    def __init__(self, simulator: Simulator, b: int = 0) -> None:
+        """Start with the current state of environment `b`."""
+        self._simulator, self._b = simulator, b
+        self._positions: list[Ints] = []
+        self._headings: list[Ints] = []
+        self.add()
+
+    def add(self) -> None:
+        """Add the state after a step."""
+        self._positions.append(self._simulator.positions(self._b))
+        self._headings.append(self._simulator.agents[self._b]["heading"].copy())
+
+    def plan(self) -> Plan:
+        """Return the steps as a plan."""
+        cardinal = self._simulator.config.action_model == "cardinal"
+        return Plan(np.stack(self._positions), None if cardinal else np.stack(self._headings))
+
+
 def action_model_of(instance: Instance) -> ActionModel:
     """Return the action model of the instance: `rotate` if it has headings, else `cardinal`."""
     return "cardinal" if instance.headings is None else "rotate"
@@ -241,18 +266,10 @@ def _simulator_of_corridors(action_model: ActionModel) -> Simulator:
     return simulator_of(Instance(grid, scenario, headings), max_steps=10, edge_weights="crisscross", seed=0)
 
 
-def _run_episode(simulator: Simulator, decide: Callable[[Simulator], Ints], deadline: Deadline) -> Plan | None:
-    """Run the current episode. Return it as a plan if all agents reach their goals, else None.
-
-    It stops when the episode is truncated, or at the deadline.
-    """
-    agents = simulator.agents[0]
-    cells, headings = [simulator.positions(0)], [agents["heading"].copy()]
-    while not agents["at_goal"].all():
-        if agents["truncated"].any() or deadline.has_passed:
-            return None
+def _run_episode(simulator: Simulator, decide: Callable[[Simulator], Ints], deadline: Deadline) -> Plan:
+    """Run the episode until all agents are at their goals, it ends or the deadline passes; return its steps."""
+    agents, steps = simulator.agents[0], Steps(simulator)
+    while not (agents["at_goal"].all() or agents["truncated"].any() or deadline.has_passed):
         simulator.step(decide(simulator)[None])
-        cells.append(simulator.positions(0))
-        headings.append(agents["heading"].copy())
-    cardinal = simulator.config.action_model == "cardinal"
-    return Plan(np.stack(cells), None if cardinal else np.stack(headings))
+        steps.add()
+    return steps.plan()

@@ -32,7 +32,12 @@ class Trace:
     def add(self, sum_of_costs: int) -> None:
         """Add a solution that was found now, unless it is not better than the last one."""
         if not self.solutions or sum_of_costs < self.solutions[-1].sum_of_costs:
-            self.solutions.append(Solution(self._clock() - self._start, sum_of_costs))
+            self.solutions.append(Solution(self.seconds, sum_of_costs))
+
+    @property
+    def seconds(self) -> float:
+        """Seconds since the start."""
+        return self._clock() - self._start
 
 
 def write_trace(trace: Trace, path: str | Path) -> None:

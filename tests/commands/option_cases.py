@@ -150,6 +150,7 @@ CASES = {
             "--edge-weights": "--edge-weights crisscross",
             "--distance-bytes": "!--distance-bytes 1",
             "--time-limit": "!--time-limit 0",
+            "--partial": "!--max-steps 2 --partial",
             "--seed": "--seed 5",
             "--trace": "--trace trace.csv",
         },

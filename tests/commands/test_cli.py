@@ -350,6 +350,33 @@ def test_render_several_policies_side_by_side(capsys, tmp_path):
     assert "<title>pibt and random: empty-8-8, 3 agents</title>" in file.read_text()
 
 
+def test_solve_with_a_trained_policy(capsys, tmp_path):
+    pytest.importorskip("torchrl")
+    plan, words = tmp_path / "plan.txt", ("--map", "random-16-16-20", "--scenario", "random-1", "--num-agents", 10)
+    words = (*words, "--planner", "mappo+pibt:temperature=0")
+    status, out, err = run(capsys, "solve", plan, *words, "--initial-heading", "north")
+    assert (status, err) == (0, [])
+    assert re.search(r"10 agents, sum of costs \d+, makespan \d+, ", out[0])
+    assert run(capsys, "validate", plan, "--map", "random-16-16-20")[0] == 0
+
+
+@pytest.mark.parametrize("planner", ["pibt", "epibt", "random"])
+def test_an_unfinished_plan_is_reported_and_written_only_if_wanted(capsys, tmp_path, planner):
+    grid, plan = tmp_path / "a.map", tmp_path / "plan.txt"
+    grid.write_text("type octile\nheight 1\nwidth 5\nmap\n.....\n")
+    scenario = tmp_path / "a.scen"
+    scenario.write_text("version 1\n0\ta.map\t5\t1\t0\t0\t4\t0\t4\n")
+    words = ("solve", plan, "--map", grid, "--scenario", scenario, "--planner", planner, "--max-steps", 2)
+    limits = "limits: 10 seconds and 2 steps"
+    status, out, err = run(capsys, *words)
+    message = f"mapf-pz solve: {planner}: 1 of 1 agents are not at their goals after 2 steps: 0 ({limits}; "
+    assert (status, out, err) == (1, [], [f"{message}not written without --partial)"])
+    assert not plan.exists()
+    assert run(capsys, *words, "--partial") == (1, [], [f"{message}written to {plan})"])
+    status, out, _ = run(capsys, "validate", plan, "--map", grid)
+    assert (status, "not the agent's goal" in out[-1]) == (1, True)
+
+
 def test_render_a_plan(capsys, tmp_path):
     plan, file = tmp_path / "plan.json", tmp_path / "a.html"
     assert run(capsys, "solve", plan, "--num-agents", 3)[0] == 0

@@ -64,6 +64,10 @@ class Plan:
         """The latest arrival; 0 without agents."""
         return int(self.arrivals.max(initial=0))
 
+    def away(self, instance: Instance) -> Bools:
+        """Return which agents (N,) are not at their goals at the end. The instance has one goal for each agent."""
+        return (self.positions[-1] != instance.scenario.goals).any(axis=1)
+
 
 @dataclass(frozen=True)
 class Violation:
@@ -200,10 +204,9 @@ def _edges(instance: Instance, plan: Plan) -> Iterator[Violation]:
 
 
 def _goals(instance: Instance, plan: Plan) -> Iterator[Violation]:
-    goals = instance.scenario.goals
-    if goals.ndim == 3:
+    if instance.scenario.goals.ndim == 3:
         return iter(())
-    return _marked("goal", plan, (plan.positions[-1] != goals).any(axis=1)[None], first_step=plan.num_steps)
+    return _marked("goal", plan, plan.away(instance)[None], first_step=plan.num_steps)
 
 
 _CHECKS: tuple[Callable[[Instance, Plan], Iterator[Violation]], ...] = (

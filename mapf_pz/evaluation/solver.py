@@ -1,0 +1,96 @@
+"""Solvers of instances by name: planners, and policies, whose steps in an episode are the plan."""
+
+from __future__ import annotations
+
+import time
+from typing import ClassVar
+
+from mapf_pz.evaluation.episodes import AnyEnv, Policy, actions_of, changed_keywords, compile_policy, simulator_of
+from mapf_pz.evaluation.policies import policy_factory
+from mapf_pz.guidance.library import EdgeWeights
+from mapf_pz.instances.instance import Instance
+from mapf_pz.instances.sources import InstanceList
+from mapf_pz.planners import PLANNERS, Plan, Planner, Trace, planner_of
+from mapf_pz.planners.base import Steps, action_model_of
+from mapf_pz.planners.deadline import Deadline
+from mapf_pz.simulator.config import EnvConfig
+
+
+def solver_of(name: str, seed: int = 0, trust_remote_code: bool = False) -> Planner | PolicySolver:
+    """Return a planner or a policy by its name, as in `policy_factory`, that solves instances.
+
+    Args:
+        name: a planner or a policy, with options, such as `lacam:anytime=False` or `oneshot+pibt:patience=8`.
+        seed: random seed.
+        trust_remote_code: whether the configuration of a trained policy may name code outside this package.
+
+    Raises:
+        ValueError: the name or an option of it is unknown, or the value of an option is invalid.
+    """
+    if name.partition(":")[0] in PLANNERS:
+        return planner_of(name, seed)
+    return PolicySolver(name, seed, trust_remote_code)
+
+
+class PolicySolver:
+    """Solves instances with a policy as `Planner.solve` does. It stops as soon as all agents are at their goals."""
+
+    optimal: ClassVar[bool] = False
+    """Whether plans have the lowest possible sum of costs."""
+
+    def __init__(self, name: str, seed: int = 0, trust_remote_code: bool = False) -> None:
+        """Create the solver; takes the arguments of `solver_of` and raises the same errors."""
+        self._seed = seed
+        self._factory = policy_factory(name, seed, trust_remote_code=trust_remote_code)
+        self.trace = Trace(time.perf_counter)
+        """The solution of the latest call of `solve`."""
+
+    def solve(
+        self,
+        instance: Instance,
+        time_limit: float = 10.0,
+        max_steps: int = 1000,
+        edge_weights: EdgeWeights = "uniform",
+        distance_bytes: int | None = None,
+        partial: bool = False,
+    ) -> Plan | None:
+        """Return the policy's steps if they bring all agents to their goals, otherwise None.
+
+        Args:
+            instance: an instance with one goal for each agent; with headings for rotating agents, without headings for
+                cardinal agents.
+            time_limit: time limit in seconds, which excludes the compilation of kernels.
+            max_steps: maximum number of steps.
+            edge_weights: the guidance graph, as in `EnvConfig`. Default: that of the policy's training.
+            distance_bytes: maximum memory for cost-to-go tables, as in `EnvConfig`.
+            partial: whether to return the steps up to the limits if some agents are not at their goals then.
+
+        Raises:
+            ValueError: the policy needs another action model or another number of agents.
+        """
+        config = EnvConfig(
+            source=InstanceList([instance]),
+            max_steps=max_steps,
+            edge_weights=edge_weights,
+            distance_bytes=distance_bytes,
+        )
+        keywords = changed_keywords(config) | {"action_model": action_model_of(instance), "on_target": "nothing"}
+        env, policy = self._factory(keywords)
+        compile_policy(env, policy, self._seed)
+        self.trace = Trace(time.perf_counter)
+        plan = _run_episode(env, policy, self._seed, Deadline(time_limit, time.perf_counter))
+        if plan.away(instance).any():
+            return plan if partial else None
+        self.trace.add(plan.sum_of_costs)
+        return plan
+
+
+def _run_episode(env: AnyEnv, policy: Policy, seed: int, deadline: Deadline) -> Plan:
+    """Run an episode until it ends or the deadline passes, and return its steps."""
+    observations, infos = env.reset(seed=seed)
+    policy.reset_states()
+    steps = Steps(simulator_of(env))
+    while env.agents and not deadline.has_passed:
+        observations, _, _, _, infos = env.step(actions_of(policy, observations, infos))
+        steps.add()
+    return steps.plan()
