@@ -47,7 +47,7 @@ COMMANDS: dict[str, Command] = {
         "mapf_pz.commands.solve:schedule", "run a League of Robot Runners problem, tasks assigned by a scheduler"
     ),
     "serve": Command("mapf_pz.commands.serve:serve", "act in POGEMA's environment, from a separate Python"),
-    "solve": Command("mapf_pz.commands.solve:solve", "solve an instance with a planner, and write the plan"),
+    "solve": Command("mapf_pz.commands.solve:solve", "solve an instance with a planner or policy, and write the plan"),
     "train": Command("mapf_pz.commands.train:train", "train a policy, and evaluate it"),
     "validate": Command("mapf_pz.commands.validate:validate_plan", "validate a plan file, and compute its costs"),
 }

@@ -9,6 +9,7 @@ from mapf_pz.evaluation.evaluate_policies import evaluate
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.evaluation.reports.formats import markdown_table, terminal_table
 from mapf_pz.evaluation.results import Episode
+from mapf_pz.evaluation.solver import PolicySolver, solver_of
 from mapf_pz.evaluation.suite import load_suite, suite_names
 from mapf_pz.evaluation.task import EvaluationTask
 
@@ -18,6 +19,7 @@ __all__ = [
     "EvaluationTask",
     "Policy",
     "PolicyInBatch",
+    "PolicySolver",
     "Rollout",
     "evaluate",
     "load_suite",
@@ -25,6 +27,7 @@ __all__ = [
     "markdown_table",
     "policy_factory",
     "rollout",
+    "solver_of",
     "suite_names",
     "terminal_table",
 ]

@@ -352,9 +352,9 @@ def test_render_several_policies_side_by_side(capsys, tmp_path):
 
 def test_solve_with_a_trained_policy(capsys, tmp_path):
     pytest.importorskip("torchrl")
-    plan, words = tmp_path / "plan.txt", ("--map", "random-16-16-20", "--scenario", "random-1", "--num-agents", 10)
+    plan, words = tmp_path / "plan.txt", ("--map", "random-16-16-20", "--num-agents", 10)
     words = (*words, "--planner", "mappo+pibt:temperature=0")
-    status, out, err = run(capsys, "solve", plan, *words, "--initial-heading", "north")
+    status, out, err = run(capsys, "solve", plan, *words)
     assert (status, err) == (0, [])
     assert re.search(r"10 agents, sum of costs \d+, makespan \d+, ", out[0])
     assert run(capsys, "validate", plan, "--map", "random-16-16-20")[0] == 0
@@ -373,8 +373,8 @@ def test_an_unfinished_plan_is_reported_and_written_only_if_wanted(capsys, tmp_p
     assert (status, out, err) == (1, [], [f"{message}not written without --partial)"])
     assert not plan.exists()
     assert run(capsys, *words, "--partial") == (1, [], [f"{message}written to {plan})"])
-    status, out, _ = run(capsys, "validate", plan, "--map", grid)
-    assert (status, "not the agent's goal" in out[-1]) == (1, True)
+    status, _, err = run(capsys, "validate", plan, "--map", grid, "--scenario", scenario)
+    assert (status, "not the agent's goal" in err[-1]) == (1, True)
 
 
 def test_render_a_plan(capsys, tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mapf_pz import EnvConfig, Instance, Scenario
-from mapf_pz.evaluation.solver import solver_of
+from mapf_pz.evaluation import solver_of
 from mapf_pz.instances.library import load_map
 from mapf_pz.planners import validate
 from mapf_pz.simulator.source import sample_instance
