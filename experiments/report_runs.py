@@ -112,11 +112,11 @@ def collect(output: Path = Path("runs/report-runs")) -> None:
     write()
 
 
-def _complete(rows: Rows, steps: int) -> dict[tuple[str, str], list[Mapping[str, str]]]:
+def _complete(rows: Rows, steps: int) -> dict[tuple[str, str], list[dict[str, str]]]:
     """Return the evaluations of each setting and seed that was trained for `steps` environment steps or more."""
-    runs: dict[tuple[str, str], list[Mapping[str, str]]] = {}
+    runs: dict[tuple[str, str], list[dict[str, str]]] = {}
     for row in rows:
-        runs.setdefault((row["setting"], row["seed"]), []).append(row)
+        runs.setdefault((row["setting"], row["seed"]), []).append(dict(row))
     return {run: curve for run, curve in runs.items() if float(curve[-1]["env_steps"]) >= steps}
 
 
