@@ -92,7 +92,12 @@ def main(options: Options) -> None:
                 rows.append({"curiosity": kind, "seed": str(seed)} | _measures(run))
                 _write(rows)
                 print(rows[-1], flush=True)
-    write_table("curiosity", table(rows))
+    write()
+
+
+def write() -> None:
+    """Write the table."""
+    write_table("curiosity", table(_read()))
 
 
 def _measures(run: Path) -> dict[str, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from mapf_pz._internal.digest import digest
@@ -55,10 +56,7 @@ TABLES = (
     ResultTable("pogema-puzzles-lifelong", (*LIFELONG, "lacam:anytime=False")),
     ResultTable(
         "report",
-        (
-            *("pibt", "epibt", "prioritized", "lacam", "mappo", "mappo+pibt", *TURNING),
-            *("central", "central+pibt:patience=8"),
-        ),
+        ("pibt", "lacam", "mappo+pibt", "oneshot+pibt:patience=8", "central", "central+pibt:patience=8"),
     ),
     ResultTable(
         "lorr-2023-example",
@@ -150,13 +148,13 @@ def leaderboard(results: Results, metrics: Sequence[str]) -> list[list[str]]:
     return [["method", "source", *names, "mean", "identity"], *body]
 
 
-def by_task(results: Results, metrics: Sequence[str]) -> list[list[str]]:
-    """Return a table with a row for each task and a column for each policy."""
+def by_task(results: Results, metrics: Sequence[str], intervals: bool = False) -> list[list[str]]:
+    """Return a table with a row for each task and a column for each policy, with 95 % intervals if they are wanted."""
     policies = list(dict.fromkeys(row["policy"] for row in results["rows"]))
     cells: dict[str, dict[str, str]] = {}
     for row in results["rows"]:
         task = f"{row['task']}, {row['num_agents']} agents"
-        cells.setdefault(task, {})[row["policy"]] = _cell(row, metrics)
+        cells.setdefault(task, {})[row["policy"]] = _cell(row, metrics, intervals=intervals)
     body = [[task, *(found.get(policy, "") for policy in policies)] for task, found in cells.items()]
     return [["", *(f"`{policy}`" for policy in policies)], *body]
 
@@ -183,6 +181,7 @@ def source(results: Results, _: Sequence[str]) -> list[str]:
 LAYOUTS: dict[str, Callable[[Results, Sequence[str]], list[list[str]]]] = {
     "agents": by_agents,
     "tasks": by_task,
+    "task_intervals": partial(by_task, intervals=True),
     "policies": by_policy,
     "leaderboard": leaderboard,
     "paired": paired,

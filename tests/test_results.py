@@ -46,6 +46,12 @@ TRIALS = """
 | maze, 8 agents | 0.988, 10000 |  |
 | maze, 16 agents | 1 | 0.5 |
 """
+INTERVALS = """
+|  | `pibt` | `mappo` |
+| --- | --- | --- |
+| maze, 8 agents | 0.988 |  |
+| maze, 16 agents | 1 (0.8 to 1) | 0.5 |
+"""
 POLICIES = """
 |  | maze, 8 agents | maze, 16 agents |
 | --- | --- | --- |
@@ -80,6 +86,7 @@ PAIRED = """
     [
         ("agents", ["CSR"], AGENTS),
         ("tasks", ["CSR", "SoC"], TRIALS),
+        ("task_intervals", ["CSR"], INTERVALS),
         ("policies", ["CSR"], POLICIES),
         ("leaderboard", ["CSR"], LEADERBOARD),
         ("source", [], SOURCE),
