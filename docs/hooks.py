@@ -24,7 +24,7 @@ from mapf_pz.render.html import viewer_page
 LINK = re.compile(r"(?<!!)\[([^]]*)]\((\.\./[^)\s]*)\)")
 COMMAND_REFERENCE = "<!-- command reference -->"
 SAME_OPTIONS = {
-    *("mappo", "ippo", "mappo-cardinal", "central-ppo", "central-ppo-8", "report"),
+    *("mappo", "ippo", "mappo-cardinal", "central-ppo", "central-ppo-8", "central-warehouse", "report"),
     *("lifelong", "lifelong-cardinal", "oneshot", "oneshot-cardinal"),
 }
 """Presets of `mapf-pz train` with the same options as `quickstart`, which are not listed again."""

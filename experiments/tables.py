@@ -56,7 +56,14 @@ TABLES = (
     ResultTable("pogema-puzzles-lifelong", (*LIFELONG, "lacam:anytime=False")),
     ResultTable(
         "report",
-        ("pibt", "lacam", "mappo+pibt", "oneshot+pibt:patience=8", "central", "central+pibt:patience=8"),
+        (
+            "pibt",
+            "lacam",
+            "mappo+pibt",
+            "oneshot+pibt:patience=8",
+            "central-warehouse",
+            "central-warehouse+pibt:patience=8",
+        ),
     ),
     ResultTable(
         "lorr-2023-example",

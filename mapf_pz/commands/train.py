@@ -28,7 +28,13 @@ from mapf_pz.rl.config_file import CONFIG, load_config
 from mapf_pz.rl.presets import PRESETS, SUMMARIES
 
 EPISODE_FILE = "episode.gif"
-SUITES = {"quickstart": "quickstart", "central-ppo": "central-4", "central-ppo-8": "central-8", "report": "report-10"}
+SUITES = {
+    "quickstart": "quickstart",
+    "central-ppo": "central-4",
+    "central-ppo-8": "central-8",
+    "central-warehouse": "report-10",
+    "report": "report-10",
+}
 """The suites that presets are evaluated on afterwards; the others on `standard`."""
 SHOWN = ("CSR", "ISR", "throughput", "return")
 """Means of training episodes that are shown as progress."""

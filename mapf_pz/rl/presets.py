@@ -207,6 +207,36 @@ _ONESHOT = replace(
     validation_interval=1_000_000,
 )
 
+# Imitation of LaCAM by one policy for all agents, without the safety layer, in crowded warehouses with aisles of one
+# cell. The costs of `crisscross` make them one-way. The run continues from another: see `policies/README.md`.
+_CENTRAL_WAREHOUSE = replace(
+    _ONESHOT,
+    task=replace(
+        _ONESHOT.task,
+        env=replace(
+            _ONESHOT.task.env,
+            num_agents=64,
+            features=(*_ONESHOT.task.env.features, "pose"),
+            edge_weights="crisscross",
+        ),
+        mixture=replace(
+            _ONESHOT.task.mixture,
+            maps=("warehouse", "warehouse", "warehouse", "random"),
+            height=(20, 34),
+            width=(26, 46),
+            shelf_length=(5, 10),
+            density=(0.1, 0.25),
+        ),
+        shield=False,
+    ),
+    model=replace(_ONESHOT.model, communication=2),
+    optimization=replace(_ONESHOT.optimization, num_envs=16, minibatch_size=12, learning_rate=1e-3),
+    agent_steps=1_500_000,
+    validation_interval=750_000,
+    validation_episodes=16,
+    precision="float32",
+)
+
 PRESETS: dict[str, TrainConfig] = {
     "quickstart": _QUICKSTART,
     "mappo": _CROWD,
@@ -225,6 +255,7 @@ PRESETS: dict[str, TrainConfig] = {
         agent_steps=8_000_000,
     ),
     "central": _CENTRAL_TEAM,
+    "central-warehouse": _CENTRAL_WAREHOUSE,
     "report": _REPORT,
     "report-published": _REPORT_PUBLISHED,
     "lifelong": _LIFELONG,
@@ -242,6 +273,7 @@ SUMMARIES = {
     "central-ppo": "The report's centralized policy, 4 agents, with observations and rewards that it learns from.",
     "central-ppo-8": "The same with 8 agents and larger networks.",
     "central": "A centralized policy with communication, for any number of agents.",
+    "central-warehouse": "The same for crowded warehouses: imitation of LaCAM with the costs of a guidance graph.",
     "report": "The report's experiment: its map, observations, rewards and networks.",
     "report-published": "The problem and the settings of the runs that the report's authors published.",
     "lifelong": "Imitation of windowed planning in lifelong episodes, agents that turn.",

@@ -16,7 +16,7 @@ from tests.evaluation.test_episodes import Right
 ROOM = {"map": "empty-8-8", "num_agents": 2, "max_steps": 12}
 CARDINAL = ROOM | {"action_model": "cardinal"}
 TRAINED = [
-    *("central", "central-ppo", "ippo", "lifelong", "lifelong-cardinal"),
+    *("central", "central-ppo", "central-warehouse", "ippo", "lifelong", "lifelong-cardinal"),
     *("mappo", "mappo-cardinal", "oneshot", "oneshot-cardinal"),
 ]
 

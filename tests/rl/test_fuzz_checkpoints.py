@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from safetensors.torch import load_file, save_file
@@ -113,12 +114,14 @@ LIES = {
 }
 
 
-def test_the_weights_file_stands_for_its_folder_and_has_numbers_of_32_bits(trained, tmp_path):
+def test_the_weights_file_stands_for_its_folder_and_has_numbers_of_16_or_32_bits(trained, tmp_path):
     Case(trained[0], load_policy).written(tmp_path)()
     assert load_policy(tmp_path / WEIGHTS).config == TINY
-    weights = {name: weight.double() for name, weight in load_file(tmp_path / WEIGHTS).items()}
-    save_file(weights, tmp_path / WEIGHTS)
-    refused(partial(load_policy, tmp_path), "expected numbers of 32 bits")
+    weights = load_file(tmp_path / WEIGHTS)
+    save_file({name: weight.half() for name, weight in weights.items()}, tmp_path / WEIGHTS)
+    assert all(weight.dtype == torch.float32 for weight in load_policy(tmp_path).network.parameters())
+    save_file({name: weight.double() for name, weight in weights.items()}, tmp_path / WEIGHTS)
+    refused(partial(load_policy, tmp_path), "expected numbers of 16 or 32 bits")
 
 
 @pytest.mark.parametrize("lie", LIES.values(), ids=list(LIES))

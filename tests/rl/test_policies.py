@@ -20,6 +20,7 @@ def test_the_policies_that_come_with_the_package():
     assert NAMES == [
         "central",
         "central-ppo",
+        "central-warehouse",
         "ippo",
         "lifelong",
         "lifelong-cardinal",
@@ -74,7 +75,8 @@ def test_evaluate_by_name(capsys):
 
 def test_unknown_policies_list_the_known_ones():
     with pytest.raises(
-        FileNotFoundError, match="expected the folder of a training run, or one of central, central-ppo, ippo"
+        FileNotFoundError,
+        match="expected the folder of a training run, or one of central, central-ppo, central-warehouse, ippo",
     ):
         load_policy("mapo")
 

@@ -287,18 +287,18 @@ def _folder(policy: str | Path) -> Path:
 
 
 def _network(config: TrainConfig, weights: dict[str, Tensor]) -> nn.Module:
-    """Return the network with these weights; whatever the configuration, it takes no more memory than the weights."""
+    """Return the network with these weights of 16 or 32 bits; whatever the configuration, each takes 32 bits."""
     model = config.model
     encoder_layers = len(model.conv_channels) * (model.num_blocks if model.encoder == "residual" else 1)
     encoder_layers = 0 if ":" in model.encoder else encoder_layers  # unknown for a user's encoder
     num_layers = encoder_layers + model.communication + len(model.head)
     if num_layers > len(weights):
         raise ValueError(f"expected those of {num_layers} layers, got {len(weights)} tensors")
-    if any(weight.dtype != torch.float32 for weight in weights.values()):
-        raise ValueError("expected numbers of 32 bits")
+    if any(weight.dtype not in (torch.float16, torch.float32) for weight in weights.values()):
+        raise ValueError("expected numbers of 16 or 32 bits")
     with torch.device("meta"):
         network = algorithm_of(config.algorithm).make_network(config)
-    network.load_state_dict(weights, assign=True)
+    network.load_state_dict({name: weight.float() for name, weight in weights.items()}, assign=True)
     return network
 
 
