@@ -2,10 +2,10 @@
 
 import pytest
 
-from experiments import edge_weights, report_page, report_runs
+from experiments import curiosity, edge_weights, report_page, report_runs
 
 
-@pytest.mark.parametrize("experiment", [edge_weights, report_runs])
+@pytest.mark.parametrize("experiment", [curiosity, edge_weights, report_runs])
 def test_the_table_of_the_page_is_that_of_the_results(tmp_path, monkeypatch, experiment):
     text, page = report_page.PAGE.read_text(), tmp_path / "report.md"
     page.write_text(text)
