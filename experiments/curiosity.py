@@ -8,7 +8,6 @@ kind of it, with three seeds. `docs/results/curiosity.csv` gets the results, who
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +17,7 @@ import numpy as np
 import tyro
 
 from experiments.report import read_progress
-from experiments.report_page import spread, write_table
+from experiments.report_page import read_rows, spread, write_rows, write_table
 from mapf_pz.instances.instance import Scenario
 from mapf_pz.rl.config import CuriosityConfig, CuriosityName, TrainConfig
 from mapf_pz.rl.presets import PRESETS
@@ -82,7 +81,7 @@ def config(kind: CuriosityName) -> TrainConfig:
 
 def main(options: Options) -> None:
     """Train the missing runs in sequence, write the results after each, and the table at the end."""
-    rows = _read()
+    rows = read_rows(RESULTS)
     known = {(row["curiosity"], row["seed"]) for row in rows}
     for seed in options.seeds:
         for kind in get_args(CuriosityName):
@@ -90,14 +89,14 @@ def main(options: Options) -> None:
                 run = options.output / f"{kind}-{seed}"
                 train(replace(config(kind), seed=seed, agent_steps=options.agent_steps), run, overwrite=True)
                 rows.append({"curiosity": kind, "seed": str(seed)} | _measures(run))
-                _write(rows)
+                write_rows(RESULTS, rows, COLUMNS)
                 print(rows[-1], flush=True)
     write()
 
 
 def write() -> None:
     """Write the table."""
-    write_table("curiosity", table(_read()))
+    write_table("curiosity", table(read_rows(RESULTS)))
 
 
 def _measures(run: Path) -> dict[str, str]:
@@ -107,21 +106,6 @@ def _measures(run: Path) -> dict[str, str]:
     solved = np.flatnonzero(rates >= SOLVED)
     steps = f"{progress[solved[0]]['agent_steps']:.0f}" if len(solved) else ""
     return {"solved": steps, "ISR": f"{np.nanmean(rates[-len(rates) // 10 :]):.3f}"}
-
-
-def _read() -> list[dict[str, str]]:
-    """Return the results of earlier runs."""
-    if not RESULTS.exists():
-        return []
-    with RESULTS.open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
-def _write(rows: Sequence[Mapping[str, str]]) -> None:
-    with RESULTS.open("w", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 def table(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:

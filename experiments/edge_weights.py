@@ -7,7 +7,6 @@ episode, with three seeds, and are evaluated under graphs that none of them has 
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 import tyro
 
 from experiments.report import read_progress
-from experiments.report_page import spread, write_table
+from experiments.report_page import read_rows, spread, write_rows, write_table
 from mapf_pz.evaluation.episodes import rollout, simulator_of
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.rl.config import TaskConfig, TrainConfig
@@ -86,10 +85,7 @@ def main(options: Options) -> None:
             measures = _measures(config(setting).task, f"{run}+pibt:temperature=0", options.episodes)
             rows.append({"setting": setting, "seed": str(seed), "agreement": _agreement(run)} | measures)
             print(rows[-1], flush=True)
-    with RESULTS.open("w", newline="") as file:
-        writer = csv.DictWriter(file, ["setting", "seed", *METRICS], restval="", lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+    write_rows(RESULTS, rows, ["setting", "seed", *METRICS])
     write()
 
 
@@ -137,9 +133,7 @@ class Costs:
 
 def write() -> None:
     """Write the table: means over seeds, with minimum and maximum."""
-    with RESULTS.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    write_table("edge weights", table(rows))
+    write_table("edge weights", table(read_rows(RESULTS)))
 
 
 def table(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:

@@ -1,14 +1,31 @@
-"""The page on the report: its generated tables, each between `<!-- NAME -->` and `<!-- end of NAME -->`."""
+"""The page on the report: files of results, and tables, each between `<!-- NAME -->` and `<!-- end of NAME -->`."""
 
 from __future__ import annotations
 
+import csv
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 PAGE = Path(__file__).parents[1] / "docs" / "explanation" / "report.md"
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a CSV file by column; none if it does not exist."""
+    if not path.exists():
+        return []
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def write_rows(path: Path, rows: Sequence[Mapping[str, str]], columns: Sequence[str] | None = None) -> None:
+    """Write rows to a CSV file; cells without a value are empty. Default of `columns`: those of the first row."""
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, columns or list(rows[0]), restval="", lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
 
 
 def write_table(name: str, lines: Iterable[str], page: Path = PAGE) -> None:

@@ -7,7 +7,6 @@ makes the table in `docs/explanation/report.md` and the figure, with the curves 
 
 from __future__ import annotations
 
-import csv
 import itertools
 import subprocess
 import sys
@@ -20,7 +19,7 @@ import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.report_page import spread, write_table
+from experiments.report_page import read_rows, spread, write_rows, write_table
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "examples" / "report_published.py"
@@ -81,7 +80,7 @@ def run(
             subprocess.run(command, check=True, stdout=told, stderr=subprocess.STDOUT)
         print(f"{name}, seed {seed}: done", flush=True)
 
-    known = _complete(_read(CURVES), steps)
+    known = _complete(read_rows(CURVES), steps)
     missing = [(name, seed) for name in settings for seed in seeds if (name, str(seed)) not in known]
     with ThreadPoolExecutor(jobs) as pool:
         for done in [pool.submit(train, name, seed) for name, seed in missing]:
@@ -99,16 +98,12 @@ def collect(output: Path = Path("runs/report-runs")) -> None:
     Args:
         output: folder of all runs.
     """
-    runs = _complete(_read(CURVES) if CURVES.exists() else [], LENGTH)
+    runs = _complete(read_rows(CURVES), LENGTH)
     for name, seed in itertools.product(SETTINGS, range(3)):
         path = folder(output, name, seed) / "curve.csv"
-        if path.exists():
-            runs |= _complete([{"setting": name, "seed": str(seed)} | row for row in _read(path)], LENGTH)
+        runs |= _complete([{"setting": name, "seed": str(seed)} | row for row in read_rows(path)], LENGTH)
     rows = [row for name in SETTINGS for run, curve in runs.items() if run[0] == name for row in curve]
-    with CURVES.open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(row | {key: f"{float(row[key]):.2f}" for key in row if "reward" in key} for row in rows)
+    write_rows(CURVES, [row | {key: f"{float(row[key]):.2f}" for key in row if "reward" in key} for row in rows])
     write()
 
 
@@ -120,11 +115,6 @@ def _complete(rows: Rows, steps: int) -> dict[tuple[str, str], list[dict[str, st
     return {run: curve for run, curve in runs.items() if float(curve[-1]["env_steps"]) >= steps}
 
 
-def _read(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def write(authors: Path | None = None) -> None:
     """Write the table, and draw the figure if there are the authors' curves.
 
@@ -134,7 +124,7 @@ def write(authors: Path | None = None) -> None:
     runs = read_runs()
     write_table("report runs", table(runs))
     if authors is not None:
-        draw(runs, _read(authors))
+        draw(runs, read_rows(authors))
 
 
 Runs = Mapping[str, Sequence[np.ndarray]]
@@ -144,7 +134,7 @@ Runs = Mapping[str, Sequence[np.ndarray]]
 def read_runs() -> Runs:
     """Return the evaluations of `docs/results/report-runs.csv`, cut to the length of the setting's shortest run."""
     seeds: dict[tuple[str, str], list[list[float]]] = {}
-    for row in _read(CURVES):
+    for row in read_rows(CURVES):
         name, seed, *values = row.values()
         seeds.setdefault((name, seed), []).append([float(value) for value in values])
     runs: dict[str, list[np.ndarray]] = {}

@@ -8,7 +8,6 @@ layer. `docs/results/sharing.csv` gets the validations of each run as soon as it
 
 from __future__ import annotations
 
-import csv
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,6 +18,7 @@ import tyro
 from matplotlib.figure import Figure
 
 from experiments.report import read_progress
+from experiments.report_page import read_rows, write_rows
 from experiments.reproduction import Variation
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl.config import ImitationConfig, TrainConfig
@@ -83,7 +83,7 @@ def rows(algorithm: str, density: float) -> Iterator[Variation]:
 
 def main(options: Options) -> None:
     """Train the missing runs in sequence; write the validations after each, and the figure at the end."""
-    found = _read()
+    found = read_rows(CURVES)
     known = {_setting(row) for row in found}
     for seed, algorithm, density in itertools.product(options.seeds, AGENT_STEPS, DENSITIES):
         for row in rows(algorithm, density):
@@ -91,24 +91,8 @@ def main(options: Options) -> None:
                 run = options.output / f"{algorithm}-{density}-{row.name.replace(' ', '-')}-{seed}"
                 train(replace(row.config, seed=seed), run, overwrite=True)
                 found += _validations(run, algorithm, density, row.name, seed)
-                _write(found)
+                write_rows(CURVES, sorted(found, key=_setting))
     draw(found)
-
-
-def _read() -> list[dict[str, str]]:
-    """Return the validations of earlier runs."""
-    if not CURVES.exists():
-        return []
-    with CURVES.open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
-def _write(validations: Sequence[Mapping[str, str]]) -> None:
-    """Write the validations, runs in the order of their settings and seeds."""
-    with CURVES.open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(validations[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(sorted(validations, key=_setting))
 
 
 def _setting(row: Mapping[str, str]) -> tuple[str, str, str, str]:
