@@ -81,7 +81,7 @@ def test_suites_that_come_with_the_package(name, monkeypatch, request):
     for task in tasks:
         assert task.episodes > 0
         assert all(instance.num_agents == task.num_agents for instance in task.instances)
-        assert (name in RANDOM) == (not task.instances)
+    assert (name in RANDOM) == (not any(task.instances for task in tasks))
 
 
 def test_every_preset_of_training_is_evaluated_on_a_suite_that_needs_nothing():
