@@ -1,5 +1,3 @@
-import re
-
 import numpy as np
 import pytest
 
@@ -113,7 +111,7 @@ def test_a_wrong_plan_is_not_written(capsys, tmp_path, idle, monkeypatch):
     monkeypatch.setattr(idle, "plan", Plan(jump, np.stack([instance.headings] * 2)))
     status, out, err = run(capsys, "solve", tmp_path / "plan.txt", "--planner", "idle", "--num-agents", 2)
     assert (status, out, len(err)) == (1, [], 1)
-    assert re.match("mapf-pz solve: idle returned an illegal plan: step [01]: agent 0 at ", err[0])
+    assert err[0].startswith("mapf-pz solve: idle returned an illegal plan: step 1: agent 0 at ")
     assert not list(tmp_path.iterdir())
 
 
