@@ -1,10 +1,10 @@
-"""The self-contained web page that plays recordings, or files that its user drops on it."""
+"""Self-contained web pages: the player of recordings, and the viewer of files that its user drops on it."""
 
 from __future__ import annotations
 
 import html
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -17,10 +17,10 @@ PLAYER = (
     *("planes", "violations", "address", "legend", "export", "hint", "controls", "keys", "pointer", "player"),
 )
 """The files of the folder `player` that play episodes: they are joined into the page's script, in this order."""
-OF_RECORDINGS = (*PLAYER, "unpack", "start")
-"""The files of the script of a page with recordings."""
-OF_VIEWER = (*PLAYER, "textfile", "mapfile", "planfile", "lorrplan", "trackerplan", "textplan", "legality", "viewer")
-"""The files of the script of a page that reads files."""
+UNPACKING = "unpack"
+"""The file that reads the arrays of recordings."""
+PLAN_FILES = ("textfile", "mapfile", "planfile", "lorrplan", "trackerplan", "textplan", "legality", "planepisode")
+"""The files that read maps, scenarios and plans."""
 VIEWER_COLORS = 1000
 """Number of different colors of agents on a page that reads files."""
 
@@ -40,19 +40,56 @@ def save_viewer(path: str | Path) -> None:
 
 def viewer_page() -> str:
     """Return the text of the page that `save_viewer` writes."""
-    return filled_page("Plan viewer", {"colors": color_codes(VIEWER_COLORS)}, OF_VIEWER, "files.html")
+    title, scripts = "Plan viewer", (*PLAYER, *PLAN_FILES, "viewer")
+    return filled_page(
+        title,
+        {"colors": color_codes(VIEWER_COLORS)},
+        style=player_text("page.css"),
+        body=player_body(title, player_text("files.html")),
+        scripts=player_scripts(scripts),
+    )
 
 
-def filled_page(title: str, data: dict[str, Any], scripts: Sequence[str], files: str | None = None) -> str:
-    """Return the page with its title, style, script and data, and the part of the panel in the file `files`."""
-    folder = resources.files("mapf_pz.render") / "player"
+def recordings_page(title: str, data: Mapping[str, Any]) -> str:
+    """Return the page that plays the recordings in `data`."""
+    return filled_page(
+        title,
+        data,
+        style=player_text("page.css"),
+        body=player_body(title),
+        scripts=player_scripts((*PLAYER, UNPACKING, "start")),
+    )
+
+
+def filled_page(title: str, data: Mapping[str, Any], *, style: str, body: str, scripts: Sequence[str]) -> str:
+    """Return a page with its title, style, body, the texts of its scripts, and its data."""
     parts = {
         "title": html.escape(title),
-        "files": "" if files is None else (folder / files).read_text("utf-8"),
-        "style": (folder / "page.css").read_text("utf-8"),
-        "script": "\n".join(['"use strict";', *((folder / f"{name}.js").read_text("utf-8") for name in scripts)]),
+        "style": style,
+        "body": body,
+        "script": "\n".join(['"use strict";', *scripts]),
         "data": json.dumps(data).replace("<", "\\u003c"),
     }
+    return _filled(player_text("page.html"), parts)
+
+
+def player_body(title: str, files: str = "") -> str:
+    """Return the body of the player, with `files` as the first part of its panel."""
+    return _filled(player_text("player.html"), {"title": html.escape(title), "files": files})
+
+
+def player_scripts(names: Sequence[str]) -> list[str]:
+    """Return the texts of scripts in the folder `player`."""
+    return [player_text(f"{name}.js") for name in names]
+
+
+def player_text(name: str) -> str:
+    """Return the text of a file in the folder `player`."""
+    return (resources.files("mapf_pz.render") / "player" / name).read_text("utf-8")
+
+
+def _filled(template: str, parts: Mapping[str, str]) -> str:
+    """Return the template with each `{{name}}` replaced by that part."""
     # Split first, so that inserted text is not searched for placeholders.
-    first, *others = (folder / "page.html").read_text("utf-8").split("{{")
+    first, *others = template.split("{{")
     return "".join([first, *(parts[name] + rest for name, rest in (other.split("}}", 1) for other in others))])

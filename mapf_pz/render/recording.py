@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mapf_pz._internal.arrays import Bools, Floats, Ints
 from mapf_pz._internal.atomic import write_whole
-from mapf_pz.render.html import OF_RECORDINGS, filled_page
+from mapf_pz.render.html import recordings_page
 from mapf_pz.render.rgb import Canvas, Picture, color_codes
 from mapf_pz.simulator.config import CollisionSystem, Frame, View
 
@@ -147,9 +147,7 @@ def html_page(recordings: Recording | Sequence[Recording], fps: float = 4) -> st
     if not several:
         raise ValueError("expected at least one recording")
     speed = min(SPEEDS, key=lambda speed: abs(speed - fps))
-    return filled_page(
-        _title(several), {"speed": speed, "episodes": [_episode(each) for each in several]}, OF_RECORDINGS
-    )
+    return recordings_page(_title(several), {"speed": speed, "episodes": [_episode(each) for each in several]})
 
 
 def _title(recordings: Sequence[Recording]) -> str:

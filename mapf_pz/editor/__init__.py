@@ -1,0 +1,1 @@
+"""The editor of instances in the browser: `mapf-pz edit`."""

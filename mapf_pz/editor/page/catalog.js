@@ -1,0 +1,85 @@
+// What the server offers by name: maps, families of generated maps, guidance graphs, planners and policies.
+
+class Catalog {
+  constructor(editor, server, files) { Object.assign(this, { editor, server, files }); }
+
+  async load() {
+    const names = await this.server.call("names");
+    Object.assign(this, { names });
+    for (const element of document.querySelectorAll("[data-server]")) element.hidden = false;
+    fillOptions($("map-names"), [...names.maps, ...names.problems]);
+    fillOptions($("solver-names"), [...names.planners, ...names.policies].map(({ name }) => name));
+    fillOptions($("graph"), names.graphs);
+    fillOptions($("folder"), names.folders);
+    fillOptions($("family"), names.families.map(({ name }) => name));
+    this.bind();
+    this.showOptions();
+  }
+
+  bind() {
+    const { files } = this;
+    $("family").onchange = () => this.showOptions();
+    $("generate").onclick = () => files.attempt(() => this.generate());
+    $("use-graph").onclick = () => files.attempt(() => this.useGraph($("graph").value));
+    $("open").onclick = () => files.attempt(() => this.open($("open-name").value, $("open-scenario").value));
+    $("open-name").oninput = () => fillOptions($("scenario-names"), this.names.scenarios[$("open-name").value] ?? []);
+  }
+
+  // The options of the chosen family, and a seed.
+  showOptions() {
+    const family = this.names.families.find(({ name }) => name === $("family").value);
+    const fields = [...(family?.options ?? []), { name: "seed", type: "int", default: 0, help: "Random seed." }];
+    $("family-options").replaceChildren(...fields.flatMap(({ name, default: value, help }) => {
+      const label = Object.assign(document.createElement("label"), { textContent: name, title: help, htmlFor: `option-${name}` });
+      return [label, Object.assign(document.createElement("input"), { id: `option-${name}`, value })];
+    }));
+  }
+
+  async generate() {
+    const family = this.names.families.find(({ name }) => name === $("family").value);
+    const options = Object.fromEntries(family.options.map(({ name, type }) => [name, parsedOption($(`option-${name}`).value, type)]));
+    const seed = parsedOption($("option-seed").value, "int");
+    const { name, map } = await this.server.call("generate", { family: family.name, options, seed });
+    this.editor.open(drawingOf(parseMap(map, `${name}.map`)));
+  }
+
+  async useGraph(name) {
+    const { drawing } = this.editor, { weights } = await this.server.call("graph", { map: mapText(drawing), name });
+    this.editor.edit(drawing.with({ weights: withWaits(floatsOf(weights), drawing) }));
+  }
+
+  // Opens a map, its scenario, or a problem, by names or paths.
+  async open(name, scenario) {
+    if (this.names.problems.includes(name)) {
+      const { texts } = await this.server.call("open", { problem: name });
+      this.files.openTexts(texts);
+      return;
+    }
+    const isPath = /[/\\]|\.\w+$/.test(name), opened = [await this.server.call("open", isPath ? { path: name } : { map: name })];
+    if (scenario) opened.push(await this.server.call("open", /[/\\]|\.\w+$/.test(scenario) ? { path: scenario } : { scenario, map: name }));
+    this.files.openTexts(Object.fromEntries(opened.flatMap((each) => Object.entries(each.texts))));
+  }
+}
+
+function fillOptions(element, names) { element.replaceChildren(...names.map((name) => new Option(name, name))); }
+
+function parsedOption(text, type) {
+  if (type === "bool") return text === "true" || text === "True";
+  return type === "int" || type === "float" ? Number(text) : text;
+}
+
+// Bytes of little-endian 32-bit numbers, as base64 text.
+function floatsOf(text) { return new Float32Array(Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer); }
+
+function textOfFloats(values) {
+  let letters = "";
+  for (const byte of new Uint8Array(values.buffer, values.byteOffset, values.byteLength)) letters += String.fromCharCode(byte);
+  return btoa(letters);
+}
+
+// Weights of moves, with the costs 1 of waiting if there are none.
+function withWaits(weights, { free }) {
+  const all = new Float32Array(NUM_PLANES * free.length).fill(1);
+  all.set(weights);
+  return all;
+}
