@@ -14,7 +14,19 @@ from mapf_pz.render.rgb import color_codes
 
 PLAYER = (
     *("episode", "actions", "colors", "camera", "svgpen", "ground", "directions", "agents", "chosen", "view", "tables"),
-    *("planes", "violations", "address", "legend", "export", "hint", "controls", "keys", "pointer", "player"),
+    *(
+        "planes",
+        "violations",
+        "throughput",
+        "address",
+        "legend",
+        "export",
+        "hint",
+        "controls",
+        "keys",
+        "pointer",
+        "player",
+    ),
 )
 """The files of the folder `player` that play episodes: they are joined into the page's script, in this order."""
 UNPACKING = "unpack"

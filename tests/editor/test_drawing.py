@@ -186,21 +186,8 @@ def test_faults_are_marked(editor):
 
 def test_the_keyboard_draws(editor):
     editor.locator("#board").focus()
-    for key in [
-        "w",
-        "ArrowDown",
-        "ArrowRight",
-        "Enter",
-        "ArrowRight",
-        "ArrowDown",
-        "Enter",
-        "a",
-        "ArrowDown",
-        "Enter",
-        "ArrowDown",
-        "ArrowDown",
-        "Enter",
-    ]:
+    keys = "w ArrowDown ArrowRight Enter ArrowRight ArrowDown Enter a ArrowDown Enter ArrowDown ArrowDown Enter"
+    for key in keys.split():
         editor.keyboard.press(key)
     assert obstacles(editor) == {(1, 1), (1, 2), (2, 2)}
     assert drawing(editor)["agents"] == [{"start": [3, 2], "goals": [[5, 2]], "heading": 0}]
@@ -330,7 +317,8 @@ def test_guidance_graphs_are_saved(editor, tmp_path):
 def test_an_image_is_saved(editor, tmp_path):
     open_small(editor, tmp_path)
     text = saved(editor, "#save-svg", tmp_path)[".svg"].read_text()
-    assert text.startswith("<svg") and 'viewBox="0 0 120 96"' in text
+    assert text.startswith("<svg")
+    assert 'viewBox="0 0 120 96"' in text
     assert text.count("<circle") + text.count("<path") > 3
 
 

@@ -513,6 +513,10 @@ def test_reached_goals_are_counted_in_lifelong_episodes(open_page):
         scrub(page, step)
         reached.append(table(page, "present")["goals reached so far"])
     assert reached == ["0", "1", "1", "3"]  # agent 2 in step 1; agents 0 and 1 in step 3
+    assert page.locator("#throughput polyline").get_attribute("points") == "0,70 90,0 180,35 270,0"
+    assert page.locator("#throughput p").inner_text() == "mean of 25 steps, 0 to 1"
+    assert page.locator("#throughput .now").get_attribute("x1") == "270"
+    assert not open_page().locator("#throughput").is_visible()
 
 
 def test_cells_are_colored_by_edge_weights_and_traffic(open_page):
@@ -526,11 +530,13 @@ def test_cells_are_colored_by_edge_weights_and_traffic(open_page):
     choose(page, ground="traffic")
     assert page.evaluate("[...player.episodes[0].traffic()]") == [0, 1, 1, 0, 0, 0, 1, 0, 0, 1, 1, 0]
     assert color_at(page, 0.5, 1.5) == ink(page, "hot")
+    choose(page, ground="waits")
+    assert page.evaluate("[...player.episodes[0].waits()]") == [0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0]
     choose(page, ground="plain")
     assert color_at(page, 2.5, 3.5) == plain
     assert not page.locator("#legend").is_visible()
     without = open_page(replace(RECORDING, weights=None))
-    assert without.locator("#ground option").all_text_contents() == ["nothing", "traffic"]
+    assert without.locator("#ground option").all_text_contents() == ["nothing", "traffic", "waiting"]
 
 
 def test_arrows_point_in_the_cheaper_direction_of_edges(open_page):

@@ -90,6 +90,23 @@ class Episode {
     return this.movesInto;
   }
 
+  // How many steps agents waited in each cell without having reached their goals.
+  waits() {
+    if (this.waitsIn) return this.waitsIn;
+    this.waitsIn = new Float32Array(this.width * this.height);
+    for (let agent = 0; agent < this.agents; agent++)
+      for (let step = 1; step <= this.steps; step++) {
+        const cell = this.cell(agent, step), before = this.cell(agent, step - 1);
+        const isWaiting = sameCell(cell, before) && this.isActive(agent, step) && !this.turns(agent, step);
+        if (isWaiting && !this.isAtGoal(agent, step) && this.isInside(...cell)) this.waitsIn[cell[0] * this.width + cell[1]]++;
+      }
+    return this.waitsIn;
+  }
+
+  turns(agent, step) {
+    return this.headings !== undefined && this.headings[this.index(agent, step)] !== this.headings[this.index(agent, step - 1)];
+  }
+
   // The mean cost of leaving each cell; NaN where no move is allowed.
   leavingCosts() {
     if (this.meanCosts) return this.meanCosts;

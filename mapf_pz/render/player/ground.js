@@ -4,6 +4,7 @@ const GRID_SCALE = 14; // px per cell, from which on grid lines are drawn
 const GROUNDS = {
   plain: { label: "nothing", isKnown: () => true },
   traffic: { label: "traffic", legend: "moves into the cell", isKnown: () => true, values: (episode) => episode.traffic() },
+  waits: { label: "waiting", legend: "steps waited in the cell", isKnown: () => true, values: (episode) => episode.waits() },
   weights: {
     label: "edge weights", legend: "mean cost of leaving the cell",
     isKnown: (episode) => episode.weights !== undefined, values: (episode) => episode.leavingCosts(),

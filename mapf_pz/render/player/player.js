@@ -40,6 +40,7 @@ class Player {
     $("scrub").max = this.steps;
     $("agent").max = this.agents - 1;
     listViolations($("violations"), this.episodes, this.captions, (step, agent) => this.show(step, agent));
+    showThroughput($("throughput"), this.episodes, this.captions);
     fillTable($("final"), finalRows(this.episodes), this.captions);
     fillTable($("facts"), rowsOf(this.episodes.map((episode) => episode.facts)), this.captions);
     for (const name of ["final", "facts"]) $(name).parentElement.hidden = !$(name).rows.length;
@@ -57,6 +58,7 @@ class Player {
     fillTable($("present"), present, this.captions);
     $("present").parentElement.hidden = !present.length;
     markCurrentViolations($("violations"), step);
+    markThroughput($("throughput"), step, this.steps);
     fillTable($("agent-facts"), chosen < 0 ? [] : agentRows(this.episodes, chosen, this.time), this.captions);
     this.planes.forEach((planes, k) => {
       if (chosen < 0 || chosen >= this.episodes[k].agents) planes.clear();
