@@ -1,4 +1,4 @@
-"""Extend the site: links out of docs/, the command-line reference, the plan viewer, and recordings."""
+"""Extend the site: links out of docs/, the command-line reference, the plan viewer, the editor, and recordings."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 from mapf_pz.commands.main import COMMANDS, main
+from mapf_pz.editor.page import editor_page
 from mapf_pz.render.html import viewer_page
 
 LINK = re.compile(r"(?<!!)\[([^]]*)]\((\.\./[^)\s]*)\)")
@@ -54,8 +55,9 @@ RECORDINGS = {
 
 
 def on_files(files: Files, *, config: MkDocsConfig) -> Files:
-    """Add the plan viewer and, where policies can be loaded, recordings."""
+    """Add the plan viewer, the editor and, where policies can be loaded, recordings."""
     files.append(File.generated(config, "viewer.html", content=viewer_page()))
+    files.append(File.generated(config, "editor.html", content=editor_page()))
     for name, content in recordings():
         files.append(File.generated(config, f"recordings/{name}.html", content=content))
     return files
