@@ -1,5 +1,7 @@
 // What the server offers by name: maps, families of generated maps, guidance graphs, planners and policies.
 
+const OPENED = /\.(map|scen|json)$/i;
+
 class Catalog {
   constructor(editor, server, files) { Object.assign(this, { editor, server, files }); }
 
@@ -7,7 +9,7 @@ class Catalog {
     const names = await this.server.call("names");
     Object.assign(this, { names });
     for (const element of document.querySelectorAll("[data-server]")) element.hidden = false;
-    fillOptions($("map-names"), [...names.maps, ...names.problems]);
+    fillOptions($("map-names"), [...names.maps, ...names.problems, ...(await this.paths())]);
     fillOptions($("solver-names"), [...names.planners, ...names.policies].map(({ name }) => name));
     fillOptions($("graph"), names.graphs);
     fillOptions($("folder"), names.folders);
@@ -45,20 +47,38 @@ class Catalog {
 
   async useGraph(name) {
     const { drawing } = this.editor, { weights } = await this.server.call("graph", { map: mapText(drawing), name });
-    this.editor.edit(drawing.with({ weights: withWaits(floatsOf(weights), drawing) }));
+    this.editor.edit(drawing.with({ weights: floatsOf(weights) }));
   }
 
   // Opens a map, its scenario, or a problem, by names or paths.
   async open(name, scenario) {
-    if (this.names.problems.includes(name)) {
-      const { texts } = await this.server.call("open", { problem: name });
-      this.files.openTexts(texts);
-      return;
-    }
-    const isPath = /[/\\]|\.\w+$/.test(name), opened = [await this.server.call("open", isPath ? { path: name } : { map: name })];
-    if (scenario) opened.push(await this.server.call("open", /[/\\]|\.\w+$/.test(scenario) ? { path: scenario } : { scenario, map: name }));
-    this.files.openTexts(Object.fromEntries(opened.flatMap((each) => Object.entries(each.texts))));
+    const texts = {};
+    const add = async (request) => Object.assign(texts, textsOf(await this.server.call("open", request)));
+    if (this.names.problems.includes(name)) await add({ problem: name });
+    else if (name) await add(isPath(name) ? { path: name } : { map: name });
+    if (Object.values(texts).some(isProblem)) await add({ problem: name });
+    if (scenario) await add(isPath(scenario) ? { path: scenario } : { scenario, map: name });
+    this.files.openTexts(texts);
   }
+
+  // The paths of the files in the folders that the page can open.
+  async paths() {
+    const paths = [];
+    for (const folder of this.names.folders) {
+      const { entries } = await this.server.call("list", { path: folder });
+      paths.push(...entries.filter(({ name }) => OPENED.test(name)).map(({ name }) => `${folder}/${name}`));
+    }
+    return paths;
+  }
+}
+
+function isPath(name) { return /[/\\]|\.(map|scen|json)$/.test(name); }
+
+// The texts of an answer's files, by name.
+function textsOf(answer) {
+  const kinds = ["map", "agents", "tasks"].filter((kind) => answer[kind] !== undefined);
+  const others = kinds.map((kind) => [answer[`${kind}Name`].split("/").pop(), answer[kind]]);
+  return Object.fromEntries([[answer.name, answer.text], ...others]);
 }
 
 function fillOptions(element, names) { element.replaceChildren(...names.map((name) => new Option(name, name))); }
@@ -75,11 +95,4 @@ function textOfFloats(values) {
   let letters = "";
   for (const byte of new Uint8Array(values.buffer, values.byteOffset, values.byteLength)) letters += String.fromCharCode(byte);
   return btoa(letters);
-}
-
-// Weights of moves, with the costs 1 of waiting if there are none.
-function withWaits(weights, { free }) {
-  const all = new Float32Array(NUM_PLANES * free.length).fill(1);
-  all.set(weights);
-  return all;
 }
