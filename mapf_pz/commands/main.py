@@ -16,10 +16,9 @@ import tyro
 
 from mapf_pz._internal.interrupts import interrupts_deferred
 from mapf_pz._internal.suggest import expected_names
+from mapf_pz.errors import USER_ERRORS
 
 USAGE_ERROR, INTERRUPTED, BROKEN_PIPE = 2, 130, 141
-USER_ERRORS = (ValueError, TypeError, OSError, RuntimeError, MemoryError, ImportError)
-"""Errors that a user can cause, which are reported in one line. Any other error is a bug and has a traceback."""
 
 
 class Command(NamedTuple):
