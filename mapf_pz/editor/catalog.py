@@ -76,7 +76,7 @@ def _described(family: str) -> dict[str, Any]:
             "name": name,
             "type": type(defaults[name]).__name__,
             "default": defaults[name],
-            "help": " ".join(docs[name].split()),
+            "help": docs[name],
         }
         for name in FAMILIES[family].options
     ]

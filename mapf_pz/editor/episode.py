@@ -101,7 +101,7 @@ class PolicyEpisode:
 
     def _step(self, given: Mapping[str, int]) -> None:
         """Take a step, in which some agents take the given actions."""
-        actions = actions_of(self._policy, self._observations, self._infos) | given
+        actions = actions_of(self._policy, self._observations, self._infos) | dict(given)
         self._observations, _, _, _, self._infos = self._env.step(actions)
         self._actions.append(actions)
         self._steps.add()

@@ -59,9 +59,9 @@ def serve(folders: Folders, start: dict[str, Any], port: int, on_start: Callable
             log_level="warning",
             access_log=False,
             server_header=False,
+            proxy_headers=False,
             lifespan="off",
             ws="none",
-            proxy_headers=False,
             timeout_graceful_shutdown=1,
         )
         on_start(f"http://{HOST}:{port}/?token={token}")
