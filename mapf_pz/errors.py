@@ -1,7 +1,9 @@
-"""`FormatError`: the error for malformed files."""
+"""`FormatError`: the error for malformed files; and the errors that users can cause."""
 
 from __future__ import annotations
 
+USER_ERRORS = (ValueError, TypeError, OSError, RuntimeError, MemoryError, ImportError)
+"""Errors that a user can cause, which are reported in one line. Any other error is a bug and has a traceback."""
 LONGEST_MESSAGE = 500
 """Maximum length in characters. Messages of other packages may contain the whole content of a damaged file."""
 

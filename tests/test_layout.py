@@ -33,6 +33,7 @@ ORDER = [
     "evaluation",
     "optimization",
     "speed",
+    "editor",
     "commands",
     "__main__",
 ]

@@ -64,7 +64,7 @@ def job_runner(jobs: int | str) -> Generator[RunJobs]:
         return
     _start_resource_tracker()
     existing = set(active_children())
-    with ProcessPoolExecutor(int(jobs), get_context("spawn"), initializer=_start_process) as pool:
+    with ProcessPoolExecutor(int(jobs), get_context("spawn"), initializer=start_process) as pool:
         try:
             yield partial(_in_processes, pool)
         except BaseException:  # otherwise running jobs would be waited for
@@ -92,8 +92,8 @@ def _start_resource_tracker() -> None:
         sys.warnoptions.remove(_TRACKER_IS_QUIET)
 
 
-def _start_process() -> None:
-    """Initialize a process: networks use one thread, as processes share the cores, and it ends with its parent."""
+def start_process() -> None:
+    """Prepare a new process: networks use one thread, as processes share the cores, and it ends with its parent."""
     os.environ["OMP_NUM_THREADS"] = "1"
     Thread(target=_end_with_parent, daemon=True).start()
 

@@ -16,10 +16,9 @@ import tyro
 
 from mapf_pz._internal.interrupts import interrupts_deferred
 from mapf_pz._internal.suggest import expected_names
+from mapf_pz.errors import USER_ERRORS
 
 USAGE_ERROR, INTERRUPTED, BROKEN_PIPE = 2, 130, 141
-USER_ERRORS = (ValueError, TypeError, OSError, RuntimeError, MemoryError, ImportError)
-"""Errors that a user can cause, which are reported in one line. Any other error is a bug and has a traceback."""
 
 
 class Command(NamedTuple):
@@ -34,6 +33,7 @@ class Command(NamedTuple):
 COMMANDS: dict[str, Command] = {
     "benchmark": Command("mapf_pz.commands.benchmark:benchmark", "measure the speed of environments"),
     "dataset": Command("mapf_pz.commands.dataset:dataset", "make demonstrations with a planner, and export them"),
+    "edit": Command("mapf_pz.commands.edit:edit", "edit maps and scenarios in the browser, and solve them"),
     "evaluate": Command(
         "mapf_pz.commands.evaluate:evaluate_policies", "compare policies and planners on the same instances"
     ),

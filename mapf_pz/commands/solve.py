@@ -11,13 +11,13 @@ import numpy as np
 from tyro.conf import Positional
 
 from mapf_pz.commands.env_flags import EnvKeywords
-from mapf_pz.evaluation.solver import solver_of
+from mapf_pz.evaluation.solver import costs_text, solver_of
 from mapf_pz.evaluation.tracker import known_cost
 from mapf_pz.instances import load_problem
 from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.instances.library import scenario_name
 from mapf_pz.planners import planner_of, validate, write_trace
-from mapf_pz.planners.base import simulator_of
+from mapf_pz.planners.base import lower_bound
 from mapf_pz.planners.plans.files import PlanMetadata, check_format, write_plan
 from mapf_pz.planners.plans.plan import Plan
 from mapf_pz.planners.scheduling import SCHEDULERS, run_problem
@@ -110,11 +110,7 @@ def solve(options: SolveOptions) -> None:
     if options.trace is not None:
         options.trace.parent.mkdir(parents=True, exist_ok=True)
         write_trace(solver.trace, options.trace)
-    ratio = plan.sum_of_costs / bound if bound else 1.0
-    print(
-        f"{options.output}: {plan.num_agents} agents, sum of costs {plan.sum_of_costs}, makespan {plan.makespan}, "
-        f"{ratio:.3f} times the lower bound {bound}, {seconds:.3g} seconds"
-    )
+    print(f"{options.output}: {costs_text(plan, bound)}, {seconds:.3g} seconds")
     known = known_cost(metadata.scenario_name, plan.num_agents)
     if env.action_model == "cardinal" and known.best:
         ratio = plan.sum_of_costs / known.best
@@ -176,9 +172,3 @@ def _scenario_name(env: EnvConfig) -> str:
     map = None if env.map is None else Path(str(env.map)).stem
     names = [Path(scenario_name(name, map)).stem for name in env.scenarios if not isinstance(name, Scenario)]
     return names[0] if len(names) == 1 else ""
-
-
-def lower_bound(instance: Instance, distance_bytes: int | None = None) -> int:
-    """Return the sum of the shortest path lengths of agents with one goal each."""
-    simulator = simulator_of(instance, max_steps=1, edge_weights="uniform", seed=0, distance_bytes=distance_bytes)
-    return int(simulator.cost_to_go()[0].sum())

@@ -1,1 +1,4 @@
-"""The editor of instances in the browser: `mapf-pz edit`."""
+"""The instance editor: a local server whose page edits maps and scenarios, and runs solvers.
+
+It imports everything but the commands. Read `server.py` first.
+"""

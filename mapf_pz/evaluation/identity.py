@@ -30,7 +30,17 @@ Identity = Mapping[str, Any]
 IDENTITIES_FILE = "identities.json"
 NOT_DECIDING = (
     *(f"_internal/{name}.py" for name in ("digest", "interrupts", "lazy", "lock", "parallel", "printable", "suggest")),
-    *("__main__.py", "_internal/version.py", "commands", "maps", "optimization", "render", "speed", "wrappers"),
+    *(
+        "__main__.py",
+        "_internal/version.py",
+        "commands",
+        "editor",
+        "maps",
+        "optimization",
+        "render",
+        "speed",
+        "wrappers",
+    ),
     *("planners/scheduling", "rl/demonstrations", "rl/presets.py", "rl/training", "evaluation/reports"),
     *(f"evaluation/{name}.py" for name in ("evaluate_policies", "identity", "results", "solver")),
 )

@@ -17,6 +17,7 @@ from mapf_pz.evaluation.batch import BatchPolicy
 from mapf_pz.evaluation.episodes import AnyEnv, Policy, PolicyFactory, check_policy, make_env
 from mapf_pz.evaluation.random_policy import RandomPolicy
 from mapf_pz.guidance.library import check_edge_weights, weights_digest
+from mapf_pz.instances.instance import ActionModel
 from mapf_pz.planners import PLANNERS, Planner, Shield, planner_of
 from mapf_pz.planners.named import parse_options, planner_options
 from mapf_pz.planners.pibt.shield import DEPTH, PATIENCE
@@ -101,6 +102,12 @@ def check_observed(name: str, config: EnvConfig) -> None:
 def is_trained(name: str) -> bool:
     """Return whether `policy_factory` interprets this name as that of a trained policy."""
     return name != "random" and name.partition(":")[0] not in PLANNERS
+
+
+def bundled_policies() -> dict[str, ActionModel]:
+    """Return the names of the trained policies of the package, with the action models that they require."""
+    configs = {name: _policies() / name / "config.json" for name in _bundled_names()}
+    return {name: parse_object(read_text(file), file)["task"]["env"]["action_model"] for name, file in configs.items()}
 
 
 def _bundled_names() -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from mapf_pz.evaluation.episodes import AnyEnv, Policy, actions_of, changed_keywords, compile_policy, simulator_of
 from mapf_pz.evaluation.policies import policy_factory
@@ -13,7 +13,7 @@ from mapf_pz.instances.sources import InstanceList
 from mapf_pz.planners import PLANNERS, Plan, Planner, Trace, planner_of
 from mapf_pz.planners.base import Steps, action_model_of
 from mapf_pz.planners.deadline import Deadline
-from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.config import EnvConfig, OnTarget
 
 
 def solver_of(name: str, seed: int = 0, trust_remote_code: bool = False) -> Planner | PolicySolver:
@@ -30,6 +30,32 @@ def solver_of(name: str, seed: int = 0, trust_remote_code: bool = False) -> Plan
     if name.partition(":")[0] in PLANNERS:
         return planner_of(name, seed)
     return PolicySolver(name, seed, trust_remote_code)
+
+
+def instance_keywords(
+    instance: Instance,
+    max_steps: int,
+    edge_weights: EdgeWeights,
+    distance_bytes: int | None = None,
+    on_target: OnTarget = "nothing",
+) -> dict[str, Any]:
+    """Return the keywords of an environment whose episodes are all of this instance; a policy sets the others."""
+    config = EnvConfig(
+        source=InstanceList([instance]),
+        max_steps=max_steps,
+        edge_weights=edge_weights,
+        distance_bytes=distance_bytes,
+    )
+    return changed_keywords(config) | {"action_model": action_model_of(instance), "on_target": on_target}
+
+
+def costs_text(plan: Plan, bound: int) -> str:
+    """Return the costs of a plan in one line, with their ratio to a lower bound of the sum of costs."""
+    ratio = plan.sum_of_costs / bound if bound else 1.0
+    return (
+        f"{plan.num_agents} agents, sum of costs {plan.sum_of_costs}, makespan {plan.makespan}, "
+        f"{ratio:.3f} times the lower bound {bound}"
+    )
 
 
 class PolicySolver:
@@ -68,14 +94,7 @@ class PolicySolver:
         Raises:
             ValueError: the policy needs another action model or another number of agents.
         """
-        config = EnvConfig(
-            source=InstanceList([instance]),
-            max_steps=max_steps,
-            edge_weights=edge_weights,
-            distance_bytes=distance_bytes,
-        )
-        keywords = changed_keywords(config) | {"action_model": action_model_of(instance), "on_target": "nothing"}
-        env, policy = self._factory(keywords)
+        env, policy = self._factory(instance_keywords(instance, max_steps, edge_weights, distance_bytes))
         compile_policy(env, policy, self._seed)
         self.trace = Trace(time.perf_counter)
         plan = _run_episode(env, policy, self._seed, Deadline(time_limit, time.perf_counter))
@@ -89,8 +108,9 @@ def _run_episode(env: AnyEnv, policy: Policy, seed: int, deadline: Deadline) -> 
     """Run an episode until it ends or the deadline passes, and return its steps."""
     observations, infos = env.reset(seed=seed)
     policy.reset_states()
-    steps = Steps(simulator_of(env))
-    while env.agents and not deadline.has_passed:
+    simulator = simulator_of(env)
+    steps = Steps(simulator)
+    while env.agents and not (simulator.agents[0]["at_goal"].all() or deadline.has_passed):
         observations, _, _, _, infos = env.step(actions_of(policy, observations, infos))
         steps.add()
     return steps.plan()

@@ -35,6 +35,8 @@ ADVICE = (
 """Advice in errors about unknown names."""
 _RELATIVE = re.compile(r"(random|even)-\d+")
 """Names of scenarios that are relative to a map."""
+_WHOLE = re.compile(rf"(.+)-{_RELATIVE.pattern}")
+"""Whole names of scenarios."""
 
 
 def load_map(map: str | Path | Bools | Grid) -> Grid:
@@ -146,6 +148,19 @@ def map_paths() -> dict[str, Path]:
         for file in sorted(folder.glob("*.map")):
             files.setdefault(file.stem, file)
     return files
+
+
+def scenario_names() -> dict[str, list[str]]:
+    """Return the whole names of the scenarios that `load_scenario` finds by name, by map.
+
+    They are the bundled ones, then those of the folders.
+    """
+    files = (file for folder in _benchmark("scens") for file in sorted(folder.glob("*.scen")))
+    names: dict[str, list[str]] = {}
+    for name in dict.fromkeys([*movingai.scenario_names(), *(file.stem for file in files)]):
+        if whole := _WHOLE.fullmatch(name):
+            names.setdefault(whole[1], []).append(name)
+    return names
 
 
 def benchmark_file(name: str) -> Path:

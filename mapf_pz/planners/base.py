@@ -254,6 +254,12 @@ def simulator_of(
     return simulator
 
 
+def lower_bound(instance: Instance, distance_bytes: int | None = None) -> int:
+    """Return the sum of the shortest path lengths of agents with one goal each."""
+    simulator = simulator_of(instance, max_steps=1, edge_weights="uniform", seed=0, distance_bytes=distance_bytes)
+    return int(simulator.cost_to_go()[0].sum())
+
+
 def _simulator_of_corridors(action_model: ActionModel) -> Simulator:
     """Return a simulator with two agents in separate corridors, on a map with weights.
 

@@ -44,10 +44,13 @@ def planner_options(name: str) -> tuple[str, dict[str, Any]]:
     planner, _, options = name.partition(":")
     if planner not in PLANNERS:
         raise ValueError(f"planner {planner!r}: expected one of {', '.join(PLANNERS)}")
-    kind = PLANNERS[planner]
-    parameters = inspect.signature(kind).parameters.values()
-    allowed = {parameter.name: parameter.default for parameter in parameters if parameter.name not in ("env", "seed")}
-    return planner, parse_options(kind.__name__, allowed, options)
+    return planner, parse_options(PLANNERS[planner].__name__, default_options(planner), options)
+
+
+def default_options(planner: str) -> dict[str, Any]:
+    """Return the options of a planner of `PLANNERS`, with their defaults."""
+    parameters = inspect.signature(PLANNERS[planner]).parameters.values()
+    return {parameter.name: parameter.default for parameter in parameters if parameter.name not in ("env", "seed")}
 
 
 def parse_options(name: str, defaults: Mapping[str, Any], text: str) -> dict[str, Any]:

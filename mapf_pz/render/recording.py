@@ -147,7 +147,7 @@ def html_page(recordings: Recording | Sequence[Recording], fps: float = 4) -> st
     if not several:
         raise ValueError("expected at least one recording")
     speed = min(SPEEDS, key=lambda speed: abs(speed - fps))
-    return recordings_page(_title(several), {"speed": speed, "episodes": [_episode(each) for each in several]})
+    return recordings_page(_title(several), {"speed": speed, "episodes": [episode_data(each) for each in several]})
 
 
 def _title(recordings: Sequence[Recording]) -> str:
@@ -157,8 +157,8 @@ def _title(recordings: Sequence[Recording]) -> str:
     return ": ".join(filter(None, (" and ".join(names), " and ".join(titles))))
 
 
-def _episode(recording: Recording) -> dict[str, Any]:
-    """Return an episode as the page's script reads it."""
+def episode_data(recording: Recording) -> dict[str, Any]:
+    """Return an episode as the page's script reads it: a JSON object."""
     (height, width), observed, violations = recording.free.shape, _shown_observations(recording), recording.violations
     return {
         "title": recording.heading,

@@ -3,9 +3,9 @@ import pytest
 
 import mapf_pz
 from mapf_pz.commands.main import main
-from mapf_pz.commands.solve import lower_bound
 from mapf_pz.instances import load_instance
 from mapf_pz.planners import PLANNERS, Plan, Planner
+from mapf_pz.planners.base import lower_bound
 from mapf_pz.simulator.actions import wait_action
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.source import sample_instance

@@ -47,7 +47,9 @@ class Catalog {
 
   async useGraph(name) {
     const { drawing } = this.editor, { weights } = await this.server.call("graph", { map: mapText(drawing), name });
-    this.editor.edit(drawing.with({ weights: floatsOf(weights) }));
+    const given = floatsOf(weights), indices = graphEdges(drawing, [...GGO_PLANES, WAIT_PLANE]);
+    const edges = indices.map((index) => [0, index, given[index]]);
+    this.editor.edit(drawing.with({ weights: null }).withWeights(edges));
   }
 
   // Opens a map, its scenario, or a problem, by names or paths.

@@ -7,12 +7,14 @@ Source: github.com/MAPF-Competition/Start-Kit and Benchmark-Archive.
 from __future__ import annotations
 
 import io
+import json
 import math
 import re
 import warnings
 from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from reprlib import repr as shortened
 
@@ -22,7 +24,7 @@ from mapf_pz._internal.arrays import Ints, frozen
 from mapf_pz._internal.json import JsonObject, named_file, parse_object, text_member, whole_number
 from mapf_pz._internal.text import read_text
 from mapf_pz.errors import FormatError
-from mapf_pz.instances.files.movingai import read_map
+from mapf_pz.instances.files.movingai import format_map, read_map
 from mapf_pz.instances.heading import Heading
 from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.instances.place import check_reachable
@@ -179,6 +181,26 @@ def read_problem(path: str | Path) -> LorrProblem:
         name=Path(path).stem,
         not_modeled=tuple(key for key in data if key not in MODELED and NEUTRAL.get(key) != data[key]),
     )
+
+
+def format_problem(problem: LorrProblem) -> dict[str, str]:
+    """Return the texts of a problem's files by name, its JSON file first; they contain what this package supports."""
+    names = {"mapFile": f"{problem.grid.name}.map", "agentFile": f"{problem.name}.agents"}
+    names["taskFile"] = f"{problem.name}.tasks"
+    members: JsonObject = {**names, "teamSize": problem.team_size}
+    members |= {} if problem.reveal == 1 else {"numTasksReveal": problem.reveal}
+    members |= {} if problem.strategy == ENTRANT else {"taskAssignmentStrategy": problem.strategy}
+    members |= {} if problem.version is None else {"version": problem.version}
+    cells = (problem.errands @ (problem.grid.shape[1], 1)).tolist()
+    ends = problem.offsets.tolist()
+    tasks = [",".join(map(str, cells[start:end])) for start, end in pairwise(ends)]
+    starts = map(str, (problem.starts @ (problem.grid.shape[1], 1)).tolist())
+    return {
+        f"{problem.name}.json": json.dumps(members, indent=4) + "\n",
+        names["mapFile"]: format_map(problem.grid),
+        names["agentFile"]: "\n".join([str(problem.team_size), *starts]) + "\n",
+        names["taskFile"]: "\n".join([str(problem.num_tasks), *tasks]) + "\n",
+    }
 
 
 def _reveal(data: JsonObject, origin: str | Path) -> float:

@@ -1,0 +1,81 @@
+"""The command `mapf-pz edit`: a page on which maps and scenarios are edited, and solved."""
+
+from __future__ import annotations
+
+import webbrowser
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+from tyro.conf import Positional
+
+from mapf_pz._internal.text import read_text
+from mapf_pz.editor.folders import Folders
+from mapf_pz.instances import format_scenario, load_map, load_scenario
+from mapf_pz.instances.library import map_file, scenario_map, scenario_name
+
+
+@dataclass(frozen=True)
+class EditOptions:
+    """Options of `mapf-pz edit`: the files to open, and the folders of files."""
+
+    map: Positional[str | None] = None
+    """Map to open: its name, or a `.map` file."""
+    scenario: str | None = None
+    """Scenario to open: its name, such as `random-1`, or a `.scen` file. Without a map, the map that it names is
+    opened."""
+    folder: tuple[Path, ...] = ()
+    """Folders in which the page may read and write files. Default: the working directory, and the folders of the given
+    files."""
+    port: int = 0
+    """Port of the server. 0: a free one."""
+    browser: bool = True
+    """Open the page in the browser."""
+
+
+def edit(options: EditOptions) -> None:
+    """Edit maps and scenarios on a page in the browser, and run planners and policies on them.
+
+    The page is served on this machine only, at the address that is printed. Ctrl-C ends the server.
+    """
+    folders = options.folder or (Path(), *(Path(file).parent for file in _given_files(options)))
+    _serve(_start(options), folders, options.port, options.browser)
+
+
+def _given_files(options: EditOptions) -> list[str]:
+    """Return the files among the map and the scenario, which may also be names."""
+    return [file for file in (options.map, options.scenario) if file is not None and file.endswith((".map", ".scen"))]
+
+
+def _start(options: EditOptions) -> dict[str, Any]:
+    """Return the files that the page opens, each None or its `name` and `text`; raises as `load_map` and others."""
+    map, scenario = options.map, options.scenario
+    if map is None and scenario is not None:
+        map = scenario_map(scenario)
+    if map is None:
+        return {"map": None, "scenario": None}
+    file, grid = map_file(map), load_map(map)
+    if file.suffix != ".map":
+        raise ValueError(f"{map}: expected a name, or a .map file")
+    opened = {"name": file.name, "text": read_text(file)}
+    if scenario is None:
+        return {"map": opened, "scenario": None}
+    agents, name = load_scenario(scenario, grid), Path(scenario_name(scenario, grid.name)).name.removesuffix(".scen")
+    text = read_text(scenario) if scenario.endswith(".scen") else format_scenario(agents, grid)
+    return {"map": opened, "scenario": {"name": f"{name}.scen", "text": text}}
+
+
+def _serve(start: dict[str, Any], folders: Sequence[Path], port: int, browser: bool) -> None:
+    try:
+        from mapf_pz.editor.server import serve
+    except ModuleNotFoundError as error:
+        raise ImportError(f"{error}: pip install 'mapf-pz[edit]'") from error
+
+    def show(address: str) -> None:
+        print(f"{address}\nCtrl-C ends the server", flush=True)
+        if browser:  # in a thread, as a browser in the terminal would be waited for
+            Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+
+    serve(Folders(folders), start, port, show)

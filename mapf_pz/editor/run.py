@@ -1,0 +1,203 @@
+"""Runs of solvers, each in its own process."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from ctypes import c_int64
+from multiprocessing import get_context
+from threading import Lock
+from typing import Any, Literal
+
+from mapf_pz._internal.interrupts import unheard_by_children
+from mapf_pz.editor.requests import Refusal
+from mapf_pz.editor.task import Outcome, Task
+from mapf_pz.editor.worker import Failure, work
+
+State = Literal["running", "done", "failed", "stopped"]
+"""What a solver does."""
+
+
+class SolverProcess:
+    """A process in which a solver runs; afterward, it answers requests about the episode. Its methods block threads."""
+
+    def __init__(self, task: Task) -> None:
+        """Start the process and the solver."""
+        self.task = task
+        """The solver's task."""
+        self.state: State = "running"
+        """The state at the latest call of `update`."""
+        context = get_context("spawn")
+        self._connection, theirs = context.Pipe()
+        self._step = context.RawValue(c_int64, 0)
+        self._process = context.Process(target=work, args=(task, theirs, self._step), daemon=True)
+        with unheard_by_children():
+            self._process.start()
+        theirs.close()
+        self._lock = Lock()
+        self._start("run")
+
+    def update(self) -> State:
+        """Receive the solver's outcome, if there is one, or notice that the process has ended; return the state."""
+        with self._lock:
+            if self.state in ("running", "done") and self._connection.poll():
+                self._finish(self._received())
+        return self.state
+
+    def progress(self) -> dict[str, Any]:
+        """Return the solver's part of the response to `progress`."""
+        running = self.update() == "running"
+        step = self._step.value if running else self._outcome.num_steps
+        return {
+            "name": self.task.solver,
+            "state": self.state,
+            "step": None if running and self.task.plans_paths else step,
+            "steps": self.task.max_steps,
+            "seconds": time.monotonic() - self._started if running else self._outcome.seconds,
+            "message": "" if running else self._outcome.message,
+            "unfinished": [] if running else list(self._outcome.unfinished),
+        }
+
+    def episode(self) -> dict[str, Any]:
+        """Return the response to `episode`; raises `Refusal` unless the solver is done."""
+        with self._lock:
+            self._require_done()
+            self._connection.send(("episode", ()))
+            answer = self._received()
+            if not isinstance(answer, Failure):
+                return answer
+            if not self._process.is_alive():
+                self._finish(answer)
+            raise Refusal(400, answer.message)
+
+    def resume(self, start: int, actions: Mapping[int, int], steps: int) -> None:
+        """Resume the episode, as `Solving.resume`; raises `Refusal` unless the solver is done and can do so."""
+        with self._lock:
+            self._require_done()
+            if self.task.plans_paths:
+                expected = "expected a policy, or a planner of single steps"
+                raise Refusal(400, f"{self.task.solver} plans whole paths: {expected}")
+            last = self._outcome.num_steps - self._outcome.is_over
+            if start > last:
+                raise Refusal(400, f"from={start}: expected 0 to {last}, a step before the end of the episode")
+            _check_actions(actions, self.task)
+            self._start("resume", start, dict(actions), steps)
+
+    def stop(self) -> None:
+        """End the process at once."""
+        self._process.kill()
+        with self._lock:
+            self._process.join()
+            if self.state == "running":
+                self._outcome = Outcome("stopped", self._step.value, seconds=time.monotonic() - self._started)
+            self.state = "stopped"
+            self._connection.close()
+
+    def _start(self, method: str, *arguments: object) -> None:
+        """Send a request that is answered by an `Outcome`."""
+        self.state = "running"
+        self._outcome = Outcome("", 0)
+        self._started = time.monotonic()
+        self._step.value = 0
+        self._connection.send((method, arguments))
+
+    def _received(self) -> Any:
+        """Wait for an answer, and return it; a `Failure` if the process has ended."""
+        try:
+            return self._connection.recv()
+        except (EOFError, OSError):
+            self._process.join()
+            return Failure(f"the solver's process has ended unexpectedly, exit code {self._process.exitcode}")
+
+    def _finish(self, answer: Outcome | Failure) -> None:
+        if isinstance(answer, Failure):
+            seconds = time.monotonic() - self._started
+            answer = Outcome(answer.message, self._step.value, seconds=seconds)
+            self.state = "failed"
+        else:
+            self.state = "done"
+        self._outcome = answer
+
+    def _require_done(self) -> None:
+        if self.state != "done":
+            raise Refusal(409, f"{self.task.solver}: expected a solver that is done, got one that is {self.state}")
+
+
+class Runs:
+    """The runs of the server, one at a time."""
+
+    def __init__(self) -> None:
+        """Start without a run."""
+        self._lock = Lock()
+        self._number = 0
+        self._solvers: list[SolverProcess] = []
+
+    def start(self, tasks: Sequence[Task]) -> int:
+        """Start a run of a solver for each task, and return its number; the run before ends.
+
+        Raises `Refusal` (status 409) while another run is running.
+        """
+        with self._lock:
+            self._require_idle()
+            self._stop()
+            self._solvers = [SolverProcess(task) for task in tasks]
+            return self._next()
+
+    def resume(self, number: int, solver: int, start: int, actions: Mapping[int, int], steps: int) -> int:
+        """Resume the episode of a solver in a new run, which has the same solvers; return its number.
+
+        Raises `Refusal` as `SolverProcess.resume` and `start`.
+        """
+        with self._lock:
+            chosen = self._of(number, solver)
+            self._require_idle()
+            chosen.resume(start, actions, steps)
+            return self._next()
+
+    def solvers(self, number: int) -> list[SolverProcess]:
+        """Return the solvers of the latest run; raises `Refusal` (status 404) unless it has this number."""
+        if number != self._number or not self._solvers:
+            raise Refusal(404, f"there is no run {number}")
+        return self._solvers
+
+    def solver(self, number: int, index: int) -> SolverProcess:
+        """Return a solver of the latest run; raises `Refusal` (status 404) if there is none."""
+        with self._lock:
+            return self._of(number, index)
+
+    def stop(self, number: int) -> None:
+        """End the processes of the latest run at once; raises `Refusal` unless it has this number."""
+        self.solvers(number)
+        self._stop()
+
+    def close(self) -> None:
+        """End all processes."""
+        self._stop()
+
+    def _of(self, number: int, index: int) -> SolverProcess:
+        solvers = self.solvers(number)
+        if index >= len(solvers):
+            raise Refusal(404, f"solver {index}: the run has {len(solvers)}")
+        return solvers[index]
+
+    def _next(self) -> int:
+        self._number += 1
+        return self._number
+
+    def _require_idle(self) -> None:
+        if any(solver.update() == "running" for solver in self._solvers):
+            raise Refusal(409, "another run is running: stop it first")
+
+    def _stop(self) -> None:
+        for solver in self._solvers:
+            solver.stop()
+
+
+def _check_actions(actions: Mapping[int, int], task: Task) -> None:
+    """Raise `Refusal` for an unknown agent or action."""
+    num_agents, num_actions = task.instance.num_agents, 5 if task.instance.headings is None else 4
+    for agent, action in actions.items():
+        if not 0 <= agent < num_agents:
+            raise Refusal(400, f"actions: expected agents 0 to {num_agents - 1}, got {agent}")
+        if not 0 <= action < num_actions:
+            raise Refusal(400, f"actions: expected an action 0 to {num_actions - 1} of agent {agent}, got {action}")

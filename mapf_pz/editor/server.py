@@ -1,0 +1,202 @@
+"""The server: its page, and the functions that the page calls."""
+
+from __future__ import annotations
+
+import secrets
+import socket
+from collections.abc import Callable
+from typing import Any
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.requests import Request as HttpRequest
+from starlette.responses import Response
+from starlette.routing import Route
+
+from mapf_pz._internal.interrupts import interruptible
+from mapf_pz.editor import requests
+from mapf_pz.editor.access import Access
+from mapf_pz.editor.catalog import all_names, generated, graph, opened
+from mapf_pz.editor.folders import Folders
+from mapf_pz.editor.instances import graph_of, instance_of
+from mapf_pz.editor.page import editor_page
+from mapf_pz.editor.requests import Refusal, parse_request
+from mapf_pz.editor.responses import json_response, page_response
+from mapf_pz.editor.run import Runs
+from mapf_pz.editor.task import Task
+from mapf_pz.evaluation.policies import PlannerFactory, TrainedFactory, bundled_policies, policy_factory
+from mapf_pz.evaluation.solver import solver_of
+from mapf_pz.guidance.library import is_guidance_file
+
+HOST = "127.0.0.1"
+"""The address of the server, which only this machine can reach."""
+MAX_BODY_BYTES = 64 * 2**20
+"""Maximum size of a request's body."""
+BAD_INPUT = (ValueError, OSError, ImportError, MemoryError)
+"""Errors that a request can cause. Any other error is a bug."""
+
+
+def serve(folders: Folders, start: dict[str, Any], port: int, on_start: Callable[[str], object]) -> None:
+    """Serve the page until Ctrl-C or SIGTERM.
+
+    Args:
+        folders: the folders that the page may read and write.
+        start: the files that the page opens, as in `create_app`.
+        port: the port; 0: a free one.
+        on_start: is called with the address of the page, which contains the token, once it can be opened.
+
+    Raises `OSError` if the port is not available.
+    """
+    token, runs = secrets.token_urlsafe(32), Runs()
+    with socket.create_server((HOST, port)) as listening:
+        port = listening.getsockname()[1]
+        config = uvicorn.Config(
+            create_app(Editor(folders, runs), token, port, start),
+            log_config=None,
+            log_level="warning",
+            access_log=False,
+            server_header=False,
+            proxy_headers=False,
+            lifespan="off",
+            ws="none",
+            timeout_graceful_shutdown=1,
+        )
+        on_start(f"http://{HOST}:{port}/?token={token}")
+        try:
+            with interruptible():
+                uvicorn.Server(config).run(sockets=[listening])
+        except KeyboardInterrupt:  # how the server ends
+            pass
+        finally:
+            runs.close()
+
+
+class Editor:
+    """The functions that the page calls by name. They block, so they run in threads."""
+
+    def __init__(self, folders: Folders, runs: Runs) -> None:
+        """Create the functions, which read and write only in `folders`."""
+        self._folders = folders
+        self._runs = runs
+        self._functions: dict[str, tuple[type[requests.Request], Callable[[Any], dict[str, Any]]]] = {
+            "names": (requests.NamesRequest, self.names),
+            "list": (requests.ListRequest, lambda request: folders.entries(request.path)),
+            "open": (requests.OpenRequest, lambda request: opened(request, folders)),
+            "generate": (requests.GenerateRequest, generated),
+            "graph": (requests.GraphRequest, graph),
+            "save": (requests.SaveRequest, self.save),
+            "solve": (requests.SolveRequest, self.solve),
+            "progress": (requests.RunRequest, self.progress),
+            "episode": (requests.EpisodeRequest, self.episode),
+            "step": (requests.StepRequest, self.step),
+            "stop": (requests.RunRequest, self.stop),
+        }
+
+    def call(self, name: str, body: bytes) -> Response:
+        """Return the response to a request; raises `Refusal` for an unknown name or one of `BAD_INPUT`."""
+        if name not in self._functions:
+            raise Refusal(404, f"unknown function {name!r}: expected one of {', '.join(self._functions)}")
+        kind, function = self._functions[name]
+        try:
+            return json_response(function(parse_request(kind, body)))
+        except BAD_INPUT as error:
+            raise Refusal(400, str(error) or type(error).__name__) from error
+
+    def names(self, request: requests.NamesRequest) -> dict[str, Any]:
+        """Return what is available by name, and the folders."""
+        return all_names() | {"folders": [str(path) for path in self._folders.paths]}
+
+    def save(self, request: requests.SaveRequest) -> dict[str, Any]:
+        """Write a file."""
+        return self._folders.save(request.path, request.text, request.overwrite)
+
+    def solve(self, request: requests.SolveRequest) -> dict[str, Any]:
+        """Start a run, after checking the instance and the names of the solvers."""
+        instance = instance_of(request.instance, request.lifelong)
+        weights = request.instance.weights
+        graph = "uniform" if weights is None else graph_of(weights, instance.grid)
+        tasks: list[Task] = []
+        for solver in request.solvers:
+            self._check_solver(solver, request.lifelong)
+            limits = (request.time_limit, request.max_steps, request.seed)
+            tasks.append(Task(instance, solver, request.lifelong, *limits, graph))
+        return {"run": self._runs.start(tasks)}
+
+    def _check_solver(self, solver: str, lifelong: bool) -> None:
+        """Raise `ValueError` for an unknown name or option, and `Refusal` for a file outside the folders."""
+        if not lifelong:
+            solver_of(solver)
+        factory = policy_factory(solver)
+        if isinstance(factory, TrainedFactory) and factory.name not in bundled_policies():
+            self._folders.inside(factory.name)
+        if isinstance(factory, PlannerFactory) and is_guidance_file(factory.edge_weights):
+            self._folders.inside(factory.edge_weights)
+
+    def progress(self, request: requests.RunRequest) -> dict[str, Any]:
+        """Return the progress of the solvers."""
+        return {"solvers": [solver.progress() for solver in self._runs.solvers(request.run)]}
+
+    def episode(self, request: requests.EpisodeRequest) -> dict[str, Any]:
+        """Return the episode of a solver."""
+        return self._runs.solver(request.run, request.solver).episode()
+
+    def step(self, request: requests.StepRequest) -> dict[str, Any]:
+        """Resume the episode of a solver in a new run."""
+        given = (request.start, request.actions, request.steps)
+        return {"run": self._runs.resume(request.run, request.solver, *given)}
+
+    def stop(self, request: requests.RunRequest) -> dict[str, Any]:
+        """End the processes of a run."""
+        self._runs.stop(request.run)
+        return {}
+
+
+def create_app(editor: Editor, token: str, port: int, start: dict[str, Any]) -> Starlette:
+    """Return the application of the server.
+
+    Args:
+        editor: the functions that the page calls.
+        token: the token that requests must contain.
+        port: the port of this machine at which it is served.
+        start: the files with which the page starts: `map` and `scenario`, each None or its `name` and `text`.
+    """
+
+    def page(request: HttpRequest) -> Response:
+        return page_response(editor_page({"token": token, "start": start}))
+
+    async def call(request: HttpRequest) -> Response:
+        return await run_in_threadpool(editor.call, request.path_params["name"], await _body(request))
+
+    return Starlette(
+        routes=[Route("/", page), Route("/api/{name}", call, methods=["POST"])],
+        middleware=[Middleware(Access, token=token, port=port)],
+        exception_handlers={Refusal: _refused, HTTPException: _not_found, Exception: _failed},
+    )
+
+
+async def _body(request: HttpRequest) -> bytes:
+    """Return the body of a request; raises `Refusal` if it is too large, whatever length is stated."""
+    body = bytearray()
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > MAX_BODY_BYTES:
+            raise Refusal(413, f"expected a request of at most {MAX_BODY_BYTES} bytes")
+    return bytes(body)
+
+
+def _refused(request: HttpRequest, error: Exception) -> Response:
+    status, members = (error.status, error.members) if isinstance(error, Refusal) else (400, {})
+    return json_response({"error": " ".join(str(error).split()), **members}, status)
+
+
+def _not_found(request: HttpRequest, error: Exception) -> Response:
+    status = error.status_code if isinstance(error, HTTPException) else 404
+    return json_response({"error": f"{request.method} {request.url.path}: not found"}, status)
+
+
+def _failed(request: HttpRequest, error: Exception) -> Response:
+    """Return the response to a bug, whose traceback the server prints."""
+    return json_response({"error": f"internal error, see the terminal: {type(error).__name__}"}, 500)

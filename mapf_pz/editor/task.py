@@ -1,0 +1,89 @@
+"""The task of a solver, and its outcome."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+
+from mapf_pz.evaluation.solver import costs_text
+from mapf_pz.guidance.library import EdgeWeights
+from mapf_pz.instances import Instance
+from mapf_pz.planners import PLANNERS, Plan
+from mapf_pz.planners.base import PlanFollower
+
+OnStep: TypeAlias = "Callable[[int], object]"
+"""Is called with the number of steps after each step."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """An instance, and how it is solved."""
+
+    instance: Instance
+    """The instance: one goal for each agent or, if `lifelong`, a sequence of goals for each."""
+    solver: str
+    """Name of a planner or policy, with options."""
+    lifelong: bool
+    """Whether an agent receives its next goal when it reaches one."""
+    time_limit: float
+    """Time limit in seconds."""
+    max_steps: int
+    """Maximum number of steps."""
+    seed: int
+    """Random seed."""
+    edge_weights: EdgeWeights = "uniform"
+    """The guidance graph."""
+
+    @property
+    def plans_paths(self) -> bool:
+        """Whether the solver plans whole paths, before the first step, instead of single steps."""
+        planner = PLANNERS.get(self.solver.partition(":")[0])
+        return not self.lifelong and planner is not None and issubclass(planner, PlanFollower)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The end of a solver's work."""
+
+    message: str
+    """One-line summary."""
+    num_steps: int
+    """Number of steps."""
+    unfinished: tuple[int, ...] = ()
+    """The agents that are not at their goals; empty if lifelong."""
+    is_over: bool = True
+    """Whether no further step is possible."""
+    seconds: float = 0.0
+    """Runtime in seconds, without the compilation of kernels."""
+
+
+class Solving(Protocol):
+    """A solver that works on a task, and keeps its result."""
+
+    def run(self) -> Outcome:
+        """Solve the task; raises one of `USER_ERRORS` if that is impossible."""
+        ...
+
+    def resume(self, start: int, actions: Mapping[int, int], steps: int) -> Outcome:
+        """Keep the first `start` steps, and add `steps`, in the first of which some agents take the given actions."""
+        ...
+
+    def episode(self) -> dict[str, Any]:
+        """Return the result as the response to `episode`."""
+        ...
+
+
+def plan_message(plan: Plan, instance: Instance, bound: int) -> str:
+    """Return the costs of a plan or, if agents are not at their goals, their number."""
+    away = int(plan.away(instance).sum())
+    if away:
+        return f"{away} of {plan.num_agents} agents are not at their goals after {plan.num_steps} steps"
+    return costs_text(plan, bound)
+
+
+def agents_away(plan: Plan, instance: Instance) -> tuple[int, ...]:
+    """Return the agents that are not at their goals at the end of a plan."""
+    return tuple(np.flatnonzero(plan.away(instance)).tolist())
