@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
@@ -82,6 +83,7 @@ def record_episode(env: AnyEnv, policy: Policy, seed: int, policy_name: str) -> 
 
 
 def _episode_recording(episode: EpisodeOptions, policy_name: str) -> Recording:
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # as `mapf-pz evaluate`, before torch is imported
     check_observed(policy_name, episode.env)
     make = policy_factory(policy_name, episode.seed, trust_remote_code=episode.trust_remote_code)
     env, policy = make(changed_keywords(episode.env))

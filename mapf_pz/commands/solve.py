@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -96,6 +97,7 @@ class ScheduleOptions:
 
 def solve(options: SolveOptions) -> None:
     """Solve an instance, validate and write the plan, and print its costs. The exit status is 1 if there is no plan."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # as `mapf-pz evaluate`, before torch is imported
     solver = solver_of(options.planner, options.seed)
     env = options.env.config()
     check_format(options.output, env.action_model)
