@@ -90,6 +90,16 @@ MIXTURE = {
 GENERATED = {"--map": "--map random-16-16-20", "--output": "--output other.json"}
 
 CASES = {
+    "edit": Case(
+        "edit random-32-32-20",
+        {
+            "--scenario": "--scenario random-2",
+            "--folder": "--folder ..",
+            "--port": "--port 8123",
+            "--browser": "--no-browser",
+        },
+        ("mapf_pz.commands.edit._serve",),
+    ),
     "evaluate": Case(
         "evaluate --policy pibt --map empty-8-8 --num-agents 4 --max-steps 9 --episodes 2 --output out",
         {

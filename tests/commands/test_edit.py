@@ -1,0 +1,152 @@
+"""The command `mapf-pz edit`: the files that the page opens, and the server."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from http.client import HTTPConnection
+from urllib.parse import urlsplit
+
+import pytest
+
+from mapf_pz.commands.main import main
+from mapf_pz.instances import Scenario, load_map, write_map, write_scenario
+
+
+@pytest.fixture
+def served(monkeypatch):
+    """What `mapf-pz edit` serves: files, folders, port, and whether it opens the browser."""
+    calls = []
+    monkeypatch.setattr("mapf_pz.commands.edit._serve", lambda *given: calls.append(given))
+    return calls
+
+
+@pytest.fixture
+def files(tmp_path):
+    grid = load_map("empty-8-8")
+    for folder in ("maps", "scens"):
+        (tmp_path / folder).mkdir()
+    write_map(grid, tmp_path / "maps" / "a.map")
+    write_scenario(Scenario([[0, 0]], [[3, 3]]), grid, tmp_path / "scens" / "b.scen")
+    return tmp_path / "maps" / "a.map", tmp_path / "scens" / "b.scen"
+
+
+def test_files_are_opened(served, files):
+    map, scenario = files
+    assert main(["edit", str(map), "--scenario", str(scenario), "--no-browser", "--port", "8123"]) == 0
+    [(start, folders, port, browser)] = served
+    assert start == {
+        "map": {"name": "a.map", "text": map.read_text()},
+        "scenario": {"name": "b.scen", "text": scenario.read_text()},
+    }
+    assert [folder.resolve() for folder in folders] == [map.parents[2].cwd(), map.parent, scenario.parent]
+    assert (port, browser) == (8123, False)
+
+
+def test_names_are_opened(served, tmp_path):
+    assert main(["edit", "random-32-32-20", "--scenario", "random-2", "--folder", str(tmp_path)]) == 0
+    assert main(["edit", "--scenario", "random-32-32-20-random-2"]) == 0
+    assert main(["edit"]) == 0
+    [(start, folders, port, browser), (same, _, _, _), (nothing, _, _, _)] = served
+    assert start == same
+    assert start["map"]["name"] == "random-32-32-20.map"
+    assert start["scenario"]["name"] == "random-32-32-20-random-2.scen"
+    assert start["scenario"]["text"].startswith("version 1\n")
+    assert (list(folders), port, browser) == ([tmp_path], 0, True)
+    assert nothing == {"map": None, "scenario": None}
+
+
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        (["nowhere"], "no .map file is named 'nowhere'"),
+        (["nowhere.map"], "nowhere.map: no such file"),
+        (["empty-8-8", "--scenario", "nowhere"], "no .scen file is named 'nowhere'"),
+        (["ggo.json"], "ggo.json: expected a name, or a .map file"),
+        (["random-32-32-20", "--scenario", "{scenario}"], "expected the size of map 'random-32-32-20'"),
+    ],
+)
+def test_errors(capsys, served, files, tmp_path, monkeypatch, words, error):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "ggo.json").write_text('{"layout": ["..", ".."]}')
+    assert main(["edit", *(word.format(scenario=files[1]) for word in words)]) == 1
+    [line] = capsys.readouterr().err.splitlines()
+    assert line.startswith("mapf-pz edit: ")
+    assert error in line
+    assert served == []
+
+
+def test_starlette_is_needed(capsys, monkeypatch):
+    monkeypatch.delitem(sys.modules, "mapf_pz.editor.server", raising=False)
+    monkeypatch.setitem(sys.modules, "starlette.applications", None)
+    assert main(["edit", "--no-browser"]) == 1
+    [line] = capsys.readouterr().err.splitlines()
+    assert line.endswith("pip install 'mapf-pz[edit]'")
+
+
+def test_the_help_needs_no_starlette():
+    code = "try: main(['edit', '-h'])\nfinally: print({'starlette', 'uvicorn'} & {*sys.modules})"
+    words = [sys.executable, "-c", f"import sys; from mapf_pz.commands.main import main\n{code}"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.stdout.splitlines()[-1] == "set()"
+
+
+def start_server(folder, *words):
+    """Start the command in a folder; return the process, and the parts of the address that it prints."""
+    command = [sys.executable, "-m", "mapf_pz", "edit", "--no-browser", *words]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder)
+    address = process.stdout.readline().strip()
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\?token=[\w-]{40,}", address), process.communicate()
+    return process, urlsplit(address)
+
+
+def request(address, method, path, body=None):
+    connection = HTTPConnection(address.netloc)
+    connection.request(method, path, body, {"X-Token": address.query.partition("=")[2]})
+    response = connection.getresponse()
+    status, text = response.status, response.read().decode()
+    connection.close()
+    return status, text
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_server_runs_until_it_is_interrupted(tmp_path, number):
+    pytest.importorskip("starlette")
+    process, address = start_server(tmp_path, "empty-8-8")
+    status, text = request(address, "GET", f"/?{address.query}")
+    assert (status, "type octile" in text) == (200, True)
+    instance = {"name": "a", "map": "type octile\nheight 1\nwidth 3\nmap\n...\n", "starts": [[0, 0]]}
+    given = {"instance": instance | {"goals": [[[0, 2], [0, 0]]]}, "solvers": ["pibt"], "lifelong": True}
+    limits = {"max_steps": 100_000, "time_limit": 80_000}
+    status, answer = request(address, "POST", "/api/solve", json.dumps(given | limits))
+    assert status == 200, answer
+    run = json.loads(answer)
+    while True:  # until the solver works
+        [solver] = json.loads(request(address, "POST", "/api/progress", json.dumps(run))[1])["solvers"]
+        assert solver["state"] == "running", solver
+        if solver["step"]:
+            break
+        time.sleep(0.05)
+    children = subprocess.run(["ps", "-o", "pid=", "--ppid", str(process.pid)], capture_output=True, text=True).stdout
+    os.kill(process.pid, number)
+    out, err = process.communicate()
+    assert (process.returncode, out) == (0, "Ctrl-C ends the server\n")
+    assert all(line.startswith("compiling kernels") for line in err.splitlines())
+    assert children.split()
+    for child in children.split():
+        with pytest.raises(ProcessLookupError):
+            os.kill(int(child), 0)
+
+
+def test_a_port_in_use(tmp_path):
+    pytest.importorskip("starlette")
+    process, address = start_server(tmp_path)
+    command = [sys.executable, "-m", "mapf_pz", "edit", "--no-browser", "--port", str(address.port)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    process.terminate()
+    process.communicate()
+    assert (done.returncode, done.stdout, len(done.stderr.splitlines())) == (1, "", 1)
+    assert "Address already in use" in done.stderr
