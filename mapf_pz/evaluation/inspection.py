@@ -111,9 +111,11 @@ class InspectedPolicy:
         return step
 
     def _of_all(self, agents: NDArray[Any], values: NDArray[Any], missing: int) -> NDArray[Any]:
-        """Return the values (R, ...) of some agents as those of all (N, ...), `missing` for the others."""
+        """Return the values (R, ...) of some agents as those of all (N, ...), `missing` for those that do not act."""
         whole = np.full((len(self._index), *values.shape[1:]), missing, values.dtype)
         whole[agents] = values
+        # Agents that have just disappeared are observed once more.
+        whole[self._simulator.agents[0]["active"] == 0] = missing
         return whole
 
 
