@@ -126,9 +126,10 @@ def test_attention_is_listed_and_drawn(open_page):
     assert table(page, 1) == [["itself", "0.60", ""], ["agent 2", "0.30", ""], ["agent 1", "0.10", ""]]
     drawn = """() => {
         player.draw();
-        const { camera, views: [view] } = player, ends = [[1.5, 2.5], [2.5, 0.5]], [row, col] = [0.5, 0.5];
-        return ends.map(([r, c]) => {
-            const x = camera.left + ((col + c) / 2 + 0.05) * camera.scale, y = camera.top + ((row + r) / 2) * camera.scale;
+        const { camera, views: [view] } = player, ends = [[1.5, 2.5], [2.5, 0.5]];
+        const { left, top, scale } = camera;
+        return ends.map(([row, col]) => {
+            const x = left + ((0.5 + col) / 2 + 0.05) * scale, y = top + ((0.5 + row) / 2) * scale;
             return [...view.canvas.getContext("2d").getImageData(x - 8, y - 8, 16, 16).data];
         });
     }"""
@@ -182,8 +183,9 @@ def test_why_the_safety_layer_took_another_action(open_page, before, after, pref
         np.ones((1, 2, 5), np.bool_), preferred=np.array([[preferred, 0]]), ignored=np.array([[ignored, False]])
     )
     recording = replace(
-        RECORDING, free=FLOOR, positions=np.array([before, after]), goals=None, headings=None, active=None, blocked=None,
-        observed=None, planes=(), weights=None, actions=np.array([[-1, -1], [taken, 0]]), inspection=inspection,
+        RECORDING, free=FLOOR, positions=np.array([before, after]), goals=None, headings=None, active=None,
+        blocked=None, observed=None, planes=(), weights=None, actions=np.array([[-1, -1], [taken, 0]]),
+        inspection=inspection,
     )  # fmt: skip
     page = open_page(recording, "#t=0&agent=0")
     names = ("wait", "up", "down", "left", "right")

@@ -1,7 +1,5 @@
 """Policies that act in several environments by one call of the network, and the rounding errors of such calls."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 import torch
