@@ -33,7 +33,7 @@ class RecordEpisode(BaseParallelWrapper[str, AgentObservation, Any]):
             raise ValueError(f"observed={observed}: expected 0 or more")
         super().__init__(env)
         self._inner = cast("MapfEnv", env.unwrapped)
-        self._planes = _plane_names(self._inner)
+        self._planes = self._inner.simulator.layout.plane_names
         self._has_discrete_actions = isinstance(env.action_space(env.possible_agents[0]), Discrete)
         size = len(self._planes) * int(np.prod(self._inner.config.view_size))
         fitting = MAX_OBSERVED_BYTES // ((self._inner.config.max_steps + 1) * size)
@@ -94,12 +94,3 @@ class RecordEpisode(BaseParallelWrapper[str, AgentObservation, Any]):
         if self._has_discrete_actions:
             state["actions"] = np.array([actions.get(agent, -1) for agent in self.possible_agents], np.int8)
         self._steps.append(state)
-
-
-def _plane_names(env: MapfEnv) -> tuple[str, ...]:
-    """Return a name for each plane of the image."""
-    names: list[str] = []
-    for requested, channel in zip(env.config.channels, env.simulator.layout.channels, strict=True):
-        name, planes = requested if isinstance(requested, str) else "channel", channel.planes
-        names += [name] if planes == 1 else [f"{name} {k + 1}" for k in range(planes)]
-    return tuple(names)

@@ -12,6 +12,7 @@ from tyro.conf import Positional, UseAppendAction
 from mapf_pz.commands.planfile import LoadedPlan, load_plan
 from mapf_pz.commands.progress import progress_bar
 from mapf_pz.evaluation.episodes import AnyEnv, Policy, changed_keywords, rollout
+from mapf_pz.evaluation.inspection import InspectedPolicy
 from mapf_pz.evaluation.policies import check_observed, policy_factory
 from mapf_pz.planners import record_plan, violations
 from mapf_pz.render import Recording, save_html, save_recording, save_viewer
@@ -44,6 +45,9 @@ class EpisodeOptions:
     """Steps per second."""
     trust_remote_code: bool = False
     """Load policies whose configurations name code outside this package (`package.module:name`), and run that code."""
+    inspect: bool = False
+    """Record each decision of the policy: the page shows the selected agent's features, action mask, probabilities of
+    actions, attention to others, and why the safety layer took another action. Only for `.html`."""
     viewer: bool = False
     """Write a page without an episode, which shows map, scenario and plan files that are dropped on it."""
 
@@ -60,6 +64,8 @@ def render(episode: EpisodeOptions) -> None:
         raise ValueError("--problem: expected --plan, too")
     if max(len(episode.plan), len(episode.policy)) > 1 and episode.output.suffix.lower() != ".html":
         raise ValueError(f"{episode.output}: expected an .html file for several episodes")
+    if episode.inspect and (episode.plan or episode.output.suffix.lower() != ".html"):
+        raise ValueError("--inspect: expected an .html file, and no --plan")
     if episode.plan:
         _check_unused(episode, "--plan", ("map", "scenario", "num_agents"))
         recordings = [_plan_recording(episode, plan) for plan in episode.plan]
@@ -73,13 +79,21 @@ def save_episode(env: AnyEnv, policy: Policy, seed: int, output: Path, fps: floa
     _save([record_episode(env, policy, seed, policy_name)], output, fps)
 
 
-def record_episode(env: AnyEnv, policy: Policy, seed: int, policy_name: str) -> Recording:
-    """Run an episode of `env` with a progress bar, and return its recording, which is named after the policy."""
+def record_episode(env: AnyEnv, policy: Policy, seed: int, policy_name: str, inspect: bool = False) -> Recording:
+    """Run an episode of `env` with a progress bar, and return its recording, which is named after the policy.
+
+    With `inspect`, the recording has the policy's decisions.
+    """
     recorded = RecordEpisode(env)
+    inspected = InspectedPolicy(policy, recorded) if inspect else None
     with progress_bar("running", total=env.config.max_steps + 1) as update:
-        rollout(recorded, policy, seed, on_step=lambda: update(advance=1))
-    recording = recorded.recording
-    return replace(recording, name=policy_name, facts={"policy": policy_name, "seed": str(seed)})
+        rollout(recorded, inspected or policy, seed, on_step=lambda: update(advance=1))
+    return replace(
+        recorded.recording,
+        name=policy_name,
+        facts={"policy": policy_name, "seed": str(seed)},
+        inspection=None if inspected is None else inspected.inspection,
+    )
 
 
 def _episode_recording(episode: EpisodeOptions, policy_name: str) -> Recording:
@@ -87,7 +101,7 @@ def _episode_recording(episode: EpisodeOptions, policy_name: str) -> Recording:
     check_observed(policy_name, episode.env)
     make = policy_factory(policy_name, episode.seed, trust_remote_code=episode.trust_remote_code)
     env, policy = make(changed_keywords(episode.env))
-    return record_episode(env, policy, episode.seed, policy_name)
+    return record_episode(env, policy, episode.seed, policy_name, episode.inspect)
 
 
 def _check_unused(episode: EpisodeOptions, option: str, used: tuple[str, ...] = ()) -> None:
@@ -123,8 +137,8 @@ def _plan_metrics(loaded: LoadedPlan) -> dict[str, float]:
 
 
 def _save_viewer(episode: EpisodeOptions) -> None:
-    if episode.output.suffix.lower() != ".html" or episode.plan or episode.policy:
-        raise ValueError("--viewer: expected an .html file, and neither --policy nor --plan")
+    if episode.output.suffix.lower() != ".html" or episode.plan or episode.policy or episode.inspect:
+        raise ValueError("--viewer: expected an .html file, and neither --policy, --plan nor --inspect")
     _check_unused(episode, "--viewer")
     episode.output.parent.mkdir(parents=True, exist_ok=True)
     save_viewer(episode.output)

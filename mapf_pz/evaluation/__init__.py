@@ -6,6 +6,7 @@ It imports everything but the commands. Read `evaluate_policies.py` first.
 from mapf_pz.evaluation.batch import BatchPolicy, PolicyInBatch
 from mapf_pz.evaluation.episodes import Policy, Rollout, make_env, rollout
 from mapf_pz.evaluation.evaluate_policies import evaluate
+from mapf_pz.evaluation.inspection import InspectedPolicy
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.evaluation.reports.formats import markdown_table, terminal_table
 from mapf_pz.evaluation.results import Episode
@@ -17,6 +18,7 @@ __all__ = [
     "BatchPolicy",
     "Episode",
     "EvaluationTask",
+    "InspectedPolicy",
     "Policy",
     "PolicyInBatch",
     "PolicySolver",

@@ -42,7 +42,7 @@ NOT_DECIDING = (
         "wrappers",
     ),
     *("planners/scheduling", "rl/demonstrations", "rl/presets.py", "rl/training", "evaluation/reports"),
-    *(f"evaluation/{name}.py" for name in ("evaluate_policies", "identity", "results", "solver")),
+    *(f"evaluation/{name}.py" for name in ("evaluate_policies", "identity", "inspection", "results", "solver")),
 )
 """Files and folders of the package that do not affect the metrics of an episode."""
 _SOURCE_FIELDS = ("map", "scenario", "source", "goals", "on_target", "max_steps")

@@ -13,20 +13,9 @@ from mapf_pz._internal.atomic import write_whole
 from mapf_pz.render.rgb import color_codes
 
 PLAYER = (
-    *("episode", "actions", "colors", "camera", "svgpen", "ground", "directions", "agents", "chosen", "view", "tables"),
-    *(
-        "planes",
-        "violations",
-        "throughput",
-        "address",
-        "legend",
-        "export",
-        "hint",
-        "controls",
-        "keys",
-        "pointer",
-        "player",
-    ),
+    *("episode", "actions", "colors", "camera", "svgpen", "ground", "directions", "agents", "chosen", "attention"),
+    *("view", "tables", "planes", "override", "decision", "violations", "throughput", "address", "legend", "export"),
+    *("hint", "controls", "keys", "pointer", "player"),
 )
 """The files of the folder `player` that play episodes: they are joined into the page's script, in this order."""
 UNPACKING = "unpack"

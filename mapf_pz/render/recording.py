@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mapf_pz._internal.arrays import Bools, Floats, Ints
 from mapf_pz._internal.atomic import write_whole
 from mapf_pz.render.html import recordings_page
+from mapf_pz.render.inspection import Inspection
 from mapf_pz.render.rgb import Canvas, Picture, color_codes
 from mapf_pz.simulator.config import CollisionSystem, Frame, View
 
@@ -83,6 +84,8 @@ class Recording:
     """The observing agent's place in the observations, as in `EnvConfig.view`. None: unknown."""
     frame: Frame | None = None
     """The orientation of the observations, as in `EnvConfig.frame`. None: unknown."""
+    inspection: Inspection | None = None
+    """The policy's decisions in T steps. None: not recorded."""
 
     def __post_init__(self) -> None:
         """Check the shapes."""
@@ -94,6 +97,9 @@ class Recording:
                 raise ValueError(f"recording: expected {name} of shape {shape}, got {value.shape}")
         if self.observed is not None and self.observed.shape[::2][:2] != (each[0], len(self.planes)):
             raise ValueError(f"recording: expected {len(self.planes)} planes observed, got {self.observed.shape}")
+        if self.inspection is not None and self.inspection.num_steps != self.num_steps:
+            got = self.inspection.num_steps
+            raise ValueError(f"recording: expected the decisions of {self.num_steps} steps, got {got}")
 
     @property
     def num_steps(self) -> int:
@@ -178,6 +184,7 @@ def episode_data(recording: Recording) -> dict[str, Any]:
         "viewSize": [0, 0] if observed is None else list(observed.shape[-2:]),
         "view": recording.view,
         "frame": recording.frame,
+        "inspection": None if recording.inspection is None else recording.inspection.sizes(),
         "violations": None
         if violations is None
         else [{"step": each.step, "agents": list(each.agents), "text": each.text} for each in violations],
@@ -210,6 +217,8 @@ def _arrays(recording: Recording) -> dict[str, NDArray[Any]]:
     observed = _shown_observations(recording)
     if observed is not None:
         arrays["observed"] = observed
+    if recording.inspection is not None:
+        arrays |= recording.inspection.arrays()
     return arrays
 
 

@@ -6,6 +6,7 @@ last `num_frames` steps, oldest first; in each, those of `num_neighbors` neighbo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -48,21 +49,38 @@ class ObservationLayout:
     @property
     def own_planes(self) -> slice:
         """The planes of the whole image that are the agent's own of the current step."""
-        config, num_planes = self._config, self.num_own_planes
-        first = (config.num_frames - 1) * (1 + config.num_neighbors) * num_planes
-        return slice(first, first + num_planes)
+        return self._own(self.num_own_planes)
+
+    @property
+    def own_features(self) -> slice:
+        """The features of the whole observation that are the agent's own of the current step."""
+        return self._own(self.num_own_features)
 
     def own_feature(self, name: str) -> slice | None:
         """Return where the feature `name` of the agent itself and of the current step is in the whole observation.
 
         None: it is not observed.
         """
-        config = self._config
-        if name not in config.features:
+        if name not in self._config.features:
             return None
-        k = config.features.index(name)
-        start = (config.num_frames - 1) * (1 + config.num_neighbors) * self.num_own_features + sum(self._sizes[:k])
+        k = self._config.features.index(name)
+        start = self.own_features.start + sum(self._sizes[:k])
         return slice(start, start + self._sizes[k])
+
+    @property
+    def feature_names(self) -> tuple[str, ...]:
+        """(F,) names of the agent's own features, numbered if a feature has several numbers."""
+        return _numbered(self._config.features, self._sizes, "feature")
+
+    @property
+    def plane_names(self) -> tuple[str, ...]:
+        """(K,) names of the planes of the agent's own image, numbered if a channel has several planes."""
+        return _numbered(self._config.channels, [channel.planes for channel in self.channels], "channel")
+
+    def _own(self, size: int) -> slice:
+        """Return where the last of the observed steps begins with `size` planes or features of the agent's own."""
+        first = (self._config.num_frames - 1) * (1 + self._config.num_neighbors) * size
+        return slice(first, first + size)
 
     @property
     def needs_cost_to_go(self) -> bool:
@@ -107,3 +125,12 @@ class ObservationLayout:
         for feature, size in zip(self.features, self._sizes, strict=True):
             feature.write(inputs, features, at)
             at += size
+
+
+def _numbered(parts: Sequence[object], sizes: Sequence[int], unnamed: str) -> tuple[str, ...]:
+    """Return a name for each number of some parts, such as `goal`, or `last 1` and `last 2` for a part of size 2."""
+    names: list[str] = []
+    for part, size in zip(parts, sizes, strict=True):
+        name = part if isinstance(part, str) else unnamed
+        names += [name] if size == 1 else [f"{name} {k + 1}" for k in range(size)]
+    return tuple(names)

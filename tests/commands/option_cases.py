@@ -312,6 +312,7 @@ CASES = {
             "--problem": "!--problem depot.json",
             "--fps": "--fps 9",
             "--trust-remote-code": "",  # tests/test_trust.py
+            "--inspect": "--inspect",
             "--viewer": "!--viewer",
         },
     ),
@@ -323,11 +324,18 @@ CASES = {
             "--reward": "!--reward progress",
             "--goal": "!--goal 3",
             "--map": "--map empty-16-16",
+            "--inspect": "!--inspect",
         }
         | {"--num-agents": "--num-agents 2", "--scenario": "--scenario a.scen", "--plan": "--plan plan.txt"},
     ),
     "render a viewer": Case(
-        "render out.html --viewer", {"--map": "!--map empty-16-16", "--seed": "!--seed 5", "--viewer": "--no-viewer"}
+        "render out.html --viewer",
+        {
+            "--map": "!--map empty-16-16",
+            "--seed": "!--seed 5",
+            "--inspect": "!--inspect",
+            "--viewer": "--no-viewer",
+        },
     ),
     "play": Case(
         "play --policy random --map empty-8-8 --num-agents 4 --max-steps 20 --seed 3",

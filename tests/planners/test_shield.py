@@ -240,3 +240,18 @@ def test_wrong_preferences():
         shield.actions(np.zeros((1, 5)))
     with pytest.raises(ValueError, match=r"^preferences contain NaN$"):
         shield.actions(np.full((1, 1, 5), np.nan))
+
+
+@pytest.mark.parametrize("patience", [0, 3])
+def test_an_agent_moves_while_it_ignores_its_preference_to_wait(patience):
+    env = mapf_pz.parallel_env(map="empty-16-16", num_agents=1, action_model="cardinal", max_steps=30)
+    observations, _ = env.reset(options={"instance": Scenario([[0, 0]], [[15, 15]])})
+    shield = Shield(Preferences(lambda _: np.eye(5)[CardinalAction.WAIT]), env, patience)
+    shield.reset_states()
+    ignored = []
+    while env.agents:
+        actions = shield.act(observations)
+        ignored.append(bool(shield.ignores_preferences[0]))
+        assert ignored[-1] == (actions["agent_0"] != CardinalAction.WAIT)
+        observations, *_ = env.step(actions)
+    assert ignored[:8] == ([False] * 8 if patience == 0 else [False] * 3 + [True] * 3 + [False] * 2)

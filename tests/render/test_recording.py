@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mapf_pz.render import save_recording
+from mapf_pz.render import Inspection, save_recording
 from mapf_pz.render.rgb import draw
 from tests.helpers.small_recording import ACTIVE, FREE, GOALS, HEADINGS, POSITIONS, RECORDING
 
@@ -31,6 +31,17 @@ def test_wrong_shapes_are_rejected(name):
 def test_a_name_is_needed_for_each_plane():
     with pytest.raises(ValueError, match="expected 1 planes observed"):
         replace(RECORDING, planes=("view",))
+
+
+def test_wrong_shapes_of_decisions_are_rejected():
+    allowed = np.ones((3, 2, 4), np.bool_)
+    for name in ("features", "probabilities", "means", "preferred", "ignored"):
+        with pytest.raises(ValueError, match=rf"inspection: expected {name} of shape \(3, 2"):
+            Inspection(allowed, **{name: np.zeros((3, 3))})
+    with pytest.raises(ValueError, match="inspection: expected attention of shape"):
+        Inspection(allowed, attended=np.zeros((3, 2, 5)), attention=np.zeros((3, 2, 4)))
+    with pytest.raises(ValueError, match="expected the decisions of 3 steps, got 2"):
+        replace(RECORDING, inspection=Inspection(allowed[1:]))
 
 
 @pytest.mark.parametrize(("name", "fps", "message"), [("a.bmp", 4, "a.bmp: expected"), ("a.svg", 0, "fps=0")])

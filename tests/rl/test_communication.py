@@ -340,3 +340,20 @@ def test_the_pose_must_be_observed(tmp_path):
     config = dataclasses.replace(talking("mappo"), task=TINY.task)
     with pytest.raises(ValueError, match="communication=2: expected 'pose' among the environment's features"):
         train(config, tmp_path / "run")
+
+
+@pytest.mark.parametrize("radius", [None, 2])
+def test_the_weights_of_attention_are_those_of_the_round(radius):
+    network, seen = encoder(rounds=1, radius=radius), observations(*poses())
+    (communicate,) = network.rounds
+    kept = {}
+    communicate.register_forward_hook(lambda _, inputs, output: kept.update(inputs=inputs, output=output))
+    network(*seen)
+    embedding, team = kept["inputs"]
+    weights = communicate.attention(embedding, team)
+    assert torch.allclose(weights.sum(-1), torch.ones(()))
+    # The round again, with these weights in place of the fused attention.
+    _, _, value = communicate._projections(embedding, team)
+    received = team.from_map((weights @ value).transpose(-3, -2)).flatten(-2)
+    expected = embedding + communicate.output(received)
+    assert torch.allclose(kept["output"], expected + communicate.update(expected), atol=1e-4)

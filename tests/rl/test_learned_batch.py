@@ -1,7 +1,5 @@
 """Policies that act in several environments by one call of the network, and the rounding errors of such calls."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 import torch
@@ -10,29 +8,13 @@ import mapf_pz
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import Shield
 from mapf_pz.rl import load_policy, policy_names
-from mapf_pz.rl.algorithms.named import algorithm_of
 from mapf_pz.rl.networks.batched_network import MIN_ROWS, BatchedNetwork, Memory, Seen
 from mapf_pz.rl.networks.observation_shape import ObservationShape
-from mapf_pz.rl.policies.policy import SharedPolicy, TeamPolicy
 from mapf_pz.simulator import Simulator
 from mapf_pz.simulator.config import EnvConfig
-from tests.helpers.small_run import TINY, changed
+from tests.helpers.untrained import NUM_AGENTS, untrained
 
-NUM_ENVS, NUM_AGENTS = 5, 6
-
-
-def untrained(algorithm="mappo", task=None, **model):
-    """Return a policy with random weights, whose actions depend much on what it observes."""
-    torch.manual_seed(0)
-    task = changed(TINY.task, num_agents=NUM_AGENTS, **(task or {}))
-    config = dataclasses.replace(TINY, algorithm=algorithm, task=task, model=dataclasses.replace(TINY.model, **model))
-    kind = algorithm_of(algorithm)
-    network = kind.make_network(config)
-    with torch.no_grad():
-        for parameter in network.parameters():
-            parameter *= 3
-    return (TeamPolicy if kind.centralized else SharedPolicy)(network, config, seed=4)
-
+NUM_ENVS = 5
 
 POLICIES = {
     "mappo": lambda: load_policy("mappo"),

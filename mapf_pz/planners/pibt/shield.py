@@ -7,7 +7,7 @@ from typing import Any, Protocol, cast
 
 import numpy as np
 
-from mapf_pz._internal.arrays import Floats, Ints
+from mapf_pz._internal.arrays import Bools, Floats, Ints
 from mapf_pz.environment.mapf_env import MapfEnv
 from mapf_pz.planners.epibt.operations import operations
 from mapf_pz.planners.epibt.state import NONE, allocate_epibt
@@ -79,6 +79,11 @@ class BatchShield:
         actions = np.empty(expected[:2], np.int64)
         self._rules.choose(numbers, self._patience, self._progress, actions)
         return actions
+
+    @property
+    def ignores_preferences(self) -> Bools:
+        """(B, N): which agents ignored their preferences in the last `actions`, as they had made no progress before."""
+        return (self._progress.count >= self._patience) & (self._patience > 0)
 
 
 class _CardinalRules:
@@ -174,7 +179,7 @@ class ShieldedBatch:
 class Shield:
     """Executes a policy's preferences in a PettingZoo environment such that no move is blocked: see `BatchShield`.
 
-    It also reads the environment's state.
+    It also reads the environment's state. `policy` is the policy.
     """
 
     def __init__(self, policy: Preferring, env: MapfEnv, patience: int = PATIENCE, depth: int = DEPTH) -> None:
@@ -186,20 +191,25 @@ class Shield:
             patience: as in `BatchShield`, which also raises `ValueError`.
             depth: as in `BatchShield`.
         """
-        self._policy = policy
+        self.policy = policy
         self._env = cast("MapfEnv", env.unwrapped)
         self._options = patience, depth
         self._shield = BatchShield(self._env.simulator, *self._options)
 
     def in_batch(self, simulator: Simulator) -> ShieldedBatch | None:
         """Return the same for all environments of a simulator; None if the policy acts in single environments only."""
-        in_batch = getattr(self._policy, "in_batch", None)
+        in_batch = getattr(self.policy, "in_batch", None)
         return None if in_batch is None else ShieldedBatch(in_batch(simulator), BatchShield(simulator, *self._options))
 
     def reset_states(self) -> None:
         """Reset all per-episode state. Call it before each episode."""
-        self._policy.reset_states()
+        self.policy.reset_states()
         self._shield.reset()
+
+    @property
+    def ignores_preferences(self) -> Bools:
+        """(N,): as in `BatchShield`."""
+        return self._shield.ignores_preferences[0]
 
     def act(self, observations: dict[str, Any]) -> dict[str, int]:
         """Return an action for each agent in `observations`.
@@ -207,7 +217,7 @@ class Shield:
         Raises `ValueError` for preferences of another shape, and for NaN.
         """
         simulator, names = self._env.simulator, self._env.possible_agents
-        by_agent = self._policy.preferences(observations)
+        by_agent = self.policy.preferences(observations)
         preferences = np.zeros((1, len(names), simulator.num_actions))
         for i, name in enumerate(names):
             if name in by_agent:

@@ -5,19 +5,26 @@ const ACTIONS = {
 };
 const CARDINAL_DIRECTIONS = [-1, 3, 1, 2, 0]; // headings; -1: no move
 
+// The names of actions by number.
+function actionNames(episode) { return ACTIONS[episode.headings ? "rotate" : "cardinal"]; }
+
 function actionName(episode, agent, step) {
   const action = episode.actions[episode.index(agent, step)];
-  return action < 0 ? "none" : ACTIONS[episode.headings ? "rotate" : "cardinal"][action];
+  return action < 0 ? "none" : actionNames(episode)[action];
 }
 
 // The cell that an agent's action leads to in a step, whether or not it is free; null if the action is not a move.
 function targetOf(episode, agent, step) {
-  const action = episode.actions[episode.index(agent, step)];
+  return cellAfter(episode, agent, step - 1, episode.actions[episode.index(agent, step)]);
+}
+
+// The same for any action in the state after a step; -1 is none.
+function cellAfter(episode, agent, step, action) {
   if (action < 0) return null;
   let direction = CARDINAL_DIRECTIONS[action];
-  if (episode.headings) direction = action === 0 ? episode.headings[episode.index(agent, step - 1)] : -1;
+  if (episode.headings) direction = action === 0 ? episode.headings[episode.index(agent, step)] : -1;
   if (direction < 0) return null;
-  const [row, col] = episode.cell(agent, step - 1), [down, right] = HEADING_STEPS[direction];
+  const [row, col] = episode.cell(agent, step), [down, right] = HEADING_STEPS[direction];
   return [row + down, col + right];
 }
 

@@ -1,12 +1,13 @@
 // The checkboxes that decide what is shown, and the choice of the cells' colors.
 
-const SWITCHES = ["goals", "numbers", "blocked", "field", "ahead", "follow", "directions"];
+const SWITCHES = ["goals", "numbers", "blocked", "field", "ahead", "attention", "follow", "directions"];
 
 class Controls {
   constructor(episodes, options, onChange) {
     const known = {
       goals: (episode) => episode.hasGoals(), blocked: (episode) => episode.hasBlocked,
       field: (episode) => episode.hasField(), directions: (episode) => episode.weights !== undefined,
+      attention: (episode) => episode.attended !== undefined,
     };
     for (const name of SWITCHES) {
       const box = $(name);

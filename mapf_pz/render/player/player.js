@@ -21,6 +21,8 @@ class Player {
     this.ended = new AbortController();
     this.hint = new Hint($("hint"), this.options);
     this.planes = episodes.map(({ caption }) => new Planes(episodes.length > 1 ? caption : "", (cell) => this.point(cell)));
+    const open = (agent) => this.choose(agent);
+    this.decisions = episodes.map(({ caption }) => new DecisionTable(episodes.length > 1 ? caption : "", open));
     this.controls = new Controls(episodes, this.options, () => this.changeOptions());
     this.fillPanel();
     this.bind(speed);
@@ -36,6 +38,7 @@ class Player {
   fillPanel() {
     $("views").replaceChildren(...this.views.map((view) => view.figure));
     if (this.views.length > 1) this.views.forEach((view, k) => view.addCaption(this.captions[k]));
+    $("decisions").replaceChildren(...this.decisions.map((decision) => decision.element));
     $("planes").replaceChildren(...this.planes.map((planes) => planes.element));
     $("scrub").max = this.steps;
     $("agent").max = this.agents - 1;
@@ -60,9 +63,10 @@ class Player {
     markCurrentViolations($("violations"), step);
     markThroughput($("throughput"), step, this.steps);
     fillTable($("agent-facts"), chosen < 0 ? [] : agentRows(this.episodes, chosen, this.time), this.captions);
-    this.planes.forEach((planes, k) => {
-      if (chosen < 0 || chosen >= this.episodes[k].agents) planes.clear();
-      else planes.show(this.episodes[k], chosen, Math.min(step, this.episodes[k].steps));
+    this.episodes.forEach((episode, k) => {
+      for (const part of [this.decisions[k], this.planes[k]])
+        if (chosen < 0 || chosen >= episode.agents) part.clear();
+        else part.show(episode, chosen, Math.min(step, episode.steps));
     });
   }
 

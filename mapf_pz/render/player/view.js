@@ -50,6 +50,7 @@ class View {
     if (options.goals && episode.hasGoals()) drawGoals(pen, episode, camera, step);
     const isChosen = options.chosen >= 0 && options.chosen < episode.agents;
     if (isChosen) drawChosen(pen, episode, camera, time, options);
+    if (isChosen && options.attention) drawAttention(pen, episode, camera, time, options);
     drawAgents(pen, episode, camera, time, options);
     drawViolations(pen, episode, camera, Math.ceil(time), options.ink.blocked);
     if (isChosen && options.pointed) drawPointed(pen, options.pointed, camera, options.ink.blocked);

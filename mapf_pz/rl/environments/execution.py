@@ -7,6 +7,7 @@ from typing import cast
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor, nn
+from torch.nn.functional import one_hot
 from torchrl.data import Categorical, Composite, TensorSpec, Unbounded
 from torchrl.envs import Transform, TransformedEnv
 
@@ -69,6 +70,18 @@ def sampled_preferences(logits: Tensor, temperature: float, noise: Tensor) -> Te
         noise: (..., A), from the exponential distribution with the rate 1.
     """
     return logits - temperature * noise.log()
+
+
+def action_probabilities(logits: Tensor, temperature: float) -> Tensor:
+    """Return the probabilities (..., A) of actions that are sampled as in `sampled_preferences`.
+
+    Args:
+        logits: as in `sampled_preferences`.
+        temperature: 0 or more; with 0, the action with the highest logit has probability 1.
+    """
+    if temperature == 0:
+        return one_hot(logits.argmax(-1), logits.shape[-1]).float()
+    return (logits / temperature).softmax(-1)
 
 
 class SamplePreferences(nn.Module):

@@ -108,11 +108,25 @@ class CommunicationRound(nn.Module):
 
     def forward(self, embedding: Tensor, team: Team) -> Tensor:
         """Return the embeddings (B, N, hidden) after the round."""
-        parts = self.inputs(self.attention_norm(embedding)).unflatten(-1, (3, HEADS, -1)).unbind(-3)
-        query, key, value = (team.to_map(part).transpose(-3, -2) for part in parts)
+        query, key, value = self._projections(embedding, team)
         received = scaled_dot_product_attention(query, key, value, attn_mask=team.bias.to(query.dtype))
         embedding = embedding + self.output(team.from_map(received.transpose(-3, -2)).flatten(-2))
         return embedding + self.update(embedding)
+
+    def attention(self, embedding: Tensor, team: Team) -> Tensor:
+        """Return the weights (B, heads, N, N) of `forward`: row i has those of all agents for agent i, and sums to 1.
+
+        The arguments are those of `forward`, whose attention does not return its weights.
+        """
+        query, key, _ = self._projections(embedding, team)
+        logits = query @ key.transpose(-2, -1) / math.sqrt(query.shape[-1])
+        return (logits + team.bias.to(query.dtype)).softmax(-1)
+
+    def _projections(self, embedding: Tensor, team: Team) -> tuple[Tensor, Tensor, Tensor]:
+        """Return the queries, keys and values (B, heads, N, D) in the frame of the map."""
+        parts = self.inputs(self.attention_norm(embedding)).unflatten(-1, (3, HEADS, -1)).unbind(-3)
+        query, key, value = (team.to_map(part).transpose(-3, -2) for part in parts)
+        return query, key, value
 
 
 class CommunicatingEncoder(nn.Module):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -21,9 +21,10 @@ from mapf_pz.errors import FormatError
 from mapf_pz.rl.algorithms.named import algorithm_of
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
-from mapf_pz.rl.environments.execution import sampled_preferences
+from mapf_pz.rl.environments.execution import action_probabilities, sampled_preferences
 from mapf_pz.rl.networks.batched_network import BatchedNetwork, Memory, Seen
 from mapf_pz.rl.networks.observation_shape import ObservationShape, described, shapes_of
+from mapf_pz.rl.policies.decision import AttentionRecorder, Decision
 from mapf_pz.simulator.actions import ACTION_MODES
 from mapf_pz.simulator.simulator import Observation, Simulator
 
@@ -79,6 +80,7 @@ class LearnedPolicy:
         self.num_agents = algorithm_of(config.algorithm).fixed_num_agents(config)
         self.temperature = 0.0 if deterministic else float(temperature)
         self._seed = seed
+        self._observer: Callable[[Decision], object] | None = None
         model = config.model
         self._batched = BatchedNetwork(self.network, model.communication > 0, self.num_agents, model.recurrent)
         self.reset_states()
@@ -119,6 +121,11 @@ class LearnedPolicy:
         """Reset hidden states and random generators; called before each episode, so that they are independent."""
         self._memory = self.new_memory()
 
+    def watch(self, observer: Callable[[Decision], object]) -> None:
+        """Call `observer` with each decision from now on, of a policy that acts in one episode at a time."""
+        self._observer = observer
+        self._attention = AttentionRecorder(self.network)
+
     def in_batch(self, simulator: Simulator) -> LearnedBatch:
         """Return the policy in all environments of a simulator; raises `ValueError` for other observations."""
         return LearnedBatch(self, simulator)
@@ -151,7 +158,12 @@ class LearnedPolicy:
             memories: what the policy keeps during each of these episodes, which is updated.
         """
         with torch.no_grad():
-            return self._prefer(self._batched(seen, memories), seen, memories).numpy()
+            outputs = self._batched(seen, memories)
+            preferences = self._prefer(outputs, seen, memories).numpy()
+            if self._observer is not None:
+                attention = self._attention.weights
+                self._observer(Decision(seen.agents, preferences, attention, **self._distribution(outputs, seen)))
+        return preferences
 
     def choose(self, preferences: Floats, counts: Sequence[int], memories: Sequence[Memory]) -> Ints:
         """Return the actions (R,) int64 for preferences (R, A); episodes have so many rows and these memories."""
@@ -175,18 +187,23 @@ class LearnedPolicy:
         """Return the preferences (R, A) of agents for which the network has these outputs."""
         raise NotImplementedError
 
+    def _distribution(self, outputs: tuple[Tensor, ...], seen: Seen) -> dict[str, Floats]:
+        """Return the fields of `Decision` for the distribution of actions, from the network's outputs."""
+        raise NotImplementedError
+
 
 class SharedPolicy(LearnedPolicy):
     """Each agent acts by itself, and all share one network: works with any number of agents."""
 
     def _prefer(self, outputs: tuple[Tensor, ...], seen: Seen, memories: Sequence[Memory]) -> Tensor:
-        (logits,) = outputs
-        if seen.mask is not None:
-            logits = logits.masked_fill(seen.mask == 0, -torch.inf)
+        logits = _masked(outputs[0], seen.mask)
         noise = torch.empty_like(logits)
         for part, memory in zip(noise.split(list(seen.counts)), memories, strict=True):
             part.exponential_(generator=memory.generator)
         return sampled_preferences(logits, self.temperature, noise)
+
+    def _distribution(self, outputs: tuple[Tensor, ...], seen: Seen) -> dict[str, Floats]:
+        return {"probabilities": action_probabilities(_masked(outputs[0], seen.mask), self.temperature).numpy()}
 
     def choose(self, preferences: Floats, counts: Sequence[int], memories: Sequence[Memory]) -> Ints:
         """Return each agent's best action."""
@@ -210,6 +227,9 @@ class TeamPolicy(LearnedPolicy):
             part.normal_(generator=memory.generator)
         # A normal distribution to the power 1 / T is one with the scale multiplied by the square root of T.
         return (mean + scale * (math.sqrt(self.temperature) * noise)).clamp(-1, 1)
+
+    def _distribution(self, outputs: tuple[Tensor, ...], seen: Seen) -> dict[str, Floats]:
+        return {"means": outputs[0].numpy()}
 
     def choose(self, preferences: Floats, counts: Sequence[int], memories: Sequence[Memory]) -> Ints:
         """Return the actions that the action mode decodes from the preferences."""
@@ -300,6 +320,11 @@ def _network(config: TrainConfig, weights: dict[str, Tensor]) -> nn.Module:
         network = algorithm_of(config.algorithm).make_network(config)
     network.load_state_dict({name: weight.float() for name, weight in weights.items()}, assign=True)
     return network
+
+
+def _masked(logits: Tensor, mask: Tensor | None) -> Tensor:
+    """Return the logits (R, A), -inf for actions that the mask forbids."""
+    return logits if mask is None else logits.masked_fill(mask == 0, -torch.inf)
 
 
 def _stack(arrays: list[np.ndarray]) -> Tensor:
