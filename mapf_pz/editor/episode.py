@@ -11,6 +11,7 @@ import numpy as np
 
 from mapf_pz.editor.task import OnStep, Outcome, Task, agents_away, plan_message
 from mapf_pz.evaluation.episodes import actions_of, compile_policy, simulator_of
+from mapf_pz.evaluation.inspection import InspectedPolicy
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.evaluation.solver import instance_keywords
 from mapf_pz.instances import Instance, Scenario
@@ -34,9 +35,10 @@ class PolicyEpisode:
         self._on_step = on_step
         target = "restart" if task.lifelong else "nothing"
         keywords = instance_keywords(task.instance, task.max_steps, task.edge_weights, on_target=target)
-        env, self._policy = policy_factory(task.solver, task.seed)(keywords)
-        compile_policy(env, self._policy, task.seed)
+        env, policy = policy_factory(task.solver, task.seed)(keywords)
+        compile_policy(env, policy, task.seed)
         self._env = RecordEpisode(env)
+        self._policy = InspectedPolicy(policy, self._env)
         self._simulator = simulator_of(env)
         self._start()
 
@@ -80,7 +82,8 @@ class PolicyEpisode:
         """Return the recording, the goals that were reached in each step, and the file of the steps as a plan."""
         task, plan = self._task, self._steps.plan()
         facts = {"solver": task.solver, "seed": str(task.seed)}
-        recording = replace(self._env.recording, name=task.solver, facts=facts)
+        inspection = self._policy.inspection if self._actions else None
+        recording = replace(self._env.recording, name=task.solver, facts=facts, inspection=inspection)
         return {
             "episode": episode_data(recording),
             "goalsReached": np.diff(self._reached).tolist() if task.lifelong else None,

@@ -19,6 +19,7 @@ class Playback {
     window.player?.end();
     window.player = new Player(episodes, PLAYBACK_SPEED);
     player.setTheme(this.editor.theme);
+    $("title").textContent = episodes.map(({ title }) => title).join(" and ");
     if (runs && this.next !== undefined) player.show(this.next, before.chosen);
     this.next = undefined;
     $("by-hand").hidden = runs === null || !episodes.some(({ actions }) => actions);
