@@ -74,7 +74,7 @@ def _serve(start: dict[str, Any], folders: Sequence[Path], port: int, browser: b
         raise ImportError(f"{error}: pip install 'mapf-pz[edit]'") from error
 
     def show(address: str) -> None:
-        print(f"{address}\nCtrl-C ends the server", flush=True)
+        print(address, flush=True)
         if browser:  # in a thread, as a browser in the terminal would be waited for
             Thread(target=webbrowser.open, args=(address,), daemon=True).start()
 

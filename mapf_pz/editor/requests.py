@@ -7,6 +7,8 @@ from typing import Annotated, ClassVar, TypeVar
 
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
+from mapf_pz.simulator.config import EnvConfig
+
 MAX_STEPS = 100_000
 """Maximum number of steps of an episode."""
 MAX_SECONDS = 86_400.0
@@ -137,7 +139,7 @@ class SolveRequest(Request):
     """Names of planners and policies, with options."""
     time_limit: Annotated[float, Field(gt=0, le=MAX_SECONDS, allow_inf_nan=False)] = 10.0
     """Time limit in seconds."""
-    max_steps: Steps = 256
+    max_steps: Steps = EnvConfig.max_steps
     """Maximum number of steps."""
     seed: Seed = 0
     """Random seed."""

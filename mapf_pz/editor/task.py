@@ -34,7 +34,7 @@ class Task:
     """Maximum number of steps."""
     seed: int
     """Random seed."""
-    edge_weights: EdgeWeights = "uniform"
+    edge_weights: EdgeWeights
     """The guidance graph."""
 
     @property

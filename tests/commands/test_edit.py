@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from http.client import HTTPConnection
 from urllib.parse import urlsplit
 
@@ -94,13 +95,19 @@ def test_the_help_needs_no_starlette():
     assert done.stdout.splitlines()[-1] == "set()"
 
 
-def start_server(folder, *words):
-    """Start the command in a folder; return the process, and the parts of the address that it prints."""
+@contextmanager
+def running(folder, *words):
+    """Start the command in a folder; yield the process, and the parts of the address that it prints."""
     command = [sys.executable, "-m", "mapf_pz", "edit", "--no-browser", *words]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder)
-    address = process.stdout.readline().strip()
-    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\?token=[\w-]{40,}", address), process.communicate()
-    return process, urlsplit(address)
+    with (folder / "errors").open("w") as errors:
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True, cwd=folder)
+        try:
+            address = process.stdout.readline().strip()
+            assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\?token=[\w-]{40,}", address), (folder / "errors").read_text()
+            yield process, urlsplit(address)
+        finally:
+            process.kill()
+            process.communicate()
 
 
 def request(address, method, path, body=None):
@@ -112,41 +119,44 @@ def request(address, method, path, body=None):
     return status, text
 
 
+def solvers(process):
+    """Return the processes of solvers, which a server has started."""
+    words = ["ps", "-ww", "-o", "pid=,args=", "--ppid", str(process.pid)]
+    lines = subprocess.run(words, capture_output=True, text=True, check=False).stdout.splitlines()
+    return [int(line.split()[0]) for line in lines if "spawn_main" in line]
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_the_server_runs_until_it_is_interrupted(tmp_path, number):
     pytest.importorskip("starlette")
-    process, address = start_server(tmp_path, "empty-8-8")
-    status, text = request(address, "GET", f"/?{address.query}")
-    assert (status, "type octile" in text) == (200, True)
     instance = {"name": "a", "map": "type octile\nheight 1\nwidth 3\nmap\n...\n", "starts": [[0, 0]]}
     given = {"instance": instance | {"goals": [[[0, 2], [0, 0]]]}, "solvers": ["pibt"], "lifelong": True}
     limits = {"max_steps": 100_000, "time_limit": 80_000}
-    status, answer = request(address, "POST", "/api/solve", json.dumps(given | limits))
-    assert status == 200, answer
-    run = json.loads(answer)
-    while True:  # until the solver works
-        [solver] = json.loads(request(address, "POST", "/api/progress", json.dumps(run))[1])["solvers"]
-        assert solver["state"] == "running", solver
-        if solver["step"]:
-            break
-        time.sleep(0.05)
-    children = subprocess.run(["ps", "-o", "pid=", "--ppid", str(process.pid)], capture_output=True, text=True).stdout
-    os.kill(process.pid, number)
-    out, err = process.communicate()
-    assert (process.returncode, out) == (0, "Ctrl-C ends the server\n")
-    assert all(line.startswith("compiling kernels") for line in err.splitlines())
-    assert children.split()
-    for child in children.split():
+    with running(tmp_path, "empty-8-8") as (process, address):
+        status, text = request(address, "GET", f"/?{address.query}")
+        assert (status, "type octile" in text) == (200, True)
+        status, answer = request(address, "POST", "/api/solve", json.dumps(given | limits))
+        assert status == 200, answer
+        run, step = json.loads(answer), 0
+        while not step:  # until the solver works
+            [solver] = json.loads(request(address, "POST", "/api/progress", json.dumps(run))[1])["solvers"]
+            assert solver["state"] == "running", solver
+            step = solver["step"]
+            time.sleep(0.05)
+        [child] = solvers(process)
+        process.send_signal(number)
+        assert process.wait() == 0
+        assert process.stdout.read() == ""
         with pytest.raises(ProcessLookupError):
-            os.kill(int(child), 0)
+            os.kill(child, 0)
+    errors = (tmp_path / "errors").read_text().splitlines()
+    assert all(line.startswith("compiling kernels") for line in errors), errors
 
 
 def test_a_port_in_use(tmp_path):
     pytest.importorskip("starlette")
-    process, address = start_server(tmp_path)
-    command = [sys.executable, "-m", "mapf_pz", "edit", "--no-browser", "--port", str(address.port)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    process.terminate()
-    process.communicate()
+    with running(tmp_path) as (_, address):
+        command = [sys.executable, "-m", "mapf_pz", "edit", "--no-browser", "--port", str(address.port)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, len(done.stderr.splitlines())) == (1, "", 1)
     assert "Address already in use" in done.stderr
