@@ -218,6 +218,16 @@ def decisions(ending: Ending) -> dict[str, Floats]:
     return {name: np.ravel(values).astype(np.float64) for name, values in numbers.items()}
 
 
+def departures(ending: Ending) -> Bools:
+    """Return for each step in which a displaced agent leaves its goal whether it preferred another action, (K,)."""
+    inspection, recording = ending.inspection, ending.recording
+    assert inspection.preferred is not None
+    assert recording.actions is not None
+    displaced = np.array([cause == "displaced" for cause in causes(ending)])
+    leaves = ending.at_goal() & ending.moved() & displaced
+    return (inspection.preferred[-WINDOW:] != recording.actions[-WINDOW:])[leaves]
+
+
 def draw(ending: Ending, path: Path) -> None:
     """Draw the last state: agents away from their goals have the color of the cause, and a line to the goal."""
     free, cells, goals = ending.recording.free, ending.recording.positions[-1], ending.recording.goals
@@ -234,7 +244,7 @@ def draw(ending: Ending, path: Path) -> None:
             axes.add_patch(Rectangle((goal_col - 0.4, goal_row - 0.4), 0.8, 0.8, fill=False, edgecolor=color))
     handles = [Circle((0, 0), color="#c9ccd1", label="at its goal")]
     handles += [Circle((0, 0), color=color, label=cause) for cause, color in CAUSES.items() if cause in found]
-    axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
+    figure.legend(handles=handles, loc="outside right center", frameon=False)
     axes.set_axis_off()
     figure.savefig(path, dpi=100)
 
@@ -249,10 +259,13 @@ def print_tables(endings: dict[str, list[Ending]]) -> None:
     for name in numbers["with"][0]:
         means = (np.concatenate([each[name] for each in all]).mean() for all in numbers.values())
         print(f"| {name} | " + " | ".join(f"{mean:.2f}" for mean in means) + " |")
+    for name, all in endings.items():
+        left = np.concatenate([departures(ending) for ending in all])
+        print(f"\n{name}: displaced agents leave their goals {len(left)} times, {left.sum()} against their preferences")
 
 
 def main(options: Options) -> None:
-    """Run the policies, print the tables, and draw the pictures of the first maze."""
+    """Run the policies, print the tables, and draw the maze with the most agents away from their goals."""
     endings: dict[str, list[Ending]] = {name: [] for name in POLICIES}
     for seed, both in unsolved(options):
         print(f"maze {seed}:", {name: int((ending.costs[-1] > 0).sum()) for name, ending in both.items()})
@@ -262,8 +275,9 @@ def main(options: Options) -> None:
             options.pages.mkdir(parents=True, exist_ok=True)
             save_html([ending.recording for ending in both.values()], options.pages / f"maze-{seed}.html")
     print_tables(endings)
+    drawn = int(np.argmax([(ending.costs[-1] > 0).sum() for ending in endings["with"]]))
     for name, all in endings.items():
-        draw(all[0], IMAGES / f"stuck-{name}.png")
+        draw(all[drawn], IMAGES / f"stuck-{name}.png")
 
 
 if __name__ == "__main__":
