@@ -128,7 +128,7 @@ def is_complaint(message):
 
 @pytest.fixture
 def new_page(browser):
-    """Return a function that opens a file, or a page of this machine; checks for errors and other requests at the end."""
+    """Return a function that opens a file, or a page of this machine; checks for errors and requests at the end."""
     pages, complaints, requests = [], [], []
 
     def opened(url, **options):

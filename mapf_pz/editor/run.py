@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Mapping, Sequence
 from ctypes import c_int64
-from multiprocessing import get_context
+from multiprocessing import forkserver, get_all_start_methods, get_context, set_forkserver_preload
 from threading import Lock
 from typing import Any, Literal
 
@@ -16,6 +17,18 @@ from mapf_pz.editor.worker import Failure, work
 
 State = Literal["running", "done", "failed", "stopped"]
 """What a solver does."""
+CAN_FORK = "forkserver" in get_all_start_methods()
+"""Whether processes are forked from one that has loaded what policies need; otherwise each loads it."""
+LOADED = ["mapf_pz.editor.worker", "mapf_pz.rl.policies.policy"]
+"""The modules that this process loads, if they are installed."""
+
+
+def start_fork_server() -> None:
+    """Start the process from which those of solvers are forked. It loads its modules in the background."""
+    if CAN_FORK:
+        os.environ.setdefault("OMP_NUM_THREADS", "1")  # read when torch is imported
+        set_forkserver_preload(LOADED)
+        forkserver.ensure_running()
 
 
 class SolverProcess:
@@ -27,7 +40,7 @@ class SolverProcess:
         """The solver's task."""
         self.state: State = "running"
         """The state at the latest call of `update`."""
-        context = get_context("spawn")
+        context = get_context("forkserver") if CAN_FORK else get_context("spawn")
         self._connection, theirs = context.Pipe()
         self._step = context.RawValue(c_int64, 0)
         self._process = context.Process(target=work, args=(task, theirs, self._step), daemon=True)

@@ -25,7 +25,7 @@ from mapf_pz.editor.instances import graph_of, instance_of
 from mapf_pz.editor.page import editor_page
 from mapf_pz.editor.requests import Refusal, parse_request
 from mapf_pz.editor.responses import json_response, page_response
-from mapf_pz.editor.run import Runs
+from mapf_pz.editor.run import Runs, start_fork_server
 from mapf_pz.editor.task import Task
 from mapf_pz.evaluation.policies import PlannerFactory, TrainedFactory, bundled_policies, policy_factory
 from mapf_pz.evaluation.solver import solver_of
@@ -50,6 +50,7 @@ def serve(folders: Folders, start: dict[str, Any], port: int, on_start: Callable
 
     Raises `OSError` if the port is not available.
     """
+    start_fork_server()
     token, runs = secrets.token_urlsafe(32), Runs()
     with socket.create_server((HOST, port)) as listening:
         port = listening.getsockname()[1]

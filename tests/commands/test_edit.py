@@ -119,11 +119,17 @@ def request(address, method, path, body=None):
     return status, text
 
 
-def solvers(process):
-    """Return the processes of solvers, which a server has started."""
-    words = ["ps", "-ww", "-o", "pid=,args=", "--ppid", str(process.pid)]
+def children(parent, word):
+    """Return the processes that a process has started whose command line contains a word."""
+    words = ["ps", "-ww", "-o", "pid=,args=", "--ppid", str(parent)]
     lines = subprocess.run(words, capture_output=True, text=True, check=False).stdout.splitlines()
-    return [int(line.split()[0]) for line in lines if "spawn_main" in line]
+    return [int(line.split()[0]) for line in lines if word in line]
+
+
+def solvers(process):
+    """Return the processes of solvers, which are forked from another one that a server has started."""
+    [forking] = children(process.pid, "multiprocessing.forkserver")
+    return children(forking, "multiprocessing.forkserver")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

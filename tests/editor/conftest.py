@@ -1,5 +1,3 @@
-import multiprocessing
-
 import pytest
 
 pytest.importorskip("starlette")
@@ -19,6 +17,5 @@ def server(tmp_path):
 
 
 @pytest.fixture
-def forked_solvers(_fork_server, monkeypatch):
+def forked_solvers(_fork_server):
     """Fork the processes of solvers from one that has loaded the package: otherwise each takes seconds to load it."""
-    monkeypatch.setattr("mapf_pz.editor.run.get_context", lambda _: multiprocessing.get_context("forkserver"))

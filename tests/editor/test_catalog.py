@@ -99,7 +99,8 @@ def test_graphs(server):
     text = server.call("open", map="random-24-24-20")["text"]
     for name in ("uniform", "crisscross", "random", "random-24-24-20-150"):
         weights = np.frombuffer(base64.b64decode(server.call("graph", map=text, name=name)["weights"]), "<f4")
-        assert np.array_equal(weights.reshape(4, 24, 24), guidance_graph(name, grid).move)
+        graph = guidance_graph(name, grid)
+        assert np.array_equal(weights.reshape(5, 24, 24), [*graph.move, graph.wait])
     assert server.refused("graph", map=text, name="other")[1].startswith("graph 'other': expected one of uniform, ")
     error = server.refused("graph", map=text, name="warehouse-10-20-10-2-1-400")[1]
     assert "expected weights of map 'map' (24 x 24), got those of a map of 63 x 161" in error

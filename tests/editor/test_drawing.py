@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mapf_pz.editor.page import save_editor
+from mapf_pz.guidance import load_guidance
 from mapf_pz.instances import (
     load_problem,
     parse_map,
@@ -16,7 +17,9 @@ from mapf_pz.instances import (
     write_scenario,
 )
 from mapf_pz.instances.files.movingai import format_map, format_scenario
-from mapf_pz.instances.instance import Grid, Scenario
+from mapf_pz.instances.instance import Grid, Instance, Scenario
+from mapf_pz.planners import Plan
+from mapf_pz.planners.plans.files import write_plan
 
 MAP = """type octile
 height 4
@@ -290,8 +293,6 @@ def test_problems_are_saved(editor, tmp_path):
 
 
 def test_guidance_graphs_are_saved(editor, tmp_path):
-    from mapf_pz.guidance import load_guidance
-
     open_small(editor, tmp_path)
     editor.fill("#along", "0.3")
     editor.fill("#against", "7")
@@ -352,10 +353,6 @@ def test_wrong_files_change_nothing(editor, tmp_path):
 
 
 def test_a_plan_is_played_and_its_first_conflict_found(editor, tmp_path):
-    from mapf_pz.instances.instance import Instance
-    from mapf_pz.planners import Plan
-    from mapf_pz.planners.plans.files import write_plan
-
     open_small(editor, tmp_path)
     steps = [[[0, 1], [3, 1], [2, 3]], [[0, 2], [3, 2], [2, 2]], [[0, 2], [2, 2], [2, 2]]]
     positions = np.array([SCENARIO.starts.tolist(), *steps])

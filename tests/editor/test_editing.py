@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from mapf_pz.commands.main import main
+from mapf_pz.guidance import GuidanceGraph, load_guidance
 from mapf_pz.instances import load_map, read_map, read_scenario
 from mapf_pz.planners.plans.files import read_plan
 from tests.helpers.editor_server import TOKEN
@@ -174,22 +175,22 @@ def test_what_the_server_offers_by_name(editor, files):
     editor.fill("#open-name", "random-32-32-20")
     editor.fill("#open-scenario", "random-32-32-20-random-1")
     editor.click("#open")
-    editor.wait_for_selector("#size:has-text('32 × 32')")
+    editor.wait_for_selector("#size:text-matches('^32 . 32$')")
     assert editor.evaluate("[...editor.drawing.free]") == load_map("random-32-32-20").free.ravel().astype(int).tolist()
     assert editor.evaluate("editor.drawing.agents.length") > 0
     editor.select_option("#graph", "crisscross")
     editor.click("#use-graph")
     editor.wait_for_selector("#status:has-text('cost east')")
     click_and_wait(editor, "#save-graph", "saved: random-32-32-20.json")
-    from mapf_pz.guidance import GuidanceGraph, load_guidance
-
     grid = load_map("random-32-32-20")
-    assert np.array_equal(load_guidance(files / "random-32-32-20.json", grid).move, GuidanceGraph.crisscross(grid.free).move)
+    assert np.array_equal(
+        load_guidance(files / "random-32-32-20.json", grid).move, GuidanceGraph.crisscross(grid.free).move
+    )
     editor.select_option("#family", "maze")
     editor.fill("#option-height", "11")
     editor.fill("#option-width", "13")
     editor.click("#generate")
-    editor.wait_for_selector("#size:has-text('11 × 13')")
+    editor.wait_for_selector("#size:text-matches('^11 . 13$')")
     editor.fill("#open-name", "warehouse_small_10")
     editor.fill("#open-scenario", "")
     editor.click("#open")

@@ -35,9 +35,9 @@ def test_sequences_of_goals_may_differ_in_length():
 
 def test_weights():
     graph = GuidanceGraph.crisscross(GRID.free)
-    assert graph_of(encoded(graph.move), GRID) == graph
-    on_obstacles = np.where(np.isinf(graph.move), 7, graph.move)
-    assert graph_of(encoded(on_obstacles), GRID) == graph
+    weights = np.concatenate([graph.move, graph.wait[None]])
+    assert graph_of(encoded(weights), GRID) == graph
+    assert graph_of(encoded(np.where(np.isinf(weights), 7, weights)), GRID) == graph
 
 
 @pytest.mark.parametrize(
@@ -79,15 +79,15 @@ def test_lifelong_instances_that_are_refused(server):
     )
 
 
-@pytest.mark.parametrize("weights", ["?", "AAAA", encoded(np.ones((4, 3, 2))), encoded(np.ones((4, 3, 3))) + "AAAA"])
+@pytest.mark.parametrize("weights", ["?", "AAAA", encoded(np.ones((4, 3, 3))), encoded(np.ones((5, 3, 3))) + "AAAA"])
 def test_weights_of_another_shape(weights):
-    with pytest.raises(Refusal, match=r"weights: expected base64 of float32 numbers of the shape \(4, 3, 3\)"):
+    with pytest.raises(Refusal, match=r"weights: expected base64 of float32 numbers of the shape \(5, 3, 3\)"):
         graph_of(weights, GRID)
 
 
 @pytest.mark.parametrize("weight", [0, -1, np.nan])
 def test_weights_out_of_range(server, weight):
-    weights = np.ones((4, 3, 3))
+    weights = np.ones((5, 3, 3))
     weights[2, 0, 1] = weight
     answer = server.refused("solve", instance=GIVEN | {"weights": encoded(weights)}, solvers=["pibt"])
     assert answer == (400, "guidance graph: expected weights greater than 0, and finite ones for waiting")

@@ -69,10 +69,9 @@ def test_the_plan_is_that_of_the_command(server, tmp_path, solver, action_model,
     given = edited(instance)
     if weighted:
         graph = GuidanceGraph.random(grid.free, np.random.default_rng(3))
-        graph = GuidanceGraph(graph.move, np.ones(grid.shape))
         save_guidance(graph, files / "a.npz", grid)
         words += ["--edge-weights", files / "a.npz"]
-        given["weights"] = encoded(graph.move)
+        given["weights"] = encoded(np.concatenate([graph.move, graph.wait[None]]))
     words += ["--planner", solver, "--seed", 7, "--max-steps", 60, "--time-limit", 1000, "--partial"]
     status = main(["solve", *map(str, [files / "plan.json", *words])])
     _, [progress] = solved(server, given, solver, seed=7, max_steps=60, time_limit=1000)
