@@ -134,6 +134,7 @@ long-figures: .venv/developed
 	$(BIN)/python experiments/concept_figures.py
 	$(BIN)/python -m experiments.report_figures
 	$(BIN)/python experiments/screenshots.py
+	$(BIN)/python -m experiments.editor_pictures
 
 long-reproduction: .venv/developed
 	$(BIN)/python -m experiments.reproduction

@@ -22,9 +22,10 @@ class Playback {
     $("title").textContent = episodes.map(({ title }) => title).join(" and ");
     if (runs && this.next !== undefined) player.show(this.next, before.chosen);
     this.next = undefined;
-    $("by-hand").hidden = runs === null || !episodes.some(({ actions }) => actions);
-    fillOptions($("by-hand-episode"), episodes.map(({ caption }) => caption));
-    $("by-hand-episode").hidden = episodes.length < 2;
+    const acting = [...episodes.keys()].filter((k) => episodes[k].actions); // others are whole plans
+    $("by-hand").hidden = runs === null || !acting.length;
+    $("by-hand-episode").replaceChildren(...acting.map((k) => new Option(episodes[k].caption, k)));
+    $("by-hand-episode").hidden = acting.length < 2;
     this.addActions(episodes[0]);
     document.body.dataset.played = String(Number(document.body.dataset.played ?? 0) + 1);
   }
@@ -52,7 +53,7 @@ class Playback {
 
   goOn(actions, steps) {
     if (document.body.classList.contains("running")) return;
-    const episode = Math.max(0, $("by-hand-episode").selectedIndex), from = Math.floor(player.time);
+    const episode = Number($("by-hand-episode").value), from = Math.floor(player.time);
     this.next = from + (steps === 1 ? 1 : 0);
     this.runs.files.attempt(() => this.runs.goOn(episode, from, actions, steps === Infinity ? number("max-steps") : steps));
   }

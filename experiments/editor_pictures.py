@@ -1,0 +1,93 @@
+"""Take the documentation's screenshots of the page of `mapf-pz edit`: `python -m experiments.editor_pictures`.
+
+It requires Chromium and the package playwright.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from playwright.sync_api import Page, sync_playwright
+
+from experiments.screenshots import FLAGS, IMAGES
+
+Cell = tuple[int, int]
+DOOR: tuple[tuple[Cell, Cell], ...] = (((0, 4), (6, 4)), ((3, 4), (3, 4)))
+"""A wall, and the door that is erased from it: first and last cells."""
+AGENTS: tuple[tuple[Cell, Cell], ...] = (
+    ((1, 1), (5, 7)),
+    ((5, 1), (1, 7)),
+    ((1, 6), (3, 0)),
+    ((6, 8), (0, 0)),
+)
+"""Starts and goals."""
+
+
+def main() -> None:
+    """Start a server, draw the instance of the tutorial, solve it, and take the screenshots."""
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        words = [sys.executable, "-m", "mapf_pz", "edit", "--no-browser", "--folder", folder]
+        with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as server:
+            assert server.stdout is not None
+            browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=list(FLAGS))
+            page = browser.new_page(viewport={"width": 1100, "height": 640}, color_scheme="light")
+            page.set_default_timeout(120_000)
+            page.goto(server.stdout.readline().strip())
+            page.wait_for_selector("body[data-ready]")
+            _draw(page)
+            page.screenshot(path=IMAGES / "editor-drawing.png")
+            _solve(page, "lacam", "oneshot+pibt:patience=8")
+            page.screenshot(path=IMAGES / "editor-solved.png")
+            browser.close()
+            server.terminate()
+
+
+def _draw(page: Page) -> None:
+    """Draw two rooms with a door, and agents that go through it."""
+    page.fill("#rows", "7")
+    page.fill("#cols", "9")
+    page.click("#new")
+    wall, door = DOOR
+    _stroke(page, *wall)
+    page.keyboard.press("e")
+    _stroke(page, *door)
+    page.keyboard.press("a")
+    for start, goal in AGENTS:
+        _stroke(page, start, goal)
+    page.fill("#name", "door")
+    page.evaluate("document.activeElement.blur()")
+
+
+def _solve(page: Page, first: str, second: str) -> None:
+    """Solve with two solvers, and show a step in the middle, with an agent and its decision."""
+    page.fill("#solver-a", first)
+    page.fill("#solver-b", second)
+    page.click("#solve")
+    page.wait_for_selector("body[data-played]")
+    page.evaluate("player.show(9, 1)")
+    page.wait_for_timeout(300)
+
+
+def _stroke(page: Page, first: Cell, last: Cell) -> None:
+    """Press the mouse button at a cell, and release it at another one."""
+    for k, cell in enumerate((first, last)):
+        x, y = page.evaluate(
+            """([row, col]) => {
+                editor.resize();
+                const box = $("board").getBoundingClientRect(), { left, top, scale } = editor.board.camera;
+                return [box.left + left + (col + 0.5) * scale, box.top + top + (row + 0.5) * scale];
+            }""",
+            list(cell),
+        )
+        page.mouse.move(x, y)
+        if k == 0:
+            page.mouse.down()
+    page.mouse.up()
+
+
+if __name__ == "__main__":
+    main()
