@@ -9,7 +9,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from pathlib import Path
 
 from playwright.sync_api import Page, sync_playwright
 
