@@ -20,6 +20,7 @@ from mapf_pz.instances.files.movingai import format_map, format_scenario
 from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.planners import Plan
 from mapf_pz.planners.plans.files import write_plan
+from tests.helpers.drawing_page import stroke
 
 MAP = """type octile
 height 4
@@ -52,27 +53,6 @@ def drawing(page):
             return { name: drawing.name, rows, agents: drawing.agents, weights, turning: drawing.turning };
         }"""
     )
-
-
-def at(page, row, col):
-    """Return the position of a cell's center on the page."""
-    return page.evaluate(
-        """([row, col]) => {
-            editor.resize();
-            const box = $("board").getBoundingClientRect(), { left, top, scale } = editor.board.camera;
-            return [box.left + left + (col + 0.5) * scale, box.top + top + (row + 0.5) * scale];
-        }""",
-        [row, col],
-    )
-
-
-def stroke(page, *cells, button="left"):
-    """Press at the first cell, move over the others, and release."""
-    page.mouse.move(*at(page, *cells[0]))
-    page.mouse.down(button=button)
-    for cell in cells[1:]:
-        page.mouse.move(*at(page, *cell))
-    page.mouse.up(button=button)
 
 
 def use(page, tool):

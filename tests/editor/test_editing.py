@@ -7,6 +7,7 @@ from mapf_pz.commands.main import main
 from mapf_pz.guidance import GuidanceGraph, load_guidance
 from mapf_pz.instances import load_map, read_map, read_scenario
 from mapf_pz.planners.plans.files import read_plan
+from tests.helpers.drawing_page import stroke
 from tests.helpers.editor_server import TOKEN
 
 pytestmark = pytest.mark.usefixtures("forked_solvers")
@@ -23,26 +24,6 @@ def editor(server, new_page):
     page = new_page(f"http://127.0.0.1:{server.port}/?token={TOKEN}", viewport={"width": 1000, "height": 700})
     page.wait_for_selector("body[data-ready]")
     return page
-
-
-def at(page, row, col):
-    """Return the position of a cell's center on the page."""
-    return page.evaluate(
-        """([row, col]) => {
-            editor.resize();
-            const box = $("board").getBoundingClientRect(), { left, top, scale } = editor.board.camera;
-            return [box.left + left + (col + 0.5) * scale, box.top + top + (row + 0.5) * scale];
-        }""",
-        [row, col],
-    )
-
-
-def stroke(page, *cells):
-    page.mouse.move(*at(page, *cells[0]))
-    page.mouse.down()
-    for cell in cells[1:]:
-        page.mouse.move(*at(page, *cell))
-    page.mouse.up()
 
 
 def draw(page):
