@@ -14,7 +14,7 @@ function pythonCode(drawing) {
   const headings = drawing.turning ? `, headings=[${agents.map(({ heading }) => heading).join(", ")}]` : "";
   const graph = drawing.weights ? `  # ${drawing.name}.json: the saved guidance graph` : "";
   return `from mapf_pz import parallel_env
-from mapf_pz.instances import Grid, Instance, Scenario, parse_map
+from mapf_pz.instances import Instance, Scenario, parse_map
 
 grid = parse_map("""\\
 ${mapText(drawing)}""", "${drawing.name}.map")
