@@ -16,8 +16,11 @@ function pythonCode(drawing) {
   return `from mapf_pz import parallel_env
 from mapf_pz.instances import Instance, Scenario, parse_map
 
-grid = parse_map("""\\
-${mapText(drawing)}""", "${drawing.name}.map")
+grid = parse_map(
+    """\\
+${mapText(drawing)}""",
+    "${drawing.name}.map",
+)
 scenario = Scenario(
     ${scenario.join(",\n    ")},
 )
