@@ -95,11 +95,16 @@ def test_two_solvers_side_by_side_and_an_agent_by_hand(editor):
     editor.wait_for_selector("body[data-played='2']")
     assert editor.evaluate("player.state().step") == 1
     assert editor.evaluate("player.state().chosen") == 0
-    after = editor.evaluate("player.episodes.map(({ caption, steps }) => [caption, steps])")
-    assert [steps for caption, steps in after if caption != "pibt"] == [1]
-    mine = positions(editor, [caption for caption, _ in after].index("oneshot-cardinal+pibt"))
+    assert editor.evaluate("player.episodes[1].steps") == 1
+    mine, pibt = positions(editor, 1), positions(editor, 0)
     assert mine[0] == before[0]
     assert mine[1][0] == [0, 1]
+    editor.keyboard.press("l")
+    editor.wait_for_selector("body[data-played='3']")
+    further = positions(editor, 1)
+    assert further[:2] == mine
+    assert further[2][0] == [0, 2]
+    assert positions(editor, 0) == pibt
 
 
 def test_decisions_are_shown(editor):

@@ -13,18 +13,19 @@ class Playback {
 
   // `runs`: what goes on with an episode; null for the plan of a file.
   play(episodes, runs = null) {
-    const before = window.player?.state();
+    const before = window.player?.state(), isContinued = runs && this.next !== undefined, byHand = $("by-hand-episode").value;
     this.runs = runs;
     this.show();
     window.player?.end();
     window.player = new Player(episodes, PLAYBACK_SPEED);
     player.setTheme(this.editor.theme);
     $("title").textContent = episodes.map(({ title }) => title).join(" and ");
-    if (runs && this.next !== undefined) player.show(this.next, before.chosen);
+    if (isContinued) player.show(this.next, before.chosen);
     this.next = undefined;
     const acting = [...episodes.keys()].filter((k) => episodes[k].actions); // others are whole plans
     $("by-hand").hidden = runs === null || !acting.length;
     $("by-hand-episode").replaceChildren(...acting.map((k) => new Option(episodes[k].caption, k)));
+    if (isContinued) $("by-hand-episode").value = byHand;
     $("by-hand-episode").hidden = acting.length < 2;
     this.addActions(episodes[0]);
     document.body.dataset.played = String(Number(document.body.dataset.played ?? 0) + 1);
