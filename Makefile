@@ -8,7 +8,7 @@
 # make wheel      builds the source archive and the wheel, and tries them outside of this tree
 # make clean      removes the virtual environments and what they have written
 # make long RUN=soak   or another run of minutes to days, in docs/verification.md: faults, coverage, mutation, mutation-sample, record-pogema;
-#                      for the documentation: figures, reproduction, report, report-runs
+#                      for the documentation: figures, reproduction, report-runs
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -21,7 +21,7 @@ KERNEL_TESTS := $(addprefix tests/simulator/test_, properties.py symmetry.py col
 PEER_rware := rware==2.0.0
 PEER_jumanji := jumanji==1.1.0 requests
 
-LONG := soak faults coverage mutation mutation-sample record-pogema figures reproduction report report-runs
+LONG := soak faults coverage mutation mutation-sample record-pogema figures reproduction report-runs
 
 .PHONY: train test lint format docs examples results bench wheel clean long $(addprefix long-,$(LONG))
 
@@ -138,9 +138,6 @@ long-figures: .venv/developed
 
 long-reproduction: .venv/developed
 	$(BIN)/python -m experiments.reproduction
-
-long-report: .venv/developed
-	$(BIN)/python -m experiments.report
 
 # MAPF_PZ_REPORT_RUNS names the authors' evaluations, which are drawn beside ours.
 long-report-runs: .venv/developed

@@ -16,11 +16,11 @@ from typing import get_args
 import numpy as np
 import tyro
 
-from experiments.report import read_progress
 from experiments.report_page import read_rows, spread, write_rows, write_table
 from mapf_pz.instances.instance import Scenario
 from mapf_pz.rl.config import CuriosityConfig, CuriosityName, TrainConfig
 from mapf_pz.rl.presets import PRESETS
+from mapf_pz.rl.training.progress import read_progress
 from mapf_pz.rl.training.train import train
 from mapf_pz.simulator.kernels.reward import RewardConfig
 

@@ -17,12 +17,12 @@ import numpy as np
 import tyro
 from matplotlib.figure import Figure
 
-from experiments.report import read_progress
 from experiments.report_page import read_rows, write_rows
 from experiments.reproduction import Variation
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl.config import ImitationConfig, TrainConfig
 from mapf_pz.rl.presets import PRESETS
+from mapf_pz.rl.training.progress import read_progress
 from mapf_pz.rl.training.train import train
 
 ROOT = Path(__file__).parents[1]
