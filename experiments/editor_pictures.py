@@ -13,6 +13,7 @@ import tempfile
 from playwright.sync_api import Page, sync_playwright
 
 from experiments.screenshots import FLAGS, IMAGES
+from tests.helpers.drawing_page import stroke
 
 Cell = tuple[int, int]
 DOOR: tuple[tuple[Cell, Cell], ...] = (((0, 4), (6, 4)), ((3, 4), (3, 4)))
@@ -51,12 +52,12 @@ def _draw(page: Page) -> None:
     page.fill("#cols", "9")
     page.click("#new")
     wall, door = DOOR
-    _stroke(page, *wall)
+    stroke(page, *wall)
     page.keyboard.press("e")
-    _stroke(page, *door)
+    stroke(page, *door)
     page.keyboard.press("a")
     for start, goal in AGENTS:
-        _stroke(page, start, goal)
+        stroke(page, start, goal)
     page.fill("#name", "door")
     page.evaluate("document.activeElement.blur()")
 
@@ -69,23 +70,6 @@ def _solve(page: Page, first: str, second: str) -> None:
     page.wait_for_selector("body[data-played]")
     page.evaluate("player.show(9, 1)")
     page.wait_for_timeout(300)
-
-
-def _stroke(page: Page, first: Cell, last: Cell) -> None:
-    """Press the mouse button at a cell, and release it at another one."""
-    for k, cell in enumerate((first, last)):
-        x, y = page.evaluate(
-            """([row, col]) => {
-                editor.resize();
-                const box = $("board").getBoundingClientRect(), { left, top, scale } = editor.board.camera;
-                return [box.left + left + (col + 0.5) * scale, box.top + top + (row + 0.5) * scale];
-            }""",
-            list(cell),
-        )
-        page.mouse.move(x, y)
-        if k == 0:
-            page.mouse.down()
-    page.mouse.up()
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ alternating runs, and the time of the network alone in batches of 256 agents: me
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable
 from statistics import median
@@ -14,6 +13,7 @@ from typing import Any
 
 import tyro
 
+from mapf_pz._internal.parallel import use_one_thread
 from mapf_pz.evaluation import EvaluationTask, Policy, load_suite, policy_factory
 from mapf_pz.evaluation.episodes import AnyEnv, PolicyFactory, run_episodes
 
@@ -78,7 +78,7 @@ def evaluation_speed(
         share: fraction of the suite's episodes.
         runs: number of runs.
     """
-    os.environ["OMP_NUM_THREADS"] = "1"  # as in `mapf-pz evaluate`
+    use_one_thread()
     for name in policies:
         print(f"{name}: network {network_microseconds(name.partition('+')[0]):.1f} us per agent")
         factory = policy_factory(name)

@@ -17,6 +17,7 @@ from tyro.conf import UseAppendAction, arg
 from mapf_pz._internal.atomic import write_whole
 from mapf_pz._internal.interrupts import interruptible
 from mapf_pz._internal.lock import locked
+from mapf_pz._internal.parallel import use_one_thread
 from mapf_pz.commands.env_flags import EpisodeKeywords
 from mapf_pz.commands.progress import progress_bar
 from mapf_pz.evaluation import (
@@ -189,8 +190,7 @@ def _files(names: Sequence[str | Path | Scenario]) -> tuple[str, ...]:
 
 def evaluate_policies(options: EvaluateOptions) -> None:
     """Evaluate policies and planners on the same episodes, and print a table of results."""
-    # These small networks are several times slower with two threads. Set this before torch is imported.
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    use_one_thread()
     factories = options.factories()
     tasks = options.tasks()
     for task in tasks:

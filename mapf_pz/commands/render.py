@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
 from tyro.conf import Positional, UseAppendAction
 
+from mapf_pz._internal.parallel import use_one_thread
 from mapf_pz.commands.planfile import LoadedPlan, load_plan
 from mapf_pz.commands.progress import progress_bar
 from mapf_pz.evaluation.episodes import AnyEnv, Policy, changed_keywords, rollout
@@ -97,7 +97,7 @@ def record_episode(env: AnyEnv, policy: Policy, seed: int, policy_name: str, ins
 
 
 def _episode_recording(episode: EpisodeOptions, policy_name: str) -> Recording:
-    os.environ.setdefault("OMP_NUM_THREADS", "1")  # as `mapf-pz evaluate`, before torch is imported
+    use_one_thread()
     check_observed(policy_name, episode.env)
     make = policy_factory(policy_name, episode.seed, trust_remote_code=episode.trust_remote_code)
     env, policy = make(changed_keywords(episode.env))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import ClassVar, NoReturn
 import numpy as np
 from tyro.conf import Positional
 
+from mapf_pz._internal.parallel import use_one_thread
 from mapf_pz.commands.env_flags import EnvKeywords
 from mapf_pz.evaluation.solver import costs_text, solver_of
 from mapf_pz.evaluation.tracker import known_cost
@@ -97,7 +97,7 @@ class ScheduleOptions:
 
 def solve(options: SolveOptions) -> None:
     """Solve an instance, validate and write the plan, and print its costs. The exit status is 1 if there is no plan."""
-    os.environ.setdefault("OMP_NUM_THREADS", "1")  # as `mapf-pz evaluate`, before torch is imported
+    use_one_thread()
     solver = solver_of(options.planner, options.seed)
     env = options.env.config()
     check_format(options.output, env.action_model)

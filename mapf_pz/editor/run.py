@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Mapping, Sequence
 from ctypes import c_int64
@@ -11,6 +10,7 @@ from threading import Lock
 from typing import Any, Literal
 
 from mapf_pz._internal.interrupts import unheard_by_children
+from mapf_pz._internal.parallel import use_one_thread
 from mapf_pz.editor.requests import Refusal
 from mapf_pz.editor.task import Outcome, Task
 from mapf_pz.editor.worker import Failure, work
@@ -26,7 +26,7 @@ LOADED = ["mapf_pz.editor.worker", "mapf_pz.rl.policies.policy"]
 def start_fork_server() -> None:
     """Start the process from which those of solvers are forked. It loads its modules in the background."""
     if CAN_FORK:
-        os.environ.setdefault("OMP_NUM_THREADS", "1")  # read when torch is imported
+        use_one_thread()
         set_forkserver_preload(LOADED)
         forkserver.ensure_running()
 
