@@ -48,6 +48,10 @@ FAMILIES = {
     "random": Family("Obstacles in random cells.", ("height", "width", "density")),
     "walls": Family("Free-standing walls that branch and turn.", ("height", "width", "wall_density")),
     "maze": Family("Corridors between walls.", ("height", "width", "corridor", "loops")),
+    "primal2": Family(
+        "Mazes as in PRIMAL2 and POGEMA.",
+        ("height", "width", "primal2_density", "primal2_components", "primal2_straight"),
+    ),
     "room": Family("Rooms that are connected by doors.", ("height", "width", "room_size")),
     "warehouse": Family("Shelves between aisles.", ("height", "width", "corridor", "shelf_length")),
 }
@@ -68,8 +72,8 @@ def all_names() -> dict[str, Any]:
 
 
 def _described(family: str) -> dict[str, Any]:
-    """Return a family with its options, whose defaults and docstrings are those of `MapMixture`."""
-    defaults = {field.name: field.default for field in fields(MapMixture)}
+    """Return a family with its options, whose docstrings and defaults, or the middles of ranges, are `MapMixture`'s."""
+    defaults = {field.name: _middle(field.default) for field in fields(MapMixture)}
     docs = {name: " ".join(text.split()) for name, text in field_docs(MapMixture).items()}
     options = [
         {
@@ -81,6 +85,12 @@ def _described(family: str) -> dict[str, Any]:
         for name in FAMILIES[family].options
     ]
     return {"name": family, "summary": FAMILIES[family].summary, "options": options}
+
+
+def _middle(value: Any) -> Any:
+    """Return the middle of a range of two numbers, of their type; other values as they are."""
+    is_range = isinstance(value, tuple) and len(value) == 2
+    return type(value[0])((value[0] + value[1]) / 2) if is_range else value
 
 
 def generated(request: GenerateRequest) -> dict[str, Any]:

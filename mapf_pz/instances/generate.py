@@ -87,6 +87,50 @@ def _grow_wall(free: Bools, post: Room, rng: np.random.Generator, length: int) -
     return int(before - np.count_nonzero(free))
 
 
+def primal2(
+    height: int, width: int, rng: np.random.Generator, density: float, components: int = 6, straight: float = 0.8
+) -> Grid:
+    """Generate a maze as those of PRIMAL2 and of POGEMA's benchmark; the free cells may not be connected.
+
+    Posts are in every second row and column, on the edge around the map, too. Walls of one cell grow from
+    `density * (height + 2) * (width + 2) // components` random posts, in at most `components` steps from one post to
+    the next one. A step goes straight on with the weight `straight`, and in each other way with `1 - straight`; none
+    is taken to a post that has a wall. With an even size, the last row or column is cropped.
+
+    Sources: G. Sartoretti et al., PRIMAL, RA-L 2019; M. Damani et al., PRIMAL2, RA-L 2021; the parameters' ranges in
+    POGEMA's benchmark are 0 to 1, 4 to 8, and 0.75 to 0.85.
+    """
+    _check(height=height, width=width, components=components)
+    if not 0 <= density <= 1:
+        raise ValueError(f"density={density}: expected a number from 0 to 1")
+    if not 0 <= straight < 1:
+        raise ValueError(f"straight={straight}: expected at least 0 and less than 1")
+    free = np.ones((height // 2 * 2 + 3, width // 2 * 2 + 3), np.bool_)
+    free[[0, -1]] = free[:, [0, -1]] = False
+    for _ in range(int(density * free.size / components)):
+        post = 2 * int(rng.integers(free.shape[0] // 2)), 2 * int(rng.integers(free.shape[1] // 2))
+        _grow_through_posts(free, post, rng, components, straight)
+    return Grid(free[1 : height + 1, 1 : width + 1], f"primal2-{height}-{width}-{round(100 * density)}")
+
+
+def _grow_through_posts(free: Bools, post: Room, rng: np.random.Generator, steps: int, straight: float) -> None:
+    """Grow a wall from a post to others that have no wall: see `primal2`."""
+    (row, col), way = post, (0, 0)
+    free[post] = False
+    for _ in range(steps):
+        ways = [
+            (down, right)
+            for down, right in ((0, -2), (0, 2), (-2, 0), (2, 0))
+            if 0 <= row + down < free.shape[0] and 0 <= col + right < free.shape[1]
+        ]
+        ends = np.cumsum([straight if each == way else 1 - straight for each in ways])
+        way = ways[int(np.searchsorted(ends, rng.random() * ends[-1], side="right"))]
+        to = row + way[0], col + way[1]
+        if free[to]:
+            free[to] = free[row + way[0] // 2, col + way[1] // 2] = False
+            row, col = to
+
+
 def room(height: int, width: int, rng: np.random.Generator, size: int) -> Grid:
     """Generate a map of rooms that are connected by doors of one cell.
 

@@ -27,8 +27,8 @@ class MapMixture:
     """
 
     maps: tuple[str, ...] = ("random",)
-    """The maps that episodes are sampled from: families (`random`, `walls`, `maze`, `room`, `warehouse`), names of
-    maps, and paths of `.map` files. All are equally likely; one that is listed twice counts twice."""
+    """The maps that episodes are sampled from: families (`random`, `walls`, `maze`, `primal2`, `room`, `warehouse`),
+    names of maps, and paths of `.map` files. All are equally likely; one that is listed twice counts twice."""
     height: int | tuple[int, int] = 12
     """Number of rows of a generated map; two numbers are a range to sample from."""
     width: int | tuple[int, int] = 12
@@ -46,6 +46,14 @@ class MapMixture:
     are a range to sample from."""
     wall_density: float | tuple[float, float] = 0.3
     """Fraction of the cells of a `walls` map that are walls; two numbers are a range to sample from."""
+    primal2_density: float | tuple[float, float] = (0.0, 1.0)
+    """Total length of the walls of a `primal2` maze, which may overlap, as a fraction of its cells; two numbers are a
+    range to sample from."""
+    primal2_components: int | tuple[int, int] = (4, 8)
+    """Largest number of steps, of two cells each, of a wall of a `primal2` maze; two numbers are a range."""
+    primal2_straight: float | tuple[float, float] = (0.75, 0.85)
+    """Weight of a step straight on of a wall of a `primal2` maze; one minus it is the weight of each other way. Two
+    numbers are a range to sample from."""
 
     def __post_init__(self) -> None:
         """Check every field, and turn lists into tuples."""
@@ -55,9 +63,11 @@ class MapMixture:
         _check_names("maps", self.maps)
         for name, least in (("height", 1), ("width", 1), ("corridor", 1), ("room_size", 2), ("shelf_length", 1)):
             _check_range(name, getattr(self, name), int, least)
-        for name in ("density", "wall_density", "loops"):
+        _check_range("primal2_components", self.primal2_components, int, 1)
+        for name in ("density", "wall_density", "loops", "primal2_density", "primal2_straight"):
             _check_range(name, getattr(self, name), (int, float), 0)
-            if _bounds(getattr(self, name))[1] >= 1:
+            most = _bounds(getattr(self, name))[1]
+            if most > 1 or (most == 1 and name != "primal2_density"):
                 raise ValueError(f"{name}={getattr(self, name)!r}: expected at least 0 and less than 1")
         for family in self.maps:
             if family in _FAMILIES:
@@ -92,7 +102,7 @@ class MapMixture:
 
     def _check_size(self, family: str) -> None:
         """Raise `ValueError` if the smallest size is too small for the family's largest pattern."""
-        open_edge = family in ("random", "walls")
+        open_edge = family in ("random", "walls", "primal2")
         least = {"height": 1 if open_edge else 2, "width": 1 if open_edge else 2}
         if family == "warehouse":
             walls_and_aisles = 2 + 2 * _bounds(self.corridor)[1]
@@ -149,6 +159,11 @@ def _maze(mixture: MapMixture, height: int, width: int, rng: np.random.Generator
     return generate.maze(height, width, rng, corridor, _fraction(mixture.loops, rng))
 
 
+def _primal2(mixture: MapMixture, height: int, width: int, rng: np.random.Generator) -> Grid:
+    density, straight = _fraction(mixture.primal2_density, rng), _fraction(mixture.primal2_straight, rng)
+    return generate.primal2(height, width, rng, density, _sample(mixture.primal2_components, rng), straight)
+
+
 def _room(mixture: MapMixture, height: int, width: int, rng: np.random.Generator) -> Grid:
     return generate.room(height, width, rng, _sample(mixture.room_size, rng))
 
@@ -165,6 +180,7 @@ _FAMILIES: dict[str, Callable[[MapMixture, int, int, np.random.Generator], Grid]
     "random": _random,
     "walls": _walls,
     "maze": _maze,
+    "primal2": _primal2,
     "room": _room,
     "warehouse": _warehouse,
 }

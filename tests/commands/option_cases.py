@@ -86,6 +86,9 @@ MIXTURE = {
     "--shelf-length": "--shelf-length 3",
     "--loops": "--loops 0.5",
     "--wall-density": "--wall-density 0.1",
+    "--primal2-density": "--primal2-density 0.1",
+    "--primal2-components": "--primal2-components 3",
+    "--primal2-straight": "--primal2-straight 0.5 0.6",
 }
 GENERATED = {"--map": "--map random-16-16-20", "--output": "--output other.json"}
 
@@ -176,7 +179,8 @@ CASES = {
         },
     ),
     "maps generate": Case(
-        "maps generate new --maps random maze room warehouse walls --num-agents 3 --number 20 --height 14 --width 14",
+        "maps generate new --maps random maze room warehouse walls primal2 --num-agents 3 --number 20 --height 14 "
+        "--width 14",
         {
             "--maps": "--maps maze",
             "--height": "--height 15",
@@ -187,6 +191,9 @@ CASES = {
             "--shelf-length": "--shelf-length 3",
             "--loops": "--loops 0.5",
             "--wall-density": "--wall-density 0.1",
+            "--primal2-density": "--primal2-density 0.1",
+            "--primal2-components": "--primal2-components 3",
+            "--primal2-straight": "--primal2-straight 0.5 0.6",
             "--num-agents": "--num-agents 4",
             "--number": "--number 1",
             "--seed": "--seed 5",

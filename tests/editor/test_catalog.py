@@ -61,13 +61,15 @@ def test_problems_are_opened(server, tmp_path, in_a_file):
 
 def test_families_generate_the_maps_of_the_command(server, tmp_path):
     families = {family["name"]: family for family in server.call("names")["families"]}
-    assert list(families) == ["random", "walls", "maze", "room", "warehouse"]
+    assert list(families) == ["random", "walls", "maze", "primal2", "room", "warehouse"]
     options = {option["name"]: option for option in families["maze"]["options"]}
     assert list(options) == ["height", "width", "corridor", "loops"]
     assert (options["loops"]["type"], options["loops"]["default"]) == ("float", 0.0)
+    ranges = {option["name"]: (option["type"], option["default"]) for option in families["primal2"]["options"][2:]}
+    assert list(ranges.values()) == [("float", 0.5), ("int", 6), ("float", 0.8)]
     assert options["corridor"]["help"].startswith("Width in cells of the corridors of a `maze`")
     for number, family in enumerate(families):
-        chosen = {"height": 11, "width": 14, families[family]["options"][2]["name"]: (0.2, 0.3, 2, 4, 2)[number]}
+        chosen = {"height": 11, "width": 14, families[family]["options"][2]["name"]: (0.2, 0.3, 2, 0.6, 4, 2)[number]}
         generated = server.call("generate", family=family, options=chosen, seed=5)
         words = [word for name, value in chosen.items() for word in (f"--{name.replace('_', '-')}", str(value))]
         target = str(tmp_path / family)

@@ -1,3 +1,4 @@
+import json
 from importlib import resources
 
 import numpy as np
@@ -116,6 +117,53 @@ def test_walls_as_drawn():
     ]
 
 
+@pytest.mark.parametrize("shape", [(17, 21), (20, 18), (1, 2), (5, 30)])
+def test_walls_of_primal2_join_posts(shape):
+    for seed in SEEDS:
+        grid = generate.primal2(*shape, rng(seed), 0.7, components=5)
+        assert grid.shape == shape
+        assert grid.free[::2, ::2].all()  # posts are in the other rows and columns, which begin outside of the map
+    assert grid.name == f"primal2-{shape[0]}-{shape[1]}-70"
+
+
+def test_walls_of_primal2_have_at_most_their_length():
+    for seed in SEEDS:
+        free = generate.primal2(21, 21, rng(seed), density=6 / 23**2, components=6).free  # one wall
+        assert 0 < (~free).sum() <= 1 + 2 * 6
+    assert generate.primal2(21, 21, rng(), density=5 / 23**2, components=6).free.all()
+
+
+def test_walls_of_primal2_go_straight_on():
+    def corners(straight):
+        """Return the fraction of walls' inner posts at which they turn."""
+        turns = straights = 0
+        for seed in range(200):
+            free = np.pad(generate.primal2(41, 41, rng(seed), 4 / 43**2, 4, straight).free, 1, constant_values=True)
+            for row, col in np.argwhere(~free[2:-2:2, 2:-2:2]) * 2 + 2:
+                up, down, left, right = (not free[row + y, col + x] for y, x in ((-1, 0), (1, 0), (0, -1), (0, 1)))
+                straights += up + down + left + right == 2 and up == down
+                turns += up + down + left + right == 2 and up != down
+        return turns / (turns + straights)
+
+    # Against one way straight on with the weight 0.9 are two others with 0.1; the way back is never free.
+    assert corners(0.9) == pytest.approx(0.2 / 1.1, abs=0.06)
+    assert corners(0.5) == pytest.approx(2 / 3, abs=0.08)
+
+
+def test_mazes_of_primal2_are_as_dense_as_those_of_pogema(pogema_benchmark):
+    drawn = json.loads((pogema_benchmark / "02-mazes.maps.json").read_text()).values()
+    theirs = [np.mean([cell == "." for row in rows for cell in row]) for rows in drawn]
+    ours = []
+    for seed in range(400):
+        sample = rng(seed)
+        height, width = sample.integers(17, 22, 2) // 2 * 2 + 1
+        density, components = sample.uniform(0, 1), int(sample.integers(4, 9))
+        grid = generate.primal2(height, width, sample, density, components, sample.uniform(0.75, 0.85))
+        ours.append(float(grid.free.mean()))
+    assert np.mean(ours) == pytest.approx(np.mean(theirs), abs=0.02)
+    assert np.std(ours) == pytest.approx(np.std(theirs), abs=0.015)
+
+
 def test_a_maze_as_drawn():
     grid = generate.maze(7, 7, rng(3), 2)
     rows = drawing(grid)
@@ -155,6 +203,10 @@ def test_rooms_are_connected_and_have_one_door_a_wall(shape, size):
         (lambda: generate.maze(1, 9, rng()), "height=1"),
         (lambda: generate.maze(9, 9, rng(), corridor=0), "corridor=0"),
         (lambda: generate.room(9, 9, rng(), size=1), "size=1"),
+        (lambda: generate.primal2(9, 0, rng(), 0.5), "width=0"),
+        (lambda: generate.primal2(9, 9, rng(), 0.5, components=0), "components=0"),
+        (lambda: generate.primal2(9, 9, rng(), 1.1), r"density=1\.1: expected a number from 0 to 1"),
+        (lambda: generate.primal2(9, 9, rng(), 0.5, straight=1), "straight=1: expected at least 0 and less than 1"),
         (lambda: generate.warehouse(1, 1, 1, 1, 0), "aisle=0"),
         (lambda: generate.warehouse(1, 1, 1, 1, 1, margin=-1), "margin=-1"),
     ],

@@ -9,7 +9,7 @@ import mapf_pz
 from mapf_pz.instances import MapMixture, RandomObstacles, components, load_map, write_map
 from mapf_pz.instances.instance import Grid, InstanceSource
 
-FAMILIES = ("random", "maze", "room", "warehouse")
+FAMILIES = ("random", "walls", "maze", "primal2", "room", "warehouse")
 NAMED = ("empty-8-8", "maze-13-13-1", "room-16-16-4")
 
 
@@ -69,7 +69,7 @@ def test_every_instance_is_valid(mixture, num_agents, goals_per_agent, seed):
 def test_all_maps_occur_equally_often():
     source = MapMixture(maps=(*FAMILIES, "empty-8-8", "empty-8-8"), height=(8, 12), width=(9, 12)).source(3)
     generator = rng()
-    names = [source.sample(generator).grid.name.split("-")[0] for _ in range(1200)]
+    names = [source.sample(generator).grid.name.split("-")[0] for _ in range(1600)]
     counts = {name: names.count(name) for name in (*FAMILIES, "empty")}
     assert all(150 < counts[name] < 250 for name in FAMILIES)
     assert 340 < counts["empty"] < 460
@@ -118,7 +118,7 @@ def test_an_environment_with_a_mixture():
     source = MapMixture(maps=FAMILIES, height=(8, 12), width=(9, 12)).source(6)
     env = mapf_pz.parallel_env(source=source, max_steps=5)
     maps = set()
-    for seed in range(20):
+    for seed in range(40):
         env.reset(seed=seed)
         maps.add(env.simulator.grid(0).name.split("-")[0])
     assert maps == set(FAMILIES)
