@@ -72,7 +72,7 @@ def earliest_arrival(problem, agent, others):
 
 @pytest.mark.parametrize("model", ["cardinal", "rotate"])
 @pytest.mark.parametrize("weights", ["uniform", "crisscross", "random"])
-@settings(max_examples=200)
+@settings(max_examples=80)
 @given(seed=st.integers(0, 2**31), size=st.integers(4, 7), steps=st.integers(0, 25), crossed=st.booleans())
 def test_the_earliest_arrival_among_others(model, weights, seed, size, steps, crossed):
     rng = np.random.default_rng(seed)

@@ -44,7 +44,7 @@ def configs(draw):
     )
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(config=configs(), seed=st.integers(0, 2**32 - 1))
 def test_every_state_is_sound(config, seed):
     simulator = Simulator(config)
