@@ -201,10 +201,13 @@ STAY = 4
 
 
 class SlowPIBT:
-    """Causal PIBT, lifelong: agents plan their next cells, turn towards them, and drive when the way clears."""
+    """Causal PIBT, lifelong: agents plan their next cells, turn towards them, and drive when the way clears.
 
-    def __init__(self, world, seed=0):
-        self.world = world
+    With `corridors`, agents that face each other in any corridor change places, otherwise only before dead ends.
+    """
+
+    def __init__(self, world, seed=0, corridors=False):
+        self.world, self.corridors = world, corridors
         self.random = int(np.random.default_rng(seed).integers(1, 2**63))
         self.want = self.goals = None
 
@@ -285,8 +288,10 @@ class SlowPIBT:
         """Find a cell for an agent; tell whether there is one but its own."""
         here = self.cells[agent]
         choices = self.choices(agent)
-        leaves = self.leaves(agent, choices[0])
-        for choice in reversed(choices) if leaves is not None else choices:
+        leaves = self.faces(agent, choices[0]) if self.corridors else self.leaves(agent, choices[0])
+        if leaves is not None:
+            choices.reverse()
+        for choice in choices:
             cell = here if choice == STAY else self.beside(here)[choice]
             if cell in self.taken:
                 continue
@@ -296,7 +301,7 @@ class SlowPIBT:
             self.want[agent] = cell
             self.taken[cell] = agent
             if other is None or self.want[other] is not None or self.search(other):
-                if leaves is not None and self.follows(leaves, agent):
+                if leaves is not None and self.follows(leaves, agent, choice == choices[0]):
                     self.want[leaves] = here
                     self.taken[here] = leaves
                 return True
@@ -311,10 +316,56 @@ class SlowPIBT:
             key=lambda choice: (self.cost(agent, choice), self.hindered(agent, choice), self.ties[agent][choice]),
         )
 
-    def follows(self, leaves, agent):
-        """Tell whether an agent that must leave a dead end can follow the one that makes room for it."""
+    def follows(self, leaves, agent, as_wanted):
+        """Tell whether an agent can follow the one that makes room for it."""
         free = self.want[leaves] is None and self.cells[agent] not in self.taken
-        return free and self.want[agent] != self.cells[leaves]
+        return free and (as_wanted if self.corridors else self.want[agent] != self.cells[leaves])
+
+    def faces(self, agent, first):
+        """Return the agent that this one must change places with in a corridor, or None."""
+        here = self.cells[agent]
+        best = self.beside(here).get(first)
+        if best is None or not self.opens(best, here):
+            return None
+        ahead = self.occupant.get(best)
+        if ahead is not None and self.want[ahead] is None and self.collide(agent, ahead, here, best):
+            return ahead
+        behind = [self.occupant.get(cell) for cell in self.beside(here).values() if cell != best]
+        return next((other for other in behind if other is not None and self.collide(other, agent, here, best)), None)
+
+    def collide(self, pusher, puller, back, front):
+        """Tell whether the pusher, on the way from `back` over `front`, pushes the puller away from its goal."""
+        if self.goals[pusher] == self.goals[puller]:
+            return False
+        while self.near(pusher, front) < self.near(pusher, back):
+            ways = self.ways(back, front)
+            if len(ways) > 1:
+                return False
+            if not ways:
+                break
+            back, front = front, ways[0]
+        wants = self.near(pusher, back) == 0 or self.near(pusher, front) < self.near(pusher, back)
+        return wants and self.near(puller, back) < self.near(puller, front)
+
+    def opens(self, back, front):
+        """Tell whether the way from `back` over `front` leads to a branch."""
+        start = back
+        while front != start:
+            ways = self.ways(back, front)
+            if len(ways) != 1:
+                return len(ways) > 1
+            back, front = front, ways[0]
+        return False
+
+    def ways(self, back, front):
+        """Return the cells to go on to; dead ends whose agents are at their goals are none."""
+        ways = [cell for cell in self.beside(front).values() if cell != back]
+        resting = [cell for cell in ways if cell in self.occupant and self.goals[self.occupant[cell]] == cell]
+        return [cell for cell in ways if cell not in resting or len(self.beside(cell)) > 1]
+
+    def near(self, agent, cell):
+        """Return the cost to an agent's goal from a cell, in the best heading."""
+        return min(self.tables[agent].get((*cell, heading), float("inf")) for heading in range(4))
 
     def leaves(self, agent, first):
         """Return the agent that must leave the dead end where this one's goal is, or None."""
@@ -403,11 +454,36 @@ class SlowRotatingShield(SlowEPIBT):
         return sorted(ranked, key=lambda place: (-preferred[place], costs[place], place))
 
 
+class SlowTurningShield(SlowPIBT):
+    """The safety layer for agents that turn, lifelong: causal PIBT whose choices are sorted by preferences."""
+
+    def __init__(self, world, patience, corridors=True):
+        super().__init__(world, corridors=corridors)
+        self.random = 1
+        self.progress = Progress(world, patience)
+
+    def actions(self, preferences, states, goals):
+        """Return an action for each agent at `states` [(row, col, heading)] with `goals`, by `preferences` (N, 4)."""
+        self.preferences, self.stuck = preferences, self.progress.stuck(states, goals)
+        return [ACTION[letter] for letter in self.decide(states, goals)]
+
+    def choices(self, agent):
+        """Return an agent's choices, the most preferred first, or those of PIBT."""
+        choices = super().choices(agent)
+        return choices if agent in self.stuck else sorted(choices, key=lambda choice: -self.preference(agent, choice))
+
+    def preference(self, agent, choice):
+        """Return the preference for the first action towards a choice; for the cell behind, the lower one of two."""
+        heading = self.states[agent][2]
+        letters = "W" if choice == STAY else ("F", "R", "RL", "L")[(choice - heading) % 4]
+        return min(self.preferences[agent][ACTION[letter]] for letter in letters)
+
+
 class SlowCardinalShield(SlowPIBT):
     """The safety layer for cardinal agents, lifelong: PIBT whose choices are sorted by preferences."""
 
-    def __init__(self, world, patience):
-        super().__init__(world)
+    def __init__(self, world, patience, corridors=False):
+        super().__init__(world, corridors=corridors)
         self.random = 1
         self.progress = Progress(world, patience)
 

@@ -9,11 +9,17 @@ from mapf_pz.instances.instance import Scenario
 from mapf_pz.planners import EPIBT, BatchShield, Shield
 from mapf_pz.planners.base import simulator_of
 from mapf_pz.planners.pibt.kernels import plan
-from mapf_pz.planners.pibt.state import LATE, Options, allocate_pibt
+from mapf_pz.planners.pibt.state import CORRIDORS, DEAD_ENDS, LATE, Options, allocate_pibt
 from mapf_pz.simulator import Simulator
 from mapf_pz.simulator.actions import Action, CardinalAction
 from mapf_pz.simulator.config import EnvConfig
-from tests.helpers.reference_planners import CardinalWorld, SlowCardinalShield, SlowRotatingShield, World
+from tests.helpers.reference_planners import (
+    CardinalWorld,
+    SlowCardinalShield,
+    SlowRotatingShield,
+    SlowTurningShield,
+    World,
+)
 from tests.helpers.text_instances import drawn
 
 MODELS = {"rotate": Action, "cardinal": CardinalAction}
@@ -47,8 +53,9 @@ def random_preferences(rng, shape, kind):
     weights=st.sampled_from(["uniform", "crisscross", "random"]),
     patience=st.sampled_from([0, 1, 4]),
     kind=st.sampled_from(["random", "constant", "masked"]),
+    corridors=st.booleans(),
 )
-def test_no_move_is_blocked(model, seed, on_target, weights, patience, kind):
+def test_no_move_is_blocked(model, seed, on_target, weights, patience, kind, corridors):
     env = mapf_pz.parallel_env(
         source=RandomObstacles(6, 6, 0.2, 10),
         action_model=model,
@@ -59,7 +66,7 @@ def test_no_move_is_blocked(model, seed, on_target, weights, patience, kind):
     observations, _ = env.reset(seed=seed)
     rng = np.random.default_rng(seed)
     policy = Preferences(lambda name: random_preferences(rng, len(MODELS[model]), kind))
-    shield = Shield(policy, env, patience)
+    shield = Shield(policy, env, patience, corridors=corridors)
     while env.agents:
         actions = shield.act(observations)
         assert actions.keys() == observations.keys()
@@ -98,20 +105,25 @@ def test_it_resets_its_policy():
     assert policy.resets == 1
 
 
-@pytest.mark.parametrize(("model", "depth"), [("cardinal", 3), ("rotate", 3), ("rotate", 4)])
+@pytest.mark.parametrize(
+    ("model", "depth", "corridors"),
+    [("cardinal", 3, False), ("cardinal", 3, True), ("rotate", 3, False), ("rotate", 4, False), ("rotate", 3, True)],
+)
 @settings(max_examples=15)
 @given(
     seed=st.integers(0, 2**31), num_agents=st.sampled_from([4, 12, 24]), patience=st.integers(0, 4), ties=st.booleans()
 )
 @example(seed=218, num_agents=24, patience=3, ties=False)  # an agent gets the goal again where it has arrived
-def test_it_decides_as_in_plain_python(model, depth, seed, num_agents, patience, ties):
+def test_it_decides_as_in_plain_python(model, depth, corridors, seed, num_agents, patience, ties):
     env = mapf_pz.parallel_env(
         source=RandomObstacles(8, 8, 0.2, num_agents), on_target="restart", max_steps=30, action_model=model
     )
     env.reset(seed=seed)
-    rng, shield = np.random.default_rng(seed), BatchShield(env.simulator, patience, depth)
+    rng, shield = np.random.default_rng(seed), BatchShield(env.simulator, patience, depth, corridors)
     if model == "cardinal":
-        slow = SlowCardinalShield(CardinalWorld(env.grid), patience)
+        slow = SlowCardinalShield(CardinalWorld(env.grid), patience, corridors)
+    elif corridors:
+        slow = SlowTurningShield(World(env.grid), patience)
     else:
         slow = SlowRotatingShield(World(env.grid), patience, depth)
     shape = num_agents, len(MODELS[model])
@@ -138,16 +150,17 @@ def test_turning_agents_with_equal_preferences_follow_epibt(on_target, depth):
 
 
 @pytest.mark.parametrize("on_target", ["nothing", "restart", "finish"])
-def test_equal_preferences_are_those_of_pibt(on_target):
-    config = EnvConfig(
-        source=RandomObstacles(8, 8, 0.2, 14), on_target=on_target, action_model="cardinal", view_size=(1, 1)
-    )
+@pytest.mark.parametrize(("model", "corridors"), [("cardinal", False), ("cardinal", True), ("rotate", True)])
+def test_equal_preferences_are_those_of_pibt(on_target, model, corridors):
+    config = EnvConfig(source=RandomObstacles(8, 8, 0.3, 14), on_target=on_target, action_model=model)
     simulator = Simulator(config)
     simulator.reset(seeds={0: 0})
-    shield, pibt, expected = BatchShield(simulator), allocate_pibt(14, 64, seed=1), np.zeros((1, 14), np.int64)
+    shield, pibt = BatchShield(simulator, corridors=corridors), allocate_pibt(14, 64, seed=1)
+    options, expected = Options(LATE, CORRIDORS if corridors else DEAD_ENDS, True), np.zeros((1, 14), np.int64)
     for _ in range(30):
-        plan(simulator.planning_view(), on_target != "nothing", Options(LATE, True, True), pibt, expected[0])
-        np.testing.assert_array_equal(shield.actions(np.zeros((1, 14, 5))), expected)
+        plan(simulator.planning_view(), on_target != "nothing", options, pibt, expected[0])
+        preferences = np.zeros((1, 14, simulator.num_actions))
+        np.testing.assert_array_equal(shield.actions(preferences), expected)
         simulator.step(expected)
 
 

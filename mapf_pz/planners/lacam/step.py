@@ -1,8 +1,7 @@
 """The next configuration of LaCAM: one step of PIBT for all agents, with prescribed next cells for some of them.
 
-In plain PIBT, two agents that must swap in a corridor undo each other's steps. Here, one of them anticipates this: it
-backs off to a cell where the other can pass, and pulls the other behind it (the swap operation of "Engineering LaCAM*",
-Okumura, AAMAS 2024).
+In plain PIBT, two agents that must change places in a corridor undo each other's steps. Here, one of them anticipates
+this: it moves back to a cell where the other can pass, and the other follows (`mapf_pz.planners.corridor`).
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz._internal.jit import Array, jit
+from mapf_pz.planners.corridor import degree, has_room, must_swap
 from mapf_pz.planners.random import draw, seeded
 from mapf_pz.simulator.kernels.cost_lookup import cost_at
 from mapf_pz.simulator.kernels.state import WAIT_WEIGHT
@@ -167,7 +167,7 @@ def _prepare(problem: Array, cells: Array, scratch: LacamScratch, i: int) -> Non
     first = choices[0]
     scratch.partner[i] = NO_AGENT if first == STAY else _find_partner(problem, cells, scratch, i, leads_to[first, cell])
     if scratch.partner[i] != NO_AGENT:
-        last = _degree(leads_to, cell)  # blocked choices come after it
+        last = degree(leads_to, cell)  # blocked choices come after it
         for k in range((last + 1) // 2):
             choices[k], choices[last - k] = choices[last - k], choices[k]
 
@@ -186,7 +186,7 @@ def _find_partner(problem: Array, cells: Array, scratch: LacamScratch, i: int, b
         ahead != NO_AGENT
         and scratch.want[ahead] == UNDECIDED
         and _must_swap(problem, occupant, i, ahead, cell, best)
-        and _has_room(leads_to, problem.goals, occupant, best, cell)
+        and has_room(leads_to, problem.goals, occupant, best, cell)
     ):
         return ahead
     for direction in range(4):
@@ -197,7 +197,7 @@ def _find_partner(problem: Array, cells: Array, scratch: LacamScratch, i: int, b
             and beside != best
             and behind != NO_AGENT
             and _must_swap(problem, occupant, behind, i, cell, best)
-            and _has_room(leads_to, problem.goals, occupant, best, cell)
+            and has_room(leads_to, problem.goals, occupant, best, cell)
         ):
             return behind
     return NO_AGENT
@@ -205,53 +205,11 @@ def _find_partner(problem: Array, cells: Array, scratch: LacamScratch, i: int, b
 
 @jit
 def _must_swap(problem: Array, occupant: Array, pusher: int, puller: int, back: int, front: int) -> bool:
-    """Return whether a pusher on `back` and a puller on `front` must swap along the corridor ahead."""
-    while _to_go(problem, pusher, front) < _to_go(problem, pusher, back):
-        exits, onward = _exits(problem.leads_to, problem.goals, occupant, back, front)
-        if exits > 1:
-            return False
-        if exits == 0:
-            break
-        back, front = front, onward
-    yields = _to_go(problem, puller, back) < _to_go(problem, puller, front)
-    wants = _to_go(problem, pusher, back) == 0 or _to_go(problem, pusher, front) < _to_go(problem, pusher, back)
-    return bool(yields and wants)
-
-
-@jit
-def _has_room(leads_to: Array, goals: Array, occupant: Array, back: int, front: int) -> bool:
-    """Return whether two agents that move from `back` to `front` and beyond reach a cell with two further exits."""
-    entry = back
-    while front != entry:
-        exits, onward = _exits(leads_to, goals, occupant, back, front)
-        if exits != 1:
-            return exits > 1
-        back, front = front, onward
-    return False
-
-
-@jit
-def _exits(leads_to: Array, goals: Array, occupant: Array, back: int, front: int) -> tuple[int, int]:
-    """Return the number of exits of `front` except `back`, and the last of them; occupied dead ends do not count."""
-    exits, onward = 0, front
-    for direction in range(4):
-        cell = leads_to[direction, front]
-        if cell in (front, back):
-            continue
-        rests = occupant[cell] != NO_AGENT and goals[occupant[cell]] == cell
-        if rests and _degree(leads_to, cell) == 1:
-            continue
-        exits += 1
-        onward = cell
-    return exits, onward
-
-
-@jit
-def _degree(leads_to: Array, cell: int) -> int:
-    degree = 0
-    for direction in range(4):
-        degree += leads_to[direction, cell] != cell
-    return degree
+    """Return whether a pusher on `back` and a puller on `front` must change places along the corridor ahead."""
+    tables = problem.table
+    return must_swap(
+        problem.leads_to, problem.to_go, problem.goals, occupant, tables[pusher], tables[puller], back, front
+    )
 
 
 @jit

@@ -14,8 +14,8 @@ from __future__ import annotations
 from mapf_pz._internal.jit import Array, jit
 from mapf_pz.planners.pibt.preference import rank_choices
 from mapf_pz.planners.pibt.priority import prioritize
-from mapf_pz.planners.pibt.state import NO_AGENT, STAY, UNDECIDED, Options, PibtState
-from mapf_pz.planners.pibt.swap import prefer_room, pull_agents
+from mapf_pz.planners.pibt.state import NO_AGENT, NO_SWAP, STAY, UNDECIDED, Options, PibtState
+from mapf_pz.planners.pibt.swap import find_partner, pull_agents
 from mapf_pz.simulator.actions import Action, CardinalAction
 from mapf_pz.simulator.kernels.cost_lookup import num_headings
 from mapf_pz.simulator.kernels.state import PlanningView
@@ -31,6 +31,14 @@ def plan(planning_view: PlanningView, passing: bool, options: Options, state: Pi
 
     With `passing`, an agent only has to pass its goal; otherwise it must stay there.
     """
+    prepare(planning_view, passing, options, state)
+    decide(planning_view, options.swap, state)
+    write_actions(planning_view, state, actions)
+
+
+@jit
+def prepare(planning_view: PlanningView, passing: bool, options: Options, state: PibtState) -> None:
+    """Set the agents' order, and the ranks of the choices of those that are undecided; others keep their cells."""
     agents, rotates = planning_view.agents, num_headings(planning_view.to_go) == 4
     prioritize(planning_view, passing, options.priority, state)
     state.taken[:] = NO_AGENT
@@ -42,18 +50,14 @@ def plan(planning_view: PlanningView, passing: bool, options: Options, state: Pi
         else:
             state.want[i] = UNDECIDED
     rank_choices(planning_view, options.hindrance, state)
-    decide(planning_view, options.swap, state)
-    if rotates:
-        _write_rotating(planning_view, state, actions)
-    else:
-        write_cardinal(state, actions)
 
 
 @jit
-def decide(planning_view: PlanningView, swap: bool, state: PibtState) -> None:
+def decide(planning_view: PlanningView, swap: int, state: PibtState) -> None:
     """Set `state.want` of all undecided agents, in `state.order`, by the ranks of their choices.
 
-    Each of them finds a cell together with all agents that must move away for it.
+    Each of them finds a cell together with all agents that must move away for it. `swap` is the rule by which agents
+    change places.
     """
     leads_to, agents, occupant = planning_view.leads_to, planning_view.agents, planning_view.occupant
     want, taken, chain = state.want, state.taken, state.chain
@@ -65,8 +69,8 @@ def decide(planning_view: PlanningView, swap: bool, state: PibtState) -> None:
         while depth > 0:
             i = chain[depth - 1]
             here, rank = agents[i].cell, state.rank[i]
-            if swap and state.tried[i] == 0:
-                state.pull[i] = prefer_room(planning_view, i, want, rank)
+            if swap != NO_SWAP and state.tried[i] == 0:
+                state.pull[i] = find_partner(planning_view, swap, i, want, rank)
             k = _next_possible(leads_to, occupant, want, taken, here, rank, state.tried[i])
             state.tried[i] = k + 1
             if k == rank.size:
@@ -81,8 +85,8 @@ def decide(planning_view: PlanningView, swap: bool, state: PibtState) -> None:
             taken[target] = i
             other = occupant[target]
             if other == NO_AGENT or want[other] != UNDECIDED:
-                if swap:
-                    pull_agents(planning_view, depth, state)
+                if swap != NO_SWAP:
+                    pull_agents(planning_view, swap, depth, state)
                 break
             chain[depth], state.tried[other] = other, 0
             depth += 1
@@ -106,10 +110,13 @@ def _next_possible(
 
 
 @jit
-def write_cardinal(state: PibtState, actions: Array) -> None:
-    """Write the action that moves each agent to the cell in `state.want`."""
-    for i in range(actions.size):
-        actions[i] = CARDINAL_ACTIONS[state.choice[i]]
+def write_actions(planning_view: PlanningView, state: PibtState, actions: Array) -> None:
+    """Write the action (N,) int64 that brings each agent to the cell in `state.want`, or closer to it."""
+    if num_headings(planning_view.to_go) == 4:
+        _write_rotating(planning_view, state, actions)
+    else:
+        for i in range(actions.size):
+            actions[i] = CARDINAL_ACTIONS[state.choice[i]]
 
 
 @jit

@@ -8,7 +8,17 @@ from mapf_pz._internal.arrays import Ints
 from mapf_pz.environment.mapf_env import MapfEnv
 from mapf_pz.planners.base import StepPlanner
 from mapf_pz.planners.pibt.kernels import plan
-from mapf_pz.planners.pibt.state import ELAPSED, LATE, NEAREST, Options, PibtState, allocate_pibt
+from mapf_pz.planners.pibt.state import (
+    CORRIDORS,
+    DEAD_ENDS,
+    ELAPSED,
+    LATE,
+    NEAREST,
+    NO_SWAP,
+    Options,
+    PibtState,
+    allocate_pibt,
+)
 from mapf_pz.simulator.simulator import Simulator
 
 PRIORITIES = {"nearest": NEAREST, "elapsed": ELAPSED, "late": LATE}
@@ -32,6 +42,7 @@ class PIBT(StepPlanner):
         priority: str = "late",
         swap: bool = True,
         preference: str = "hindrance",
+        corridors: bool = False,
     ) -> None:
         """Create the planner.
 
@@ -45,6 +56,8 @@ class PIBT(StepPlanner):
             swap: whether an agent makes room if its goal is the end of a dead end and another agent must get out.
             preference: how ties between cells with the same cost are broken. `random`: at random; `hindrance`: in favor
                 of the cell that fewer other agents need, then at random.
+            corridors: whether agents that face each other in any corridor change places, not only in front of a dead
+                end. It helps if agents must stay at their goals.
 
         Raises `ValueError` for an unknown priority or preference.
         """
@@ -52,7 +65,8 @@ class PIBT(StepPlanner):
             raise ValueError(f"priority={priority!r}: expected one of {', '.join(PRIORITIES)}")
         if preference not in PREFERENCES:
             raise ValueError(f"preference={preference!r}: expected one of {', '.join(PREFERENCES)}")
-        self._options = Options(PRIORITIES[priority], bool(swap), preference == "hindrance")
+        rule = CORRIDORS if corridors else (DEAD_ENDS if swap else NO_SWAP)
+        self._options = Options(PRIORITIES[priority], rule, preference == "hindrance")
         super().__init__(env, seed)
 
     def reset_states(self) -> None:

@@ -1,8 +1,9 @@
-"""Collision-free actions from the preferences of any policy, by PIBT, for cardinal agents.
+"""Collision-free actions from the preferences of any policy, by PIBT.
 
 Veerapaneni et al., *Improving Learnt Local MAPF Policies with Heuristic Search*, ICAPS 2024 (CS-PIBT): each agent tries
 its actions in the order of its preferences; if another agent is in the way and cannot move away, it tries the next one.
-Actions with equal preferences are tried in the order of PIBT.
+Actions with equal preferences are tried in the order of PIBT. Agents that turn choose the adjacent cell that they face
+after their preferred turn, or the one ahead, and keep it until they are there, as in the causal PIBT.
 
 Policies under CS-PIBT fail by livelock: agents hold each other up forever. Therefore an agent that has not come closer
 to its goal for some steps follows PIBT for as many steps: all its preferences are equal then. This is a variant of the
@@ -17,13 +18,15 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz._internal.jit import Array, jit
-from mapf_pz.planners.pibt.kernels import CARDINAL_ACTIONS, decide, write_cardinal
-from mapf_pz.planners.pibt.preference import rank_choices, sort_ranks
-from mapf_pz.planners.pibt.priority import prioritize
-from mapf_pz.planners.pibt.state import LATE, NO_AGENT, STAY, UNDECIDED, PibtState, to_go
+from mapf_pz.planners.pibt.kernels import CARDINAL_ACTIONS, decide, prepare, write_actions
+from mapf_pz.planners.pibt.preference import sort_ranks
+from mapf_pz.planners.pibt.state import STAY, UNDECIDED, Options, PibtState, to_go
+from mapf_pz.simulator.actions import Action
+from mapf_pz.simulator.kernels.cost_lookup import num_headings
 from mapf_pz.simulator.kernels.state import Distances, PlanningView, State, World, planning_view_of
 
 _ACTION_OF_CHOICE = np.array(CARDINAL_ACTIONS)
+_FORWARD, _LEFT, _RIGHT, _WAIT = map(int, Action)
 
 
 class Progress(NamedTuple):
@@ -34,26 +37,28 @@ class Progress(NamedTuple):
 
 
 @jit
-def choose_cardinal(
+def choose_by_pibt(
     world: World,
     distances: Distances,
     state: State,
     passing: bool,
+    options: Options,
     patience: int,
     preferences: Array,
     progress: Progress,
     pibt: PibtState,
     actions: Array,
 ) -> None:
-    """Write actions (B, N) int64 of cardinal agents such that no move is blocked.
+    """Write actions (B, N) int64 such that no move is blocked.
 
     Args:
         world: the maps.
         distances: the cost to go to the goals of all agents.
         state: the state of the B environments.
         passing: whether an agent only has to pass its goal; otherwise it must stay there.
+        options: the options of PIBT.
         patience: the number of steps without progress after which an agent follows PIBT for as many steps; 0: never.
-        preferences: (B, N, 5) float64, higher for better actions.
+        preferences: (B, N, A) float64, higher for better actions.
         progress: of all agents.
         pibt: the state of PIBT; its arrays have the leading dimension B.
         actions: the output.
@@ -61,16 +66,13 @@ def choose_cardinal(
     for b in range(actions.shape[0]):
         planning_view, own = planning_view_of(world, distances, state, b), _state_of(pibt, b)
         agents = planning_view.agents
-        prioritize(planning_view, passing, LATE, own)
-        own.taken[:] = NO_AGENT
+        prepare(planning_view, passing, options, own)
         for i in range(agents.size):
-            own.want[i], own.choice[i] = UNDECIDED if agents[i].active else agents[i].cell, STAY
-        rank_choices(planning_view, True, own)
-        for i in range(agents.size):
-            if not is_stuck(planning_view, i, patience, progress.nearest[b], progress.count[b]):
-                _prefer(planning_view.leads_to, agents[i].cell, preferences[b, i], own.rank[i])
-        decide(planning_view, True, own)
-        write_cardinal(own, actions[b])
+            stuck = is_stuck(planning_view, i, patience, progress.nearest[b], progress.count[b])
+            if not stuck and own.want[i] == UNDECIDED:
+                _prefer(planning_view, agents[i], preferences[b, i], own.rank[i])
+        decide(planning_view, options.swap, own)
+        write_actions(planning_view, own, actions[b])
 
 
 @jit
@@ -100,17 +102,34 @@ def num_better(preferences: Array, action: int) -> int:
 
 
 @jit
-def _prefer(leads_to: Array, cell: int, preferences: Array, rank: Array) -> None:
-    """Sort the ranks (5,) of an agent on `cell` by its preferences; equal ones remain in the order of PIBT.
+def _prefer(planning_view: PlanningView, agent: Array, preferences: Array, rank: Array) -> None:
+    """Sort the ranks (5,) of an agent by its preferences; equal ones remain in the order of PIBT.
 
     Moves into obstacles come last.
     """
+    leads_to, rotates = planning_view.leads_to, num_headings(planning_view.to_go) == 4
     for k in range(rank.size):
         choice = rank[k] & 7
-        blocked = choice != STAY and leads_to[choice, cell] == cell
-        better = rank.size if blocked else num_better(preferences, _ACTION_OF_CHOICE[choice])
+        blocked = choice != STAY and leads_to[choice, agent.cell] == agent.cell
+        if blocked:
+            better = rank.size
+        elif rotates:
+            better = _num_better_turns(preferences, choice, agent.heading)
+        else:
+            better = num_better(preferences, _ACTION_OF_CHOICE[choice])
         rank[k] = (better << 6) | (k << 3) | choice
     sort_ranks(rank)
+
+
+@jit
+def _num_better_turns(preferences: Array, choice: int, heading: int) -> int:
+    """Return the number of actions that an agent prefers to the one that leads to a choice from its heading."""
+    turn = (choice - heading) & 3
+    if choice == STAY:
+        return num_better(preferences, _WAIT)
+    if turn == 2:  # after the other turn comes the cell on that side
+        return max(num_better(preferences, _LEFT), num_better(preferences, _RIGHT))
+    return num_better(preferences, _FORWARD if turn == 0 else (_RIGHT if turn == 1 else _LEFT))
 
 
 @jit
