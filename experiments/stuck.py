@@ -29,8 +29,12 @@ from mapf_pz.simulator.seeds import FIRST_EVALUATION_SEED
 from mapf_pz.wrappers import RecordEpisode
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
-POLICIES = {"without": "oneshot-cardinal", "with": "oneshot-cardinal+pibt:patience=8"}
-"""The policy without and with the safety layer."""
+POLICIES = {
+    "without": "oneshot-cardinal",
+    "with": "oneshot-cardinal+pibt:patience=8",
+    "corridors": "oneshot-cardinal+pibt:patience=8,corridors=True",
+}
+"""The policy without and with the safety layer, and with agents that change places in corridors."""
 WINDOW = 32
 """Number of steps at the end of an episode that are looked at."""
 CAUSES = {
@@ -188,13 +192,14 @@ def run_episode(policy_name: str, options: Options, seed: int) -> Ending:
 
 
 def unsolved(options: Options) -> Iterator[tuple[int, dict[str, Ending]]]:
-    """Yield the seeds of the mazes that the safety layer does not help to solve, and the endings of both policies."""
+    """Yield the seeds of the mazes that the policy `with` does not solve, and the endings of all policies."""
     seed, found = FIRST_EVALUATION_SEED, 0
     while found < options.mazes:
         ending = run_episode(POLICIES["with"], options, seed)
         if not ending.solved:
             found += 1
-            yield seed, {"without": run_episode(POLICIES["without"], options, seed), "with": ending}
+            others = {name: run_episode(POLICIES[name], options, seed) for name in POLICIES if name != "with"}
+            yield seed, {name: others.get(name, ending) for name in POLICIES}
         seed += 1
 
 
@@ -267,17 +272,17 @@ def print_tables(endings: dict[str, list[Ending]]) -> None:
 def main(options: Options) -> None:
     """Run the policies, print the tables, and draw the maze with the most agents away from their goals."""
     endings: dict[str, list[Ending]] = {name: [] for name in POLICIES}
-    for seed, both in unsolved(options):
-        print(f"maze {seed}:", {name: int((ending.costs[-1] > 0).sum()) for name, ending in both.items()})
-        for name, ending in both.items():
+    for seed, found in unsolved(options):
+        print(f"maze {seed}:", {name: int((ending.costs[-1] > 0).sum()) for name, ending in found.items()})
+        for name, ending in found.items():
             endings[name].append(ending)
         if options.pages is not None:
             options.pages.mkdir(parents=True, exist_ok=True)
-            save_html([ending.recording for ending in both.values()], options.pages / f"maze-{seed}.html")
+            save_html([ending.recording for ending in list(found.values())[:2]], options.pages / f"maze-{seed}.html")
     print_tables(endings)
     drawn = int(np.argmax([(ending.costs[-1] > 0).sum() for ending in endings["with"]]))
-    for name, all in endings.items():
-        draw(all[drawn], IMAGES / f"stuck-{name}.png")
+    for name in ("without", "with"):
+        draw(endings[name][drawn], IMAGES / f"stuck-{name}.png")
 
 
 if __name__ == "__main__":

@@ -65,7 +65,7 @@ TABLES = (
             "central-warehouse+pibt:patience=8",
         ),
     ),
-    ResultTable("report-800", ("pibt", "lacam", "mappo+pibt", "oneshot+pibt:patience=8,depth=6")),
+    ResultTable("report-800", ("pibt", "lacam", "mappo+pibt", "oneshot+pibt:patience=8,corridors=True")),
     ResultTable(
         "lorr-2023-example",
         (*LIFELONG, *CRISSCROSS, "lifelong:temperature=0", "lifelong+pibt:temperature=0", "central", "central+pibt"),
