@@ -454,23 +454,31 @@ class SlowRotatingShield(SlowEPIBT):
         return sorted(ranked, key=lambda place: (-preferred[place], costs[place], place))
 
 
-class SlowTurningShield(SlowPIBT):
-    """The safety layer for agents that turn, lifelong: causal PIBT whose choices are sorted by preferences."""
+class SlowPibtShield(SlowPIBT):
+    """The safety layer, lifelong: PIBT whose choices are sorted by preferences."""
 
-    def __init__(self, world, patience, corridors=True):
+    def __init__(self, world, patience, corridors=False):
         super().__init__(world, corridors=corridors)
         self.random = 1
         self.progress = Progress(world, patience)
 
     def actions(self, preferences, states, goals):
-        """Return an action for each agent at `states` [(row, col, heading)] with `goals`, by `preferences` (N, 4)."""
+        """Return a decision for each agent at `states` [(row, col, heading)] with `goals`, by `preferences` (N, A)."""
         self.preferences, self.stuck = preferences, self.progress.stuck(states, goals)
-        return [ACTION[letter] for letter in self.decide(states, goals)]
+        return self.decide(states, goals)
 
     def choices(self, agent):
         """Return an agent's choices, the most preferred first, or those of PIBT."""
         choices = super().choices(agent)
         return choices if agent in self.stuck else sorted(choices, key=lambda choice: -self.preference(agent, choice))
+
+
+class SlowTurningShield(SlowPibtShield):
+    """The same for agents that turn."""
+
+    def actions(self, preferences, states, goals):
+        """Return an action for each agent."""
+        return [ACTION[letter] for letter in super().actions(preferences, states, goals)]
 
     def preference(self, agent, choice):
         """Return the preference for the first action towards a choice; for the cell behind, the lower one of two."""
@@ -479,25 +487,12 @@ class SlowTurningShield(SlowPIBT):
         return min(self.preferences[agent][ACTION[letter]] for letter in letters)
 
 
-class SlowCardinalShield(SlowPIBT):
-    """The safety layer for cardinal agents, lifelong: PIBT whose choices are sorted by preferences."""
+class SlowCardinalShield(SlowPibtShield):
+    """The same for cardinal agents, whose heading is 0."""
 
-    def __init__(self, world, patience, corridors=False):
-        super().__init__(world, corridors=corridors)
-        self.random = 1
-        self.progress = Progress(world, patience)
-
-    def actions(self, preferences, states, goals):
-        """Return an action for each agent at `states` [(row, col, 0)] with `goals`, by `preferences` (N, 5)."""
-        self.preferences, self.stuck = preferences, self.progress.stuck(states, goals)
-        return self.decide(states, goals)
-
-    def choices(self, agent):
-        """Return an agent's choices, the most preferred first, or those of PIBT."""
-        choices = super().choices(agent)
-        if agent in self.stuck:
-            return choices
-        return sorted(choices, key=lambda choice: -self.preferences[agent][CARDINAL[choice]])
+    def preference(self, agent, choice):
+        """Return the preference for a choice."""
+        return self.preferences[agent][CARDINAL[choice]]
 
     def cost(self, agent, choice):
         """Return the cost of moving to a neighbor and on to the goal, or of staying."""

@@ -123,7 +123,7 @@ def test_it_decides_as_in_plain_python(model, depth, corridors, seed, num_agents
     if model == "cardinal":
         slow = SlowCardinalShield(CardinalWorld(env.grid), patience, corridors)
     elif corridors:
-        slow = SlowTurningShield(World(env.grid), patience)
+        slow = SlowTurningShield(World(env.grid), patience, corridors)
     else:
         slow = SlowRotatingShield(World(env.grid), patience, depth)
     shape = num_agents, len(MODELS[model])
