@@ -33,8 +33,8 @@ TITLE = re.compile(r'title="([\w.-]+)"')
 NEEDS_TORCH = re.compile(r"mapf_pz\.rl|mapf-pz train|--policy (mappo|ippo|central)")
 TRAINS = re.compile(r"mapf-pz train|\btrain\(")
 BUDGETS = {
-    "--agent-steps": (8, 4_000),
-    "--validation-interval": (8, 4_000),
+    "--agent-steps": (8, 5_000),
+    "--validation-interval": (8, 5_000),
     "--episodes": (2, 4),
     "--minutes": (4, 0.03),
 }
