@@ -34,8 +34,8 @@ SAME_OPTIONS = {
 RECORDINGS_LIST = "<!-- recordings -->"
 RECORDINGS = {
     "warehouse-oneshot": (
-        "`oneshot+pibt:patience=8`, 100 agents that turn, warehouse-10-20-10-2-1",
-        "--policy oneshot+pibt:patience=8 --map warehouse-10-20-10-2-1 --num-agents 100 --max-steps 512",
+        "`oneshot+pibt`, 100 agents that turn, warehouse-10-20-10-2-1",
+        "--policy oneshot+pibt --map warehouse-10-20-10-2-1 --num-agents 100 --max-steps 512",
     ),
     "warehouse-pibt": (
         "`pibt`, the same episode",

@@ -40,7 +40,7 @@ def main() -> None:
             page.wait_for_selector("body[data-ready]")
             _draw(page)
             page.screenshot(path=IMAGES / "editor-drawing.png")
-            _solve(page, "lacam", "oneshot+pibt:patience=8")
+            _solve(page, "lacam", "oneshot+pibt")
             page.screenshot(path=IMAGES / "editor-solved.png")
             browser.close()
             server.terminate()

@@ -31,10 +31,9 @@ from mapf_pz.wrappers import RecordEpisode
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 POLICIES = {
     "without": "oneshot-cardinal",
-    "with": "oneshot-cardinal+pibt:patience=8",
-    "corridors": "oneshot-cardinal+pibt:patience=8,corridors=True",
+    "with": "oneshot-cardinal+pibt",
 }
-"""The policy without and with the safety layer, and with agents that change places in corridors."""
+"""The policy without and with the safety layer."""
 WINDOW = 32
 """Number of steps at the end of an episode that are looked at."""
 CAUSES = {
@@ -278,7 +277,7 @@ def main(options: Options) -> None:
             endings[name].append(ending)
         if options.pages is not None:
             options.pages.mkdir(parents=True, exist_ok=True)
-            save_html([ending.recording for ending in list(found.values())[:2]], options.pages / f"maze-{seed}.html")
+            save_html([ending.recording for ending in list(found.values())], options.pages / f"maze-{seed}.html")
     print_tables(endings)
     drawn = int(np.argmax([(ending.costs[-1] > 0).sum() for ending in endings["with"]]))
     for name in ("without", "with"):

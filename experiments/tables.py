@@ -17,9 +17,9 @@ CRISSCROSS = ("pibt:edge_weights=crisscross", "epibt:edge_weights=crisscross")
 """Planners with the costs of the policies that imitate planning with them."""
 LIFELONG = ("pibt", "epibt", "windowed")
 LEARNED = ("mappo-cardinal", "mappo-cardinal+pibt")
-TURNING = ("oneshot", "oneshot+pibt:patience=8")
+TURNING = ("oneshot", "oneshot+pibt")
 IMITATED = ("lifelong-cardinal:temperature=0", "lifelong-cardinal+pibt:temperature=0")
-IMITATED_ONE_SHOT = ("oneshot-cardinal", "oneshot-cardinal+pibt:patience=8")
+IMITATED_ONE_SHOT = ("oneshot-cardinal", "oneshot-cardinal+pibt")
 
 
 @dataclass(frozen=True)
@@ -56,16 +56,9 @@ TABLES = (
     ResultTable("pogema-puzzles-lifelong", (*LIFELONG, "lacam:anytime=False")),
     ResultTable(
         "report",
-        (
-            "pibt",
-            "lacam",
-            "mappo+pibt",
-            "oneshot+pibt:patience=8",
-            "central-warehouse",
-            "central-warehouse+pibt:patience=8",
-        ),
+        ("pibt", "lacam", "mappo+pibt", "oneshot+pibt", "central-warehouse", "central-warehouse+pibt"),
     ),
-    ResultTable("report-800", ("pibt", "lacam", "mappo+pibt", "oneshot+pibt:patience=8,corridors=True")),
+    ResultTable("report-800", ("pibt", "lacam", "mappo+pibt", "oneshot+pibt")),
     ResultTable(
         "lorr-2023-example",
         (*LIFELONG, *CRISSCROSS, "lifelong:temperature=0", "lifelong+pibt:temperature=0", "central", "central+pibt"),

@@ -49,7 +49,7 @@ class SolveOptions:
     """Output file: `.json` (League of Robot Runners), `.csv` (MAPF tracker, cardinal agents), `.txt` (PIBT, LaCAM)."""
     planner: str = "pibt"
     """Planner or policy, optionally with options, such as `epibt:depth=5`, `lacam:anytime=False` or
-    `oneshot+pibt:patience=8`. The plan of a policy is the steps that it takes."""
+    `oneshot+pibt`. The plan of a policy is the steps that it takes."""
     env: PlanningKeywords = SOLVED
     """The instance, and limits of the plan. The reported costs are in steps, whatever the edge weights are."""
     time_limit: float = 10.0

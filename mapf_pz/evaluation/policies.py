@@ -28,7 +28,7 @@ SHIELD_SUFFIX = "+pibt"
 WEIGHTS_OPTION = "edge_weights="
 """Option of planners: the guidance graph that determines their costs."""
 _TRAINED_OPTIONS = {"temperature": None}
-_SHIELD_OPTIONS = {"patience": PATIENCE, "depth": DEPTH, "corridors": False}
+_SHIELD_OPTIONS = {"patience": PATIENCE, "depth": DEPTH}
 
 
 def policy_factory(

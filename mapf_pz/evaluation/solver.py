@@ -20,7 +20,7 @@ def solver_of(name: str, seed: int = 0, trust_remote_code: bool = False) -> Plan
     """Return a planner or a policy by its name, as in `policy_factory`, that solves instances.
 
     Args:
-        name: a planner or a policy, with options, such as `lacam:anytime=False` or `oneshot+pibt:patience=8`.
+        name: a planner or a policy, with options, such as `lacam:anytime=False` or `oneshot+pibt`.
         seed: random seed.
         trust_remote_code: whether the configuration of a trained policy may name code outside this package.
 

@@ -72,7 +72,7 @@ def test_an_instance_is_drawn_saved_and_solved_as_on_the_command_line(editor, fi
     grid = read_map(files / "door.map")
     assert (~grid.free).sum() == 6
     assert read_scenario(files / "door.scen", grid).starts.tolist() == [[1, 1], [5, 1], [1, 6], [6, 8]]
-    solvers = ("lacam:anytime=False", "pibt", "oneshot+pibt:patience=8")
+    solvers = ("lacam:anytime=False", "pibt", "oneshot+pibt")
     for played, name in enumerate(solvers, 1):
         solve(editor, name, played=played)
         plan = tmp_path / f"{played}.json"

@@ -201,13 +201,13 @@ STAY = 4
 
 
 class SlowPIBT:
-    """Causal PIBT, lifelong: agents plan their next cells, turn towards them, and drive when the way clears.
+    """Causal PIBT: agents plan their next cells, turn towards them, and drive when the way clears.
 
-    With `corridors`, agents that face each other in any corridor change places, otherwise only before dead ends.
+    Agents only have to pass their goals, unless they must stay there (`stays`).
     """
 
-    def __init__(self, world, seed=0, corridors=False):
-        self.world, self.corridors = world, corridors
+    def __init__(self, world, seed=0, stays=False):
+        self.world, self.stays = world, stays
         self.random = int(np.random.default_rng(seed).integers(1, 2**63))
         self.want = self.goals = None
 
@@ -220,8 +220,9 @@ class SlowPIBT:
             self.away, self.first = [0] * len(states), [0] * len(states)
         for agent in agents:
             at_goal = states[agent][:2] == goals[agent]  # the next goal may be the same cell again
-            begins = at_goal or self.goals[agent] != goals[agent]
-            self.away[agent] = 0 if begins else self.away[agent] + 1
+            first = self.goals[agent] != goals[agent]
+            begins = first or (at_goal and not self.stays)
+            self.away[agent] = 0 if first or at_goal else self.away[agent] + 1
             self.first[agent] = self.tables[agent][states[agent]] if begins else self.first[agent]
         self.states, self.goals = states, goals
         self.cells = cells = [state[:2] for state in states]
@@ -249,7 +250,9 @@ class SlowPIBT:
         return letters
 
     def priority(self, agent):
-        """Return the sort key of an agent: late ones first, then the nearest."""
+        """Return the sort key of an agent: late ones first, then the nearest; if they must stay, by the time away."""
+        if self.stays:
+            return -self.away[agent], self.first[agent]
         return self.away[agent] <= 4 * self.first[agent], self.tables[agent][self.states[agent]]
 
     def beside(self, cell):
@@ -288,7 +291,7 @@ class SlowPIBT:
         """Find a cell for an agent; tell whether there is one but its own."""
         here = self.cells[agent]
         choices = self.choices(agent)
-        leaves = self.faces(agent, choices[0]) if self.corridors else self.leaves(agent, choices[0])
+        leaves = self.faces(agent, choices[0]) if self.stays else self.leaves(agent, choices[0])
         if leaves is not None:
             choices.reverse()
         for choice in choices:
@@ -319,7 +322,7 @@ class SlowPIBT:
     def follows(self, leaves, agent, as_wanted):
         """Tell whether an agent can follow the one that makes room for it."""
         free = self.want[leaves] is None and self.cells[agent] not in self.taken
-        return free and (as_wanted if self.corridors else self.want[agent] != self.cells[leaves])
+        return free and (as_wanted if self.stays else self.want[agent] != self.cells[leaves])
 
     def faces(self, agent, first):
         """Return the agent that this one must change places with in a corridor, or None."""
@@ -455,16 +458,18 @@ class SlowRotatingShield(SlowEPIBT):
 
 
 class SlowPibtShield(SlowPIBT):
-    """The safety layer, lifelong: PIBT whose choices are sorted by preferences."""
+    """The safety layer: PIBT whose choices are sorted by preferences."""
 
-    def __init__(self, world, patience, corridors=False):
-        super().__init__(world, corridors=corridors)
+    def __init__(self, world, patience, stays):
+        super().__init__(world, stays=stays)
         self.random = 1
         self.progress = Progress(world, patience)
 
     def actions(self, preferences, states, goals):
         """Return a decision for each agent at `states` [(row, col, heading)] with `goals`, by `preferences` (N, A)."""
         self.preferences, self.stuck = preferences, self.progress.stuck(states, goals)
+        if self.want is not None:  # only agents that ignore their preferences keep their cells
+            self.want = [want if agent in self.stuck else None for agent, want in enumerate(self.want)]
         return self.decide(states, goals)
 
     def choices(self, agent):
@@ -480,11 +485,34 @@ class SlowTurningShield(SlowPibtShield):
         """Return an action for each agent."""
         return [ACTION[letter] for letter in super().actions(preferences, states, goals)]
 
+    def ways_to(self, agent, cell):
+        """Return the first actions toward a cell; a turn to an obstacle leads behind, or in a corner nowhere."""
+        row, col, heading = self.states[agent]
+        around = [(row + STEPS[(heading + turn) % 4][0], col + STEPS[(heading + turn) % 4][1]) for turn in range(4)]
+        ends = {"F": around[0], "W": (row, col)}
+        for letter, side in (("L", around[3]), ("R", around[1])):
+            ends[letter] = next((end for end in (side, around[2]) if end in self.world.free), (row, col))
+        return [letter for letter in "FLRW" if ends[letter] == cell]
+
+    def value(self, agent, letter):
+        """Return the preference for an action."""
+        return self.preferences[agent][ACTION[letter]]
+
     def preference(self, agent, choice):
-        """Return the preference for the first action towards a choice; for the cell behind, the lower one of two."""
-        heading = self.states[agent][2]
-        letters = "W" if choice == STAY else ("F", "R", "RL", "L")[(choice - heading) % 4]
-        return min(self.preferences[agent][ACTION[letter]] for letter in letters)
+        """Return the preference for the best action to a choice; for the cell behind, if none, the worse turn."""
+        cell = self.cells[agent] if choice == STAY else self.beside(self.cells[agent])[choice]
+        values = [self.value(agent, letter) for letter in self.ways_to(agent, cell)]
+        return max(values) if values else min(self.value(agent, letter) for letter in "LR")
+
+    def letter(self, agent):
+        """Return the action that brings an agent nearer to the cell that it wants, by the turn that it prefers."""
+        letter = super().letter(agent)
+        if agent in self.stuck or letter == "F":
+            return letter
+        row, col, heading = self.states[agent]
+        behind = (row - STEPS[heading][0], col - STEPS[heading][1])
+        letters = "RL" if self.want[agent] == behind else self.ways_to(agent, self.want[agent])
+        return max(letters, key=lambda one: (self.value(agent, one), one == letter))
 
 
 class SlowCardinalShield(SlowPibtShield):

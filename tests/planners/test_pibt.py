@@ -54,10 +54,9 @@ def test_a_corridor_that_is_too_narrow_has_no_plan():
     on_target=st.sampled_from(["nothing", "restart", "finish"]),
     priority=st.sampled_from(["nearest", "elapsed", "late"]),
     swap=st.booleans(),
-    corridors=st.booleans(),
     preference=st.sampled_from(["random", "hindrance"]),
 )
-def test_no_move_is_blocked(model, weights, seed, on_target, priority, swap, corridors, preference):
+def test_no_move_is_blocked(model, weights, seed, on_target, priority, swap, preference):
     env = mapf_pz.parallel_env(
         source=RandomObstacles(8, 8, 0.2, 14),
         action_model=model,
@@ -66,7 +65,7 @@ def test_no_move_is_blocked(model, weights, seed, on_target, priority, swap, cor
         max_steps=40,
     )
     observations, _ = env.reset(seed=seed)
-    planner = PIBT(env, seed, priority, swap, preference, corridors)
+    planner = PIBT(env, seed, priority, swap, preference)
     while env.agents:
         observations, _, _, _, infos = env.step(planner.act(observations))
         assert not any(info["blocked"] for info in infos.values())
@@ -85,8 +84,8 @@ def test_an_agent_makes_room_for_one_that_leaves_its_dead_end(headings):
 @pytest.mark.parametrize("text", [".####### ..Ab.aB. .#######", "..#####.. ..Ab.aB.. ..#####.."])
 def test_agents_change_places_in_a_corridor(headings, text):
     instance = drawn(text, headings)
-    assert PIBT().solve(instance, max_steps=100) is None
-    plan = PIBT(corridors=True).solve(instance, max_steps=40)
+    assert PIBT(swap=False).solve(instance, max_steps=100) is None
+    plan = PIBT().solve(instance, max_steps=40)
     assert plan is not None
     assert validate(instance, plan) is None
 
@@ -108,13 +107,13 @@ def test_an_unknown_option(option, expected):
         PIBT(**{option: "first"})
 
 
-@pytest.mark.parametrize("corridors", [False, True])
+@pytest.mark.parametrize("on_target", ["nothing", "restart"])
 @settings(max_examples=15)
 @given(seed=st.integers(0, 2**31), num_agents=st.sampled_from([4, 12, 24]), density=st.sampled_from([0.2, 0.4]))
-def test_it_decides_as_in_plain_python(corridors, seed, num_agents, density):
-    env = mapf_pz.parallel_env(source=RandomObstacles(8, 8, density, num_agents), on_target="restart", max_steps=30)
+def test_it_decides_as_in_plain_python(on_target, seed, num_agents, density):
+    env = mapf_pz.parallel_env(source=RandomObstacles(8, 8, density, num_agents), on_target=on_target, max_steps=30)
     observations, _ = env.reset(seed=seed)
-    planner, slow = PIBT(env, seed, corridors=corridors), SlowPIBT(World(env.grid), seed, corridors)
+    planner, slow = PIBT(env, seed), SlowPIBT(World(env.grid), seed, stays=on_target == "nothing")
     assert_same_decisions(env, observations, planner, slow)
 
 

@@ -9,7 +9,7 @@ from mapf_pz.instances.instance import Scenario
 from mapf_pz.planners import EPIBT, BatchShield, Shield
 from mapf_pz.planners.base import simulator_of
 from mapf_pz.planners.pibt.kernels import plan
-from mapf_pz.planners.pibt.state import CORRIDORS, DEAD_ENDS, LATE, Options, allocate_pibt
+from mapf_pz.planners.pibt.state import LATE, Options, allocate_pibt
 from mapf_pz.simulator import Simulator
 from mapf_pz.simulator.actions import Action, CardinalAction
 from mapf_pz.simulator.config import EnvConfig
@@ -53,9 +53,8 @@ def random_preferences(rng, shape, kind):
     weights=st.sampled_from(["uniform", "crisscross", "random"]),
     patience=st.sampled_from([0, 1, 4]),
     kind=st.sampled_from(["random", "constant", "masked"]),
-    corridors=st.booleans(),
 )
-def test_no_move_is_blocked(model, seed, on_target, weights, patience, kind, corridors):
+def test_no_move_is_blocked(model, seed, on_target, weights, patience, kind):
     env = mapf_pz.parallel_env(
         source=RandomObstacles(6, 6, 0.2, 10),
         action_model=model,
@@ -66,7 +65,7 @@ def test_no_move_is_blocked(model, seed, on_target, weights, patience, kind, cor
     observations, _ = env.reset(seed=seed)
     rng = np.random.default_rng(seed)
     policy = Preferences(lambda name: random_preferences(rng, len(MODELS[model]), kind))
-    shield = Shield(policy, env, patience, corridors=corridors)
+    shield = Shield(policy, env, patience)
     while env.agents:
         actions = shield.act(observations)
         assert actions.keys() == observations.keys()
@@ -106,24 +105,30 @@ def test_it_resets_its_policy():
 
 
 @pytest.mark.parametrize(
-    ("model", "depth", "corridors"),
-    [("cardinal", 3, False), ("cardinal", 3, True), ("rotate", 3, False), ("rotate", 4, False), ("rotate", 3, True)],
+    ("model", "on_target", "depth"),
+    [
+        ("cardinal", "nothing", 3),
+        ("cardinal", "restart", 3),
+        ("rotate", "nothing", 3),
+        ("rotate", "restart", 3),
+        ("rotate", "restart", 4),
+    ],
 )
 @settings(max_examples=15)
 @given(
     seed=st.integers(0, 2**31), num_agents=st.sampled_from([4, 12, 24]), patience=st.integers(0, 4), ties=st.booleans()
 )
 @example(seed=218, num_agents=24, patience=3, ties=False)  # an agent gets the goal again where it has arrived
-def test_it_decides_as_in_plain_python(model, depth, corridors, seed, num_agents, patience, ties):
+def test_it_decides_as_in_plain_python(model, on_target, depth, seed, num_agents, patience, ties):
     env = mapf_pz.parallel_env(
-        source=RandomObstacles(8, 8, 0.2, num_agents), on_target="restart", max_steps=30, action_model=model
+        source=RandomObstacles(8, 8, 0.2, num_agents), on_target=on_target, max_steps=30, action_model=model
     )
     env.reset(seed=seed)
-    rng, shield = np.random.default_rng(seed), BatchShield(env.simulator, patience, depth, corridors)
+    rng, shield = np.random.default_rng(seed), BatchShield(env.simulator, patience, depth)
     if model == "cardinal":
-        slow = SlowCardinalShield(CardinalWorld(env.grid), patience, corridors)
-    elif corridors:
-        slow = SlowTurningShield(World(env.grid), patience, corridors)
+        slow = SlowCardinalShield(CardinalWorld(env.grid), patience, stays=on_target == "nothing")
+    elif on_target == "nothing":
+        slow = SlowTurningShield(World(env.grid), patience, stays=True)
     else:
         slow = SlowRotatingShield(World(env.grid), patience, depth)
     shape = num_agents, len(MODELS[model])
@@ -137,7 +142,7 @@ def test_it_decides_as_in_plain_python(model, depth, corridors, seed, num_agents
         env.step(dict(zip(env.agents, actions, strict=True)))
 
 
-@pytest.mark.parametrize("on_target", ["nothing", "restart", "finish"])
+@pytest.mark.parametrize("on_target", ["restart", "finish"])
 @pytest.mark.parametrize("depth", [3, 4])
 def test_turning_agents_with_equal_preferences_follow_epibt(on_target, depth):
     env = mapf_pz.parallel_env(source=RandomObstacles(8, 8, 0.2, 14), on_target=on_target, max_steps=30)
@@ -150,13 +155,12 @@ def test_turning_agents_with_equal_preferences_follow_epibt(on_target, depth):
 
 
 @pytest.mark.parametrize("on_target", ["nothing", "restart", "finish"])
-@pytest.mark.parametrize(("model", "corridors"), [("cardinal", False), ("cardinal", True), ("rotate", True)])
-def test_equal_preferences_are_those_of_pibt(on_target, model, corridors):
-    config = EnvConfig(source=RandomObstacles(8, 8, 0.3, 14), on_target=on_target, action_model=model)
+def test_equal_preferences_are_those_of_pibt(on_target):
+    config = EnvConfig(source=RandomObstacles(8, 8, 0.3, 14), on_target=on_target, action_model="cardinal")
     simulator = Simulator(config)
     simulator.reset(seeds={0: 0})
-    shield, pibt = BatchShield(simulator, corridors=corridors), allocate_pibt(14, 64, seed=1)
-    options, expected = Options(LATE, CORRIDORS if corridors else DEAD_ENDS, True), np.zeros((1, 14), np.int64)
+    shield, pibt = BatchShield(simulator), allocate_pibt(14, 64, seed=1)
+    options, expected = Options(LATE, swap=True, hindrance=True), np.zeros((1, 14), np.int64)
     for _ in range(30):
         plan(simulator.planning_view(), on_target != "nothing", options, pibt, expected[0])
         preferences = np.zeros((1, 14, simulator.num_actions))

@@ -14,7 +14,7 @@ from __future__ import annotations
 from mapf_pz._internal.jit import Array, jit
 from mapf_pz.planners.pibt.preference import rank_choices
 from mapf_pz.planners.pibt.priority import prioritize
-from mapf_pz.planners.pibt.state import NO_AGENT, NO_SWAP, STAY, UNDECIDED, Options, PibtState
+from mapf_pz.planners.pibt.state import NO_AGENT, STAY, UNDECIDED, Options, PibtState
 from mapf_pz.planners.pibt.swap import find_partner, pull_agents
 from mapf_pz.simulator.actions import Action, CardinalAction
 from mapf_pz.simulator.kernels.cost_lookup import num_headings
@@ -32,7 +32,7 @@ def plan(planning_view: PlanningView, passing: bool, options: Options, state: Pi
     With `passing`, an agent only has to pass its goal; otherwise it must stay there.
     """
     prepare(planning_view, passing, options, state)
-    decide(planning_view, options.swap, state)
+    decide(planning_view, passing, options.swap, state)
     write_actions(planning_view, state, actions)
 
 
@@ -53,11 +53,10 @@ def prepare(planning_view: PlanningView, passing: bool, options: Options, state:
 
 
 @jit
-def decide(planning_view: PlanningView, swap: int, state: PibtState) -> None:
+def decide(planning_view: PlanningView, passing: bool, swap: bool, state: PibtState) -> None:
     """Set `state.want` of all undecided agents, in `state.order`, by the ranks of their choices.
 
-    Each of them finds a cell together with all agents that must move away for it. `swap` is the rule by which agents
-    change places.
+    Each of them finds a cell together with all agents that must move away for it. With `swap`, agents change places.
     """
     leads_to, agents, occupant = planning_view.leads_to, planning_view.agents, planning_view.occupant
     want, taken, chain = state.want, state.taken, state.chain
@@ -69,8 +68,8 @@ def decide(planning_view: PlanningView, swap: int, state: PibtState) -> None:
         while depth > 0:
             i = chain[depth - 1]
             here, rank = agents[i].cell, state.rank[i]
-            if swap != NO_SWAP and state.tried[i] == 0:
-                state.pull[i] = find_partner(planning_view, swap, i, want, rank)
+            if swap and state.tried[i] == 0:
+                state.pull[i] = find_partner(planning_view, passing, i, want, rank)
             k = _next_possible(leads_to, occupant, want, taken, here, rank, state.tried[i])
             state.tried[i] = k + 1
             if k == rank.size:
@@ -85,8 +84,8 @@ def decide(planning_view: PlanningView, swap: int, state: PibtState) -> None:
             taken[target] = i
             other = occupant[target]
             if other == NO_AGENT or want[other] != UNDECIDED:
-                if swap != NO_SWAP:
-                    pull_agents(planning_view, swap, depth, state)
+                if swap:
+                    pull_agents(planning_view, passing, depth, state)
                 break
             chain[depth], state.tried[other] = other, 0
             depth += 1

@@ -8,17 +8,7 @@ from mapf_pz._internal.arrays import Ints
 from mapf_pz.environment.mapf_env import MapfEnv
 from mapf_pz.planners.base import StepPlanner
 from mapf_pz.planners.pibt.kernels import plan
-from mapf_pz.planners.pibt.state import (
-    CORRIDORS,
-    DEAD_ENDS,
-    ELAPSED,
-    LATE,
-    NEAREST,
-    NO_SWAP,
-    Options,
-    PibtState,
-    allocate_pibt,
-)
+from mapf_pz.planners.pibt.state import ELAPSED, LATE, NEAREST, Options, PibtState, allocate_pibt
 from mapf_pz.simulator.simulator import Simulator
 
 PRIORITIES = {"nearest": NEAREST, "elapsed": ELAPSED, "late": LATE}
@@ -42,7 +32,6 @@ class PIBT(StepPlanner):
         priority: str = "late",
         swap: bool = True,
         preference: str = "hindrance",
-        corridors: bool = False,
     ) -> None:
         """Create the planner.
 
@@ -53,11 +42,10 @@ class PIBT(StepPlanner):
                 `nearest`: those with the lowest cost to go; `elapsed`: those whose last goal is the longest ago;
                 `late`: those that have needed more than four steps per unit of the cost to go since their last goal,
                 then the nearest.
-            swap: whether an agent makes room if its goal is the end of a dead end and another agent must get out.
+            swap: whether agents change places: if they must stay at their goals, those that face each other in a
+                corridor; otherwise those of which one must get out of the dead end where the other one's goal is.
             preference: how ties between cells with the same cost are broken. `random`: at random; `hindrance`: in favor
                 of the cell that fewer other agents need, then at random.
-            corridors: whether agents that face each other in any corridor change places, not only in front of a dead
-                end. It helps if agents must stay at their goals.
 
         Raises `ValueError` for an unknown priority or preference.
         """
@@ -65,8 +53,7 @@ class PIBT(StepPlanner):
             raise ValueError(f"priority={priority!r}: expected one of {', '.join(PRIORITIES)}")
         if preference not in PREFERENCES:
             raise ValueError(f"preference={preference!r}: expected one of {', '.join(PREFERENCES)}")
-        rule = CORRIDORS if corridors else (DEAD_ENDS if swap else NO_SWAP)
-        self._options = Options(PRIORITIES[priority], rule, preference == "hindrance")
+        self._options = Options(PRIORITIES[priority], bool(swap), preference == "hindrance")
         super().__init__(env, seed)
 
     def reset_states(self) -> None:

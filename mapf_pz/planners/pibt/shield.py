@@ -13,7 +13,7 @@ from mapf_pz.planners.epibt.operations import operations
 from mapf_pz.planners.epibt.state import NONE, allocate_epibt
 from mapf_pz.planners.pibt.shield_kernels import Progress, choose_by_pibt
 from mapf_pz.planners.pibt.shield_operations import Intentions, choose_rotating
-from mapf_pz.planners.pibt.state import CORRIDORS, DEAD_ENDS, LATE, Options, PibtState, allocate_pibt
+from mapf_pz.planners.pibt.state import LATE, Options, PibtState, allocate_pibt
 from mapf_pz.simulator.simulator import Observation, Simulator
 
 PATIENCE = 4
@@ -26,22 +26,19 @@ _SEED = 1  # breaks ties of PIBT
 class BatchShield:
     """The safety layer for all environments of a simulator.
 
-    See `mapf_pz.planners.pibt.shield_kernels` for PIBT, and `mapf_pz.planners.pibt.shield_operations` for EPIBT.
+    Agents follow PIBT, see `mapf_pz.planners.pibt.shield_kernels`; those that turn and only have to pass their goals
+    follow EPIBT, see `mapf_pz.planners.pibt.shield_operations`.
     Environment `b` of a batch is the same as a single one.
     """
 
-    def __init__(
-        self, simulator: Simulator, patience: int = PATIENCE, depth: int = DEPTH, corridors: bool = False
-    ) -> None:
+    def __init__(self, simulator: Simulator, patience: int = PATIENCE, depth: int = DEPTH) -> None:
         """Allocate the state.
 
         Args:
             simulator: the simulator of B environments with N agents.
             patience: the number of steps without coming closer to its goal after which an agent ignores its preferences
                 for as many steps; 0: it never does.
-            depth: number of actions of an operation of agents that turn, 3 to 8, as in `EPIBT`.
-            corridors: whether agents that face each other in a corridor change places, as in `PIBT`. Agents that turn
-                then follow PIBT instead of EPIBT, without `depth`.
+            depth: number of actions of an operation, 3 to 8, as in `EPIBT`, where agents follow EPIBT.
 
         Raises `ValueError` unless `patience` is a whole number, 0 or more, and `depth` is one from 3 to 8.
         """
@@ -53,8 +50,8 @@ class BatchShield:
         self._patience = int(patience)
         shape = simulator.num_envs, simulator.num_agents
         self._progress = Progress(np.zeros(shape, np.float32), np.zeros(shape, np.int32))
-        by_pibt = corridors or simulator.config.action_model == "cardinal"
-        self._rules = _PibtRules(simulator, bool(corridors)) if by_pibt else _EpibtRules(simulator, int(depth))
+        by_pibt = simulator.config.action_model == "cardinal" or not _passing(simulator)
+        self._rules = _PibtRules(simulator) if by_pibt else _EpibtRules(simulator, int(depth))
         self.reset()
 
     def reset(self, envs: Iterable[int] | None = None) -> None:
@@ -93,9 +90,9 @@ class BatchShield:
 class _PibtRules:
     """PIBT in B environments."""
 
-    def __init__(self, simulator: Simulator, corridors: bool) -> None:
+    def __init__(self, simulator: Simulator) -> None:
         self._simulator = simulator
-        self._options = Options(LATE, CORRIDORS if corridors else DEAD_ENDS, hindrance=True)
+        self._options = Options(LATE, swap=True, hindrance=True)
         height, width = simulator.shape
         self._first = allocate_pibt(simulator.num_agents, height * width, _SEED)
         self._pibt = PibtState(*(np.repeat(field[None], simulator.num_envs, axis=0) for field in self._first))
@@ -107,7 +104,7 @@ class _PibtRules:
     def choose(self, preferences: Floats, patience: int, progress: Progress, actions: Ints) -> None:
         simulator = self._simulator
         choose_by_pibt(
-            simulator.world, simulator.tables.arrays, simulator.state, simulator.config.on_target != "nothing",
+            simulator.world, simulator.tables.arrays, simulator.state, _passing(simulator),
             self._options, patience, preferences, progress, self._pibt, actions,
         )  # fmt: skip
 
@@ -131,9 +128,14 @@ class _EpibtRules:
     def choose(self, preferences: Floats, patience: int, progress: Progress, actions: Ints) -> None:
         simulator = self._simulator
         choose_rotating(
-            simulator.world, simulator.tables.arrays, simulator.state, simulator.config.on_target != "nothing",
+            simulator.world, simulator.tables.arrays, simulator.state, _passing(simulator),
             patience, preferences, progress, self._tree, self._intentions, self._scratch, actions,
         )  # fmt: skip
+
+
+def _passing(simulator: Simulator) -> bool:
+    """Return whether agents only have to pass their goals; otherwise they must stay there."""
+    return simulator.config.on_target != "nothing"
 
 
 class Preferring(Protocol):
@@ -187,14 +189,7 @@ class Shield:
     It also reads the environment's state. `policy` is the policy.
     """
 
-    def __init__(
-        self,
-        policy: Preferring,
-        env: MapfEnv,
-        patience: int = PATIENCE,
-        depth: int = DEPTH,
-        corridors: bool = False,
-    ) -> None:
+    def __init__(self, policy: Preferring, env: MapfEnv, patience: int = PATIENCE, depth: int = DEPTH) -> None:
         """Wrap a policy.
 
         Args:
@@ -202,11 +197,10 @@ class Shield:
             env: the environment that it acts in, or a wrapper of it.
             patience: as in `BatchShield`, which also raises `ValueError`.
             depth: as in `BatchShield`.
-            corridors: as in `BatchShield`.
         """
         self.policy = policy
         self._env = cast("MapfEnv", env.unwrapped)
-        self._options = patience, depth, corridors
+        self._options = patience, depth
         self._shield = BatchShield(self._env.simulator, *self._options)
 
     def in_batch(self, simulator: Simulator) -> ShieldedBatch | None:

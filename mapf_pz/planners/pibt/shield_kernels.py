@@ -3,7 +3,8 @@
 Veerapaneni et al., *Improving Learnt Local MAPF Policies with Heuristic Search*, ICAPS 2024 (CS-PIBT): each agent tries
 its actions in the order of its preferences; if another agent is in the way and cannot move away, it tries the next one.
 Actions with equal preferences are tried in the order of PIBT. Agents that turn choose the adjacent cell that they face
-after their preferred turn, or the one ahead, and keep it until they are there, as in the causal PIBT.
+after their preferred turn, or the one ahead; a turn toward an obstacle is the first of two, toward the cell behind.
+They choose again in each step, unlike those that follow PIBT, which keep their cell until they are there.
 
 Policies under CS-PIBT fail by livelock: agents hold each other up forever. Therefore an agent that has not come closer
 to its goal for some steps follows PIBT for as many steps: all its preferences are equal then. This is a variant of the
@@ -27,6 +28,7 @@ from mapf_pz.simulator.kernels.state import Distances, PlanningView, State, Worl
 
 _ACTION_OF_CHOICE = np.array(CARDINAL_ACTIONS)
 _FORWARD, _LEFT, _RIGHT, _WAIT = map(int, Action)
+_NO_ACTION = -1
 
 
 class Progress(NamedTuple):
@@ -65,19 +67,24 @@ def choose_by_pibt(
     """
     for b in range(actions.shape[0]):
         planning_view, own = planning_view_of(world, distances, state, b), _state_of(pibt, b)
-        agents = planning_view.agents
+        agents, count = planning_view.agents, progress.count[b]
+        for i in range(agents.size):
+            count_steps(planning_view, i, patience, progress.nearest[b], count)
+            if not is_stuck(count[i], patience):
+                own.want[i] = UNDECIDED
         prepare(planning_view, passing, options, own)
         for i in range(agents.size):
-            stuck = is_stuck(planning_view, i, patience, progress.nearest[b], progress.count[b])
-            if not stuck and own.want[i] == UNDECIDED:
+            if own.want[i] == UNDECIDED and not is_stuck(count[i], patience):
                 _prefer(planning_view, agents[i], preferences[b, i], own.rank[i])
-        decide(planning_view, options.swap, own)
+        decide(planning_view, passing, options.swap, own)
         write_actions(planning_view, own, actions[b])
+        if num_headings(planning_view.to_go) == 4:
+            _turn_as_preferred(planning_view, patience, preferences[b], count, own.choice, actions[b])
 
 
 @jit
-def is_stuck(planning_view: PlanningView, i: int, patience: int, nearest: Array, count: Array) -> bool:
-    """Count the steps of agent i without progress, and return whether it ignores its preferences in this step."""
+def count_steps(planning_view: PlanningView, i: int, patience: int, nearest: Array, count: Array) -> None:
+    """Count this step of agent i if it is one without progress, or one in which the agent ignores its preferences."""
     agent = planning_view.agents[i]
     cost = to_go(planning_view, agent, agent.cell, agent.heading)
     progress = cost < nearest[i] or agent.arrived or agent.cell == agent.goal
@@ -89,7 +96,12 @@ def is_stuck(planning_view: PlanningView, i: int, patience: int, nearest: Array,
             count[i] = 0
     else:
         count[i] = 0 if progress else count[i] + 1
-    return patience > 0 and count[i] >= patience
+
+
+@jit
+def is_stuck(count: int, patience: int) -> bool:
+    """Return whether an agent ignores its preferences, by its `count` in `Progress`."""
+    return patience > 0 and count >= patience
 
 
 @jit
@@ -114,7 +126,7 @@ def _prefer(planning_view: PlanningView, agent: Array, preferences: Array, rank:
         if blocked:
             better = rank.size
         elif rotates:
-            better = _num_better_turns(preferences, choice, agent.heading)
+            better = _num_better_turns(leads_to, agent, preferences, choice)
         else:
             better = num_better(preferences, _ACTION_OF_CHOICE[choice])
         rank[k] = (better << 6) | (k << 3) | choice
@@ -122,14 +134,55 @@ def _prefer(planning_view: PlanningView, agent: Array, preferences: Array, rank:
 
 
 @jit
-def _num_better_turns(preferences: Array, choice: int, heading: int) -> int:
-    """Return the number of actions that an agent prefers to the one that leads to a choice from its heading."""
-    turn = (choice - heading) & 3
-    if choice == STAY:
-        return num_better(preferences, _WAIT)
-    if turn == 2:  # after the other turn comes the cell on that side
-        return max(num_better(preferences, _LEFT), num_better(preferences, _RIGHT))
-    return num_better(preferences, _FORWARD if turn == 0 else (_RIGHT if turn == 1 else _LEFT))
+def _num_better_turns(leads_to: Array, agent: Array, preferences: Array, choice: int) -> int:
+    """Return the number of actions that an agent prefers to the best one that leads to a choice."""
+    best = _first_action(leads_to, agent, preferences, choice)
+    if best != _NO_ACTION:
+        return num_better(preferences, best)
+    return max(num_better(preferences, _LEFT), num_better(preferences, _RIGHT))  # for the cell behind, either turn
+
+
+@jit
+def _first_action(leads_to: Array, agent: Array, preferences: Array, choice: int) -> int:
+    """Return the action that an agent prefers of those that lead to a choice, or -1 if none does."""
+    best = _NO_ACTION
+    for action in range(preferences.size):
+        leads = _choice_of(leads_to, agent, action) == choice
+        if leads and (best == _NO_ACTION or preferences[action] > preferences[best]):
+            best = action
+    return best
+
+
+@jit
+def _choice_of(leads_to: Array, agent: Array, action: int) -> int:
+    """Return the choice that an action leads to.
+
+    For a turn, it is the cell on that side. If this is an obstacle, it is the cell behind, or, in a corner, to stay.
+    """
+    if action == _WAIT:
+        return STAY
+    if action == _FORWARD:
+        return int(agent.heading)
+    side, behind = (agent.heading + (1 if action == _RIGHT else 3)) & 3, (agent.heading + 2) & 3
+    if leads_to[side, agent.cell] != agent.cell:
+        return side
+    return behind if leads_to[behind, agent.cell] != agent.cell else STAY
+
+
+@jit
+def _turn_as_preferred(
+    planning_view: PlanningView, patience: int, preferences: Array, count: Array, choice: Array, actions: Array
+) -> None:
+    """Replace the actions (N,) of agents that prefer another one of those that lead to their choices (N,)."""
+    for i, agent in enumerate(planning_view.agents):
+        if not agent.active or is_stuck(count[i], patience):
+            continue
+        if choice[i] == STAY:
+            best = _first_action(planning_view.leads_to, agent, preferences[i], STAY)
+            if preferences[i, best] > preferences[i, _WAIT]:
+                actions[i] = best
+        elif ((choice[i] - agent.heading) & 3) == 2 and preferences[i, _LEFT] > preferences[i, _RIGHT]:
+            actions[i] = _LEFT
 
 
 @jit

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from mapf_pz._internal.jit import Array, jit
 from mapf_pz.planners.epibt.kernels import continue_operations, decide, evaluate, first_actions, pack_option
 from mapf_pz.planners.epibt.state import LAST_OPERATION, EpibtState, Operations
-from mapf_pz.planners.pibt.shield_kernels import Progress, is_stuck, num_better
+from mapf_pz.planners.pibt.shield_kernels import Progress, count_steps, is_stuck, num_better
 from mapf_pz.simulator.kernels.state import Distances, State, World, planning_view_of
 
 _CLASS_BIT = 56
@@ -66,8 +66,8 @@ def choose_rotating(
         continue_operations(agents, tree, scratch)
         evaluate(planning_view, passing, tree, scratch)
         for i in range(agents.size):
-            stuck = is_stuck(planning_view, i, patience, progress.nearest[b], progress.count[b])
-            if agents[i].active and not stuck:
+            count_steps(planning_view, i, patience, progress.nearest[b], progress.count[b])
+            if agents[i].active and not is_stuck(progress.count[b, i], patience):
                 _prefer(i, passing, preferences[b, i], tree, scratch)
         decide(agents, scratch)
         first_actions(agents, tree, scratch, actions[b])

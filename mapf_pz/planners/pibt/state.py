@@ -14,15 +14,13 @@ from mapf_pz.simulator.kernels.state import PlanningView
 NO_AGENT, UNDECIDED, STAY = -1, -1, 4
 NEAREST, ELAPSED, LATE = range(3)
 """The priorities, as in `mapf_pz.planners.pibt.priority`."""
-NO_SWAP, DEAD_ENDS, CORRIDORS = range(3)
-"""The rules by which two agents change places: see `mapf_pz.planners.pibt.swap`."""
 
 
 class Options(NamedTuple):
     """The options of `mapf_pz.planners.PIBT`."""
 
     priority: int  # NEAREST, ELAPSED or LATE
-    swap: int  # NO_SWAP, DEAD_ENDS or CORRIDORS
+    swap: bool  # agents change places: see `mapf_pz.planners.pibt.swap`
     hindrance: bool  # ties are broken in favor of cells that hinder fewer agents
 
 

@@ -1,22 +1,23 @@
 """How two agents change places: one moves away from its goal, the other follows, and where there is room one turns off.
 
-There are two rules. That of corridors, `mapf_pz.planners.corridor`, applies to agents that face each other in any
-corridor. That of dead ends is the part of it that also increases the number of goals reached in lifelong episodes: an
-agent that pushes another one into a dead end gets stuck if its goal is the last cell, since the other cannot leave.
+If agents must stay at their goals, the rule is that of corridors, `mapf_pz.planners.corridor`, for agents that face
+each other in any corridor. If they only have to pass their goals, it is that of dead ends, the part of it that also
+increases the number of goals reached in lifelong episodes: an agent that pushes another one into a dead end gets stuck
+if its goal is the last cell, since the other cannot leave.
 """
 
 from __future__ import annotations
 
 from mapf_pz._internal.jit import Array, jit
 from mapf_pz.planners.corridor import degree, has_room, must_swap
-from mapf_pz.planners.pibt.state import CORRIDORS, NO_AGENT, STAY, UNDECIDED, PibtState
+from mapf_pz.planners.pibt.state import NO_AGENT, STAY, UNDECIDED, PibtState
 from mapf_pz.simulator.kernels.state import PlanningView
 
 _NOWHERE = -1
 
 
 @jit
-def find_partner(planning_view: PlanningView, rule: int, i: int, want: Array, rank: Array) -> int:
+def find_partner(planning_view: PlanningView, passing: bool, i: int, want: Array, rank: Array) -> int:
     """Reverse the order of agent i's choices if it must change places with an agent beside it.
 
     Return the direction of that agent, which is to follow, otherwise -1.
@@ -24,7 +25,7 @@ def find_partner(planning_view: PlanningView, rule: int, i: int, want: Array, ra
     cell, first = planning_view.agents[i].cell, rank[0] & 7
     if first == STAY or planning_view.leads_to[first, cell] == cell:
         return _NOWHERE
-    if rule == CORRIDORS:
+    if not passing:
         partner = _in_a_corridor(planning_view, i, first, want)
     else:
         partner = first if _leaves_a_dead_end(planning_view, i, planning_view.leads_to[first, cell], want) else _NOWHERE
@@ -36,7 +37,7 @@ def find_partner(planning_view: PlanningView, rule: int, i: int, want: Array, ra
 
 
 @jit
-def pull_agents(planning_view: PlanningView, rule: int, depth: int, state: PibtState) -> None:
+def pull_agents(planning_view: PlanningView, passing: bool, depth: int, state: PibtState) -> None:
     """Let partners follow those of the first `depth` agents in the chain that move away from their goals for them."""
     for k in range(depth):
         i = state.chain[k]
@@ -45,7 +46,7 @@ def pull_agents(planning_view: PlanningView, rule: int, depth: int, state: PibtS
         cell = planning_view.agents[i].cell
         there = planning_view.leads_to[state.pull[i], cell]
         other = planning_view.occupant[there]
-        moves_away = state.tried[i] == 1 if rule == CORRIDORS else state.want[i] != there
+        moves_away = state.want[i] != there if passing else state.tried[i] == 1
         if moves_away and state.want[other] == UNDECIDED and state.taken[cell] == NO_AGENT:
             state.want[other], state.choice[other] = cell, (state.pull[i] + 2) & 3
             state.taken[cell] = other

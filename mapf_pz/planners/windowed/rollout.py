@@ -12,14 +12,14 @@ import numpy as np
 
 from mapf_pz._internal.jit import Array, jit
 from mapf_pz.planners.pibt.kernels import plan
-from mapf_pz.planners.pibt.state import DEAD_ENDS, NEAREST, NO_AGENT, UNDECIDED, Options, PibtState, allocate_pibt
+from mapf_pz.planners.pibt.state import NEAREST, NO_AGENT, UNDECIDED, Options, PibtState, allocate_pibt
 from mapf_pz.planners.random import draw_below
 from mapf_pz.planners.windowed.paths import Paths, allocate_paths, cost_of_path, facing, occupy
 from mapf_pz.simulator.kernels.conflict import NO_MOVE, direction
 from mapf_pz.simulator.kernels.cost_lookup import num_headings, turned
 from mapf_pz.simulator.kernels.state import PlanningView
 
-OPTIONS = Options(priority=NEAREST, swap=DEAD_ENDS, hindrance=True)
+OPTIONS = Options(priority=NEAREST, swap=True, hindrance=True)
 """The options of PIBT."""
 
 

@@ -10,11 +10,12 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-MIN_ROWS = 8
+MIN_ROWS = 16
 """Minimum number of rows of matrix products: inputs are padded with zeros.
 
-Products of less than 4 rows are computed by other routines, whose rounding errors differ. From 4 rows on, a row of the
-result does not depend on the others, to the bit, unless the last hidden layer has an odd width.
+Products of few rows are computed by other routines, whose rounding errors differ: of less than 4 rows on some
+processors, of less than 16 on others (MKL with AVX-512). With more rows, a row of the result does not depend on the
+others, to the bit, unless the last hidden layer has an odd width.
 """
 
 
