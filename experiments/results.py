@@ -226,7 +226,8 @@ def _samples(episodes: Sequence[Episode]) -> list[dict[str, Any]]:
 
 def is_reproducible(policy: str) -> bool:
     """Return whether a policy depends only on its seed, and not on the machine's speed."""
-    return "time_limit" not in policy and (policy.partition(":")[0] not in ("lacam", "prioritized") or ":any" in policy)
+    stops_by_time = policy.partition(":")[0] in ("lacam", "prioritized") and "anytime=False" not in policy
+    return "clock=work" in policy or not (stops_by_time or "time_limit" in policy)
 
 
 def _comparable(metrics: dict[str, float]) -> dict[str, float]:

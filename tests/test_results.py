@@ -138,6 +138,7 @@ def test_results_files_are_json():
         ("lacam", False),
         ("lacam:anytime=False", True),
         ("lacam:time_limit=1", False),
+        ("lacam:time_limit=1,clock=work", True),
         ("prioritized", False),
         ("mappo+pibt", True),
     ],

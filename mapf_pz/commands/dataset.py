@@ -43,7 +43,8 @@ class MakeOptions:
     output: Positional[Path]
     """Folder of the dataset."""
     planner: str = DatasetConfig.planner
-    """Name of the planner, with options as in `lacam:time_limit=5`. Time limits are in seconds of CPU time."""
+    """Name of the planner, with options as in `lacam:time_limit=5,clock=work`. Without `clock=work`, time limits are in
+    seconds of CPU time."""
     env: DatasetKeywords = EPISODES
     """The environment. Without a map, scenario or source, episodes use the maps of the mixture."""
     mixture: MapMixture = field(default_factory=MapMixture)

@@ -15,7 +15,7 @@ from mapf_pz.environment.mapf_env import MapfEnv
 from mapf_pz.guidance.library import EdgeWeights
 from mapf_pz.instances.instance import ActionModel, Grid, Instance, Scenario
 from mapf_pz.instances.sources import InstanceList
-from mapf_pz.planners.deadline import Clock, Deadline
+from mapf_pz.planners.deadline import Clock, Deadline, WorkClock
 from mapf_pz.planners.plans.plan import Plan
 from mapf_pz.planners.problem import Path, Problem, problem_of
 from mapf_pz.planners.trace import Trace
@@ -23,6 +23,9 @@ from mapf_pz.simulator.actions import wait_action
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.kernels.cost_tables import compile_tables
 from mapf_pz.simulator.simulator import Simulator
+
+CLOCKS = ("wall", "work")
+"""The names of the clocks of planners of whole paths."""
 
 
 class Planner(ABC):
@@ -136,7 +139,12 @@ class PlanFollower(Planner):
     """Base class of planners that plan whole paths, and replan when a goal changes or the state is not as planned."""
 
     def __init__(
-        self, env: MapfEnv | None = None, seed: int = 0, time_limit: float = 1.0, anytime: bool = True
+        self,
+        env: MapfEnv | None = None,
+        seed: int = 0,
+        time_limit: float = 1.0,
+        anytime: bool = True,
+        clock: str = "wall",
     ) -> None:
         """Create the planner.
 
@@ -144,9 +152,18 @@ class PlanFollower(Planner):
             env: the environment to act in, or a wrapper of it. With None, only `solve` can be used.
             seed: random seed.
             time_limit: time limit in seconds of each call of `act` that has to plan.
-            anytime: use the rest of the time limit to shorten the paths; the result then depends on the machine's
-                speed. Otherwise the first solution is returned, which depends only on the seed.
+            anytime: use the rest of the time limit to shorten the paths; otherwise the first solution is returned,
+                which depends only on the seed.
+            clock: what seconds of time limits are. `wall`: those that pass, so that results depend on the machine's
+                speed and load; `work`: the planner's work, counted in seconds that it takes about on one core, so that
+                results depend only on the seed.
+
+        Raises `ValueError` for an unknown clock.
         """
+        if clock not in CLOCKS:
+            raise ValueError(f"clock={clock!r}: expected one of {', '.join(CLOCKS)}")
+        if clock == "work":
+            self.clock = WorkClock()
         self._time_limit = time_limit
         self._anytime = anytime
         super().__init__(env, seed)

@@ -184,7 +184,9 @@ _ONESHOT_CARDINAL = replace(
         ),
     ),
     optimization=replace(_LIFELONG_CARDINAL.optimization, steps_per_batch=32),
-    imitation=ImitationConfig(expert="lacam:time_limit=0.1", expert_share=0.5, segment_steps=32, temperature=0.5),
+    imitation=ImitationConfig(
+        expert="lacam:time_limit=0.1,clock=work", expert_share=0.5, segment_steps=32, temperature=0.5
+    ),
     agent_steps=16_000_000,
 )
 

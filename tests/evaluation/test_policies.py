@@ -99,7 +99,7 @@ def test_wrong_guidance_graphs_of_planners(name, message):
     ("name", "message"),
     [
         ("epibt:deep=5", "option 'deep=5': EPIBT has the options depth, time_limit, rounds, num_threads"),
-        ("pibt:depth=5", "option 'depth=5': PIBT has the options priority, swap, preference, corridors"),
+        ("pibt:depth=5", "option 'depth=5': PIBT has the options priority, swap, preference"),
         ("pibt:priority=5", "priority='5': expected one of nearest, elapsed, late"),
         ("pibt:preference=", "preference='': expected one of random, hindrance"),
         ("pibt:swap=maybe", "option 'swap=maybe': expected a number, True or False"),
@@ -112,7 +112,7 @@ def test_wrong_guidance_graphs_of_planners(name, message):
         ("epibt:depth=None", "option 'depth=None': expected a number, True or False"),
         ("epibt:depth=9", "depth=9: expected a number of actions from 1 to 8"),
         ("mappo:patience=2", "option 'patience=2': mappo has the options temperature"),
-        ("mappo+pibt:swap=2", "option 'swap=2': mappo+pibt has the options temperature, patience, depth, corridors"),
+        ("mappo+pibt:swap=2", "option 'swap=2': mappo+pibt has the options temperature, patience, depth"),
         ("mappo+pibt:temperature=low", "option 'temperature=low': expected a number, True or False"),
     ],
 )

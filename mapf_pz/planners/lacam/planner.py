@@ -31,6 +31,9 @@ WALK_SHARE = 0.9
 REPAIR = 2.0
 """Time to plan the agents again that have not arrived at the end of the walk, as a multiple of the time of the walk."""
 
+SECONDS_PER_AGENT_STEP = 1e-6
+"""Work of the search over configurations, for each agent of a configuration."""
+
 _AGENT_STEPS = 50_000  # per call of the kernel: about 50 ms
 
 Buffers = TypeVar("Buffers", lacam.Nodes, lacam.Constraints)
@@ -151,9 +154,13 @@ class ConfigurationSearch:
         while self._status in (lacam.RUNNING, lacam.FULL) and not deadline.has_passed:
             if self._status == lacam.FULL and not self._grow():
                 return None
+            known = int(self._counters[lacam.NUM_NODES])
             self._status = lacam.search(
                 self._problem, iterations, self._nodes, self._constraints, self._scratch, self._counters
             )
+            found = int(self._counters[lacam.NUM_NODES]) - known
+            steps = iterations if self._status == lacam.RUNNING else found
+            deadline.count(SECONDS_PER_AGENT_STEP * steps * len(self._problem.goals))
         if self._status != lacam.SOLVED:
             return None
         chain = [int(self._counters[lacam.SOLUTION])]

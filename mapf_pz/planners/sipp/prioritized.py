@@ -33,7 +33,7 @@ class PrioritizedSIPP(PlanFollower):
             search.plan_all(order, deadline)
             fewest, since = search.missing, 0
             while search.missing and since < PATIENCE and not deadline.has_passed:
-                search.improve()
+                deadline.count(search.improve())
                 since = 0 if search.missing < fewest else since + 1
                 fewest = min(fewest, search.missing)
             order = self._rng.permutation(len(order))
@@ -41,6 +41,6 @@ class PrioritizedSIPP(PlanFollower):
             return None
         self.trace.add(search.sum_of_costs)
         while self._anytime and not search.is_shortest and not deadline.has_passed:
-            search.improve()
+            deadline.count(search.improve())
             self.trace.add(search.sum_of_costs)
         return search.path()

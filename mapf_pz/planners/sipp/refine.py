@@ -17,6 +17,8 @@ from mapf_pz.simulator.kernels.cost_to_go import count_steps
 
 WORK = 20_000
 """Number of states to expand between two checks of the clock: a few milliseconds."""
+SECONDS_PER_STATE = 2e-7
+"""Work of expanding a state."""
 BATCH_SIZE = 16
 """Number of agents to plan between two checks of the clock."""
 NO_AGENTS = np.zeros(0, np.int64)
@@ -38,7 +40,7 @@ def refine(search: NeighborhoodSearch, path: Path, deadline: Deadline, trace: Tr
     search.set_paths(path)
     before = search.sum_of_costs
     while not search.is_shortest and not deadline.has_passed:
-        search.improve()
+        deadline.count(search.improve())
         trace.add(search.sum_of_costs)
     return search.path() if search.sum_of_costs < before else path
 
@@ -95,7 +97,7 @@ class NeighborhoodSearch:
         """Plan the agents without paths, and those in their way, until there are none, or until `deadline`."""
         self._plan(np.flatnonzero(self._reservations.first == NONE), deadline)
         while self.missing and not deadline.has_passed:
-            self.improve()
+            deadline.count(self.improve())
 
     def plan_all(self, order: Ints, deadline: Deadline) -> None:
         """Plan all agents from scratch in this order, until `deadline`; some may be left without a path."""
@@ -105,11 +107,16 @@ class NeighborhoodSearch:
     def _plan(self, order: Ints, deadline: Deadline) -> None:
         for batch in np.array_split(order, len(order) // BATCH_SIZE + 1):
             if not deadline.has_passed:
-                self.improve(batch, work=0)
+                deadline.count(self.improve(batch, work=0))
 
-    def improve(self, order: Ints = NO_AGENTS, work: int = WORK) -> None:
-        """Plan agents that have no paths yet, in this order, then improve the paths: see `plan_and_improve`."""
+    def improve(self, order: Ints = NO_AGENTS, work: int = WORK) -> float:
+        """Plan agents that have no paths yet, in this order, then improve the paths: see `plan_and_improve`.
+
+        Return the work in seconds, as `Deadline.count` takes it.
+        """
+        expanded = int(self._scratch.count[1])
         plan_and_improve(self._problem, order, work, self._reservations, self._scratch, self._neighborhood, self._lns)
+        return SECONDS_PER_STATE * (int(self._scratch.count[1]) - expanded)
 
     def path(self) -> Path:
         """Return the paths of all agents. None may be missing."""

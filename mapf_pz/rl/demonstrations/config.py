@@ -21,8 +21,9 @@ RULES = ("action_model", "collision_system", "on_target", "max_steps", "edge_wei
 class DatasetConfig:
     """The planner and the episodes of a dataset. Raises `ValueError` for invalid values."""
 
-    planner: str = "lacam"
-    """Name of the planner, with options as in `lacam:time_limit=5`. Time limits are in seconds of CPU time."""
+    planner: str = "lacam:clock=work"
+    """Name of the planner, with options as in `lacam:time_limit=5,clock=work`. Without `clock=work`, time limits are in
+    seconds of CPU time."""
     env: EnvConfig = field(default_factory=EnvConfig)
     """The environment, of which the observations and the reward are ignored. If it has no map, scenario or source, its
     episodes use the maps of `mixture`."""

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from mapf_pz._internal.atomic import write_whole
 from mapf_pz._internal.lock import locked
 from mapf_pz.planners import planner_of
+from mapf_pz.planners.deadline import WorkClock
 from mapf_pz.rl.demonstrations.card import card
 from mapf_pz.rl.demonstrations.config import DatasetConfig
 from mapf_pz.rl.demonstrations.demonstration import Demonstration, demonstrate
@@ -75,7 +76,8 @@ def make_shard(job: ShardJob) -> FinishedShard:
     config = job.config
     simulator = Simulator(config.env_config(job.num_agents))
     planner = planner_of(config.planner, config.seed)
-    planner.clock = time.thread_time
+    if not isinstance(planner.clock, WorkClock):
+        planner.clock = time.thread_time
     planner.compile(config.env.action_model)
     episodes = range(job.first, job.first + job.episodes)
     made = [demonstrate(simulator, planner, config.seed + episode) for episode in episodes]
