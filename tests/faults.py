@@ -32,7 +32,7 @@ from tests.evaluation.test_parallel import children_of, is_alive, wait_for
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 TIMES = {"runtime", "step_ms", "agent_us"}
 """The columns of an episode that differ between runs."""
-EVALUATE = "evaluate --policy pibt --policy random --map room-20-20-5 --num-agents 5 --max-steps 64"
+EVALUATE = "evaluate --policy pibt --policy random --map room-20-20-5 --num-agents 5"
 SMALL = "--num-envs 4 --steps-per-batch 8 --minibatch-size 8 --num-epochs 1 --num-agents 3 --height 7 --width 7"
 STEPS_PER_UPDATE = 4 * 8 * 3
 INTERVAL = 4 * STEPS_PER_UPDATE
@@ -180,9 +180,10 @@ def untimed(lines: Sequence[str]) -> dict[tuple[str, ...], dict[str, str]]:
     return found
 
 
-def evaluate_words(folder: Path, episodes: int, jobs: int | str = 1) -> list[object]:
+def evaluate_words(folder: Path, episodes: int, jobs: int | str = 1, max_steps: int = 64) -> list[object]:
     """Return the words of an evaluation."""
-    return [*EVALUATE.split(), "--episodes", episodes, "--jobs", jobs, "--output", folder]
+    length = ["--episodes", episodes, "--max-steps", max_steps]
+    return [*EVALUATE.split(), *length, "--jobs", jobs, "--output", folder]
 
 
 def kill_evaluations(folder: Path, kills: int, episodes: int, draw: random.Random, counters: Tally) -> None:

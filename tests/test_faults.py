@@ -24,6 +24,8 @@ from tests.faults import (
     workers_of,
 )
 
+LONG = 4000
+"""A number of steps of an episode that keeps a worker busy for a tenth of a second."""
 pytestmark = pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks up processes in /proc")
 
 
@@ -133,15 +135,15 @@ def test_a_ray_worker_that_dies(tmp_path, monkeypatch):
     monkeypatch.setenv("RAY_AUTH_MODE", "disabled")
     monkeypatch.setenv("RAY_worker_niceness", "0")  # on a busy machine, its workers would never get their turn
     for number in count():  # the evaluation can be over before a worker is found at work: then a longer one
-        out, episodes = tmp_path / str(number), 400 * 4**number
-        words = evaluate_words(out, episodes, "ray")
+        out, episodes = tmp_path / str(number), 40 * 4**number
+        words = evaluate_words(out, episodes, "ray", LONG)
         end = kill(words, lambda _: episode_lines(out), 0, signal.SIGKILL, "worker")  # noqa: B023
         if end.killed:
             break
         assert end.status == 0
     assert end.status == 0 or end.lines[-1].startswith("mapf-pz evaluate: Ray: "), end
     before = episode_lines(out)
-    assert complete(evaluate_words(out, episodes)).status == 0
+    assert complete(evaluate_words(out, episodes, 1, LONG)).status == 0
     assert episode_lines(out)[: len(before)] == before
-    assert complete(evaluate_words(tmp_path / "whole", episodes)).status == 0
+    assert complete(evaluate_words(tmp_path / "whole", episodes, 1, LONG)).status == 0
     assert untimed(episode_lines(out)) == untimed(episode_lines(tmp_path / "whole"))
