@@ -26,6 +26,7 @@ HEADS = 4
 """Number of attention heads."""
 _DIRECTIONS = len(HEADING_STEPS)
 _WAVE_SIZE = 2 * _DIRECTIONS  # a complex number for each direction
+# Complex numbers are pairs of real ones, since ONNX has no others.
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Team:
     turns: Tensor
     """(B, N, 4) int64: for each direction of the agent's view (up, right, down, left), the direction on the map."""
     phases: Tensor
-    """(B, N, W, 4) complex64: e^(i phase) at the agent's position, of W waves in each direction on the map."""
+    """(B, N, W, 4, 2) float32: e^(i phase) at the agent's position, of W waves in each direction on the map."""
     bias: Tensor
     """(B, heads, N, N) float32, added to the attention logits of each pair of agents; -inf: they do not communicate."""
 
@@ -65,32 +66,37 @@ class Team:
         A vector is a complex number for each of W = D / 8 waves in four directions. The directions turn with the agent,
         and the numbers are multiplied by the waves at the agent's position.
         """
-        waves = self._turn(_waves(vectors), self.turns.argsort(-1)) * self.phases.unsqueeze(2)
-        return torch.view_as_real(waves).flatten(-3)
+        return _product(self._turn(_waves(vectors), self.turns.argsort(-1)), self.phases.unsqueeze(2)).flatten(-3)
 
     def from_map(self, vectors: Tensor) -> Tensor:
         """Transform vectors back: the inverse of `to_map`."""
-        waves = self._turn(_waves(vectors) * self.phases.conj().unsqueeze(2), self.turns)
-        return torch.view_as_real(waves).flatten(-3)
+        conjugate = self.phases * self.phases.new_tensor((1.0, -1.0))
+        return self._turn(_product(_waves(vectors), conjugate.unsqueeze(2)), self.turns).flatten(-3)
 
     @staticmethod
     def _turn(waves: Tensor, directions: Tensor) -> Tensor:
-        """Return the numbers of waves (B, N, heads, W, 4) in these `directions` (B, N, 4)."""
-        return waves.gather(-1, directions[:, :, None, None, :].expand_as(waves))
+        """Return the numbers of waves (B, N, heads, W, 4, 2) in these `directions` (B, N, 4)."""
+        return waves.gather(-2, directions[:, :, None, None, :, None].expand_as(waves))
 
 
 def _waves(vectors: Tensor) -> Tensor:
-    """Return vectors (..., D) as complex numbers (..., D / 8, 4)."""
-    return torch.view_as_complex(vectors.float().unflatten(-1, (-1, _DIRECTIONS, 2)))
+    """Return vectors (..., D) as complex numbers (..., D / 8, 4, 2)."""
+    return vectors.float().unflatten(-1, (-1, _DIRECTIONS, 2))
+
+
+def _product(one: Tensor, other: Tensor) -> Tensor:
+    """Return the products of complex numbers (..., 2)."""
+    (a, b), (c, d) = one.unbind(-1), other.unbind(-1)
+    return torch.stack([a * c - b * d, a * d + b * c], -1)
 
 
 def _phases(position: Tensor, num_waves: int) -> Tensor:
-    """Return e^(i phase) of waves in each direction on the map, (B, N, W, 4), at `position` (B, N, 2)."""
+    """Return e^(i phase) of waves in each direction on the map, (B, N, W, 4, 2), at `position` (B, N, 2)."""
     steps = torch.as_tensor(HEADING_STEPS, device=position.device)
     along = (position.unsqueeze(-2) * steps).sum(-1)  # not a matrix product, which autocast would round
     frequencies = math.pi * 2.0 ** -torch.arange(1, num_waves + 1, device=position.device)
     phases = frequencies[:, None] * along.unsqueeze(-2)
-    return torch.polar(torch.ones_like(phases), phases)
+    return torch.stack([phases.cos(), phases.sin()], -1)
 
 
 class CommunicationRound(nn.Module):
