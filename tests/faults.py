@@ -242,7 +242,7 @@ def changed(file: Path) -> tuple[int, int]:
 def updates_kept(folder: Path) -> int:
     """Return the number of updates of the latest checkpoint, or 0; checks that all checkpoints are readable."""
     from mapf_pz.rl import load_policy
-    from mapf_pz.rl.policies.policy import WEIGHTS
+    from mapf_pz.rl.policies.folder import WEIGHTS
     from mapf_pz.rl.training.checkpoint import read_position
 
     if (folder / WEIGHTS).exists():

@@ -10,7 +10,7 @@ import pytest
 from mapf_pz.commands.main import main
 from mapf_pz.evaluation import evaluate, load_suite
 from mapf_pz.rl import load_policy
-from mapf_pz.rl.policies.policy import policy_names
+from mapf_pz.rl.policies.folder import bundled, policy_names
 from mapf_pz.rl.training.progress import PROGRESS
 
 IMPORTED = "it was imported"
@@ -36,7 +36,7 @@ def stranger(tmp_path, monkeypatch):
 
 def copied(folder, field, name=NAME):
     """Copy a policy of the package, and name code in a field of its configuration."""
-    shutil.copytree(sys.modules["mapf_pz.rl.policies.policy"]._bundled() / "mappo", folder)
+    shutil.copytree(bundled() / "mappo", folder)
     config = json.loads((folder / "config.json").read_text())
     FIELDS[field](config, name)
     (folder / "config.json").write_text(json.dumps(config))
@@ -87,6 +87,7 @@ COMMANDS = {
     "evaluate": ["evaluate", "--policy", "run", *EPISODE, "--episodes", "1"],
     "evaluate a suite": ["evaluate", "--policy", "random", "--suite", "suite.json"],
     "guidance": ["guidance", "evaluate", "--planner", "run", "--num-seeds", "1"],
+    "policy export": ["policy", "export", "run", "run.onnx"],
     "play": ["play", "--policy", "run", *EPISODE],
     "plot": ["plot", "run"],
     "render": ["render", "episode.svg", "--policy", "run", *EPISODE],

@@ -41,6 +41,7 @@ COMMANDS: dict[str, Command] = {
     "maps": Command("mapf_pz.commands.maps:maps", "list, write, generate or download maps"),
     "play": Command("mapf_pz.commands.play:play", "control an agent with the keyboard"),
     "plot": Command("mapf_pz.commands.plot:plot", "draw the learning curves of training runs"),
+    "policy": Command("mapf_pz.commands.policy:policy", "share a policy on the Hugging Face Hub, or export it to ONNX"),
     "render": Command("mapf_pz.commands.render:render", "save an episode or a plan as a web page, video or image"),
     "report": Command("mapf_pz.commands.report:report", "make tables and figures of evaluations, for papers"),
     "schedule": Command(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,8 @@ from mapf_pz.instances.instance import ActionModel
 from mapf_pz.planners import PLANNERS, Planner, Shield, planner_of
 from mapf_pz.planners.named import parse_options, planner_options
 from mapf_pz.planners.pibt.shield import DEPTH, PATIENCE
+from mapf_pz.rl.config_file import CONFIG
+from mapf_pz.rl.policies.folder import WEIGHTS, bundled, is_policy, policy_folder, policy_names
 from mapf_pz.simulator.config import OBSERVATION_FIELDS, EnvConfig
 
 SHIELD_SUFFIX = "+pibt"
@@ -39,8 +40,9 @@ def policy_factory(
     Args:
         name: `random`; a planner, optionally with options, such as `epibt` or `epibt:depth=5,time_limit=0.1`, one of
             which can be a guidance graph for its costs, such as `edge_weights=crisscross`; the name of a trained policy
-            of the package, or the folder of a training run, optionally followed by `+pibt` and options, such as
-            `mappo:temperature=0.5` or `mappo+pibt:patience=2,temperature=0.5`.
+            of the package, the folder of a training run, or an address `hf://USER/NAME` on the Hugging Face Hub,
+            optionally followed by `+pibt` and options, such as `mappo:temperature=0.5` or
+            `mappo+pibt:patience=2,temperature=0.5`.
         seed: random seed of the policy in every episode.
         deterministic: whether a trained policy takes the most likely action instead of sampling one.
         trust_remote_code: whether the configuration of a trained policy may name code outside this package.
@@ -70,13 +72,13 @@ def _without_weights(name: str) -> tuple[str, str | None]:
 def _factory_of_trained(name: str, seed: int, deterministic: bool, trust_remote_code: bool) -> PolicyFactory:
     """Return a factory for a trained policy by its name; raises as `policy_factory`."""
     shielded, options = name, ""
-    if not _is_known(name.removesuffix(SHIELD_SUFFIX)):  # the name of a folder may have a colon
+    if not is_policy(name.removesuffix(SHIELD_SUFFIX)):  # the name of a folder may have a colon
         shielded, _, options = name.rpartition(":")
     trained = shielded.removesuffix(SHIELD_SUFFIX)
-    if not _is_known(trained):
-        planners, trained_names = ", ".join(PLANNERS), ", ".join(_bundled_names())
+    if not is_policy(trained):
+        planners, trained_names = ", ".join(PLANNERS), ", ".join(policy_names())
         base = name.partition(":")[0].removesuffix(SHIELD_SUFFIX)
-        names = ["random", *PLANNERS, *_bundled_names()]
+        names = ["random", *PLANNERS, *policy_names()]
         near = "" if base in names else closest(base, names)
         raise ValueError(
             f"policy {name!r}: {near}expected random, a planner ({planners}), a trained policy ({trained_names}), or "
@@ -85,11 +87,6 @@ def _factory_of_trained(name: str, seed: int, deterministic: bool, trust_remote_
     allowed = _TRAINED_OPTIONS | (_SHIELD_OPTIONS if shielded != trained else {})
     chosen = allowed | parse_options(shielded, allowed, options)
     return TrainedFactory(trained, seed, deterministic, chosen.pop("temperature"), chosen, trust_remote_code)
-
-
-def _is_known(trained: str) -> bool:
-    """Return whether there is a trained policy of this name, or a file or folder."""
-    return trained in _bundled_names() or (trained != "" and Path(trained).exists())
 
 
 def check_observed(name: str, config: EnvConfig) -> None:
@@ -106,17 +103,8 @@ def is_trained(name: str) -> bool:
 
 def bundled_policies() -> dict[str, ActionModel]:
     """Return the names of the trained policies of the package, with the action models that they require."""
-    configs = {name: _policies() / name / "config.json" for name in _bundled_names()}
+    configs = {name: bundled() / name / CONFIG for name in policy_names()}
     return {name: parse_object(read_text(file), file)["task"]["env"]["action_model"] for name, file in configs.items()}
-
-
-def _bundled_names() -> list[str]:
-    """Return the names of the trained policies of the package, without importing torch."""
-    return sorted(file.name for file in _policies().iterdir() if file.is_dir())
-
-
-def _policies() -> Path:
-    return Path(str(resources.files("mapf_pz"))) / "rl" / "policies" / "bundled"
 
 
 def _configuration(file: Path) -> object:
@@ -185,14 +173,13 @@ class TrainedFactory:
     @property
     def identity(self) -> dict[str, Any]:
         """The digests of the policy's files, its options and its seed."""
-        folder = _policies() / self.name if self.name in _bundled_names() else Path(self.name)
-        folder = folder.parent if folder.suffix == ".safetensors" else folder
+        folder = policy_folder(self.name)
         arrays = {file.name: file for file in folder.glob("*.safetensors")}
-        weights = arrays.pop("policy.safetensors", None)
+        weights = arrays.pop(WEIGHTS, None)
         return {
             "policy": "trained",
             "weights": digest(weights),
-            "configuration": digest([_configuration(folder / "config.json"), arrays]),
+            "configuration": digest([_configuration(folder / CONFIG), arrays]),
             "options": self.shield_options | {"temperature": self.temperature},
             "deterministic": self.deterministic,
             "seed": self.seed,

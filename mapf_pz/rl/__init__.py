@@ -12,14 +12,15 @@ from mapf_pz._internal.lazy import lazy_attributes
 
 if TYPE_CHECKING:
     from mapf_pz.rl.environments.batched_env import BatchedMapfEnv
-    from mapf_pz.rl.policies.policy import LearnedPolicy, load_policy, policy_names
+    from mapf_pz.rl.policies.folder import policy_names
+    from mapf_pz.rl.policies.policy import LearnedPolicy, load_policy
     from mapf_pz.rl.training.train import resume, train
 
 _HOMES = {
     "BatchedMapfEnv": "environments.batched_env",
     "LearnedPolicy": "policies.policy",
     "load_policy": "policies.policy",
-    "policy_names": "policies.policy",
+    "policy_names": "policies.folder",
     "resume": "training.train",
     "train": "training.train",
 }

@@ -368,6 +368,16 @@ CASES = {
             "--trust-remote-code": "",  # tests/test_trust.py
         },
     ),
+    "policy export": Case(
+        "policy export mappo mappo.onnx",
+        {"--trust-remote-code": ""},  # tests/test_trust.py
+    ),
+    "policy push": Case(
+        "policy push mappo hf://me/mappo",
+        {"--license": "--license Apache-2.0", "--private": "--private"},
+        ("mapf_pz.commands.policy.push",),
+    ),
+    "policy pull": Case("policy pull hf://me/mappo mine", {}, ("mapf_pz.commands.policy._pull",)),
     "serve": Case(
         "serve mappo-cardinal --collision-system soft --on-target nothing --max-steps 9",
         {

@@ -65,9 +65,9 @@ def test_other_weights(tmp_path):
     safetensors = pytest.importorskip("safetensors.torch")
     pytest.importorskip("torchrl")
     from mapf_pz.rl import load_policy
-    from mapf_pz.rl.policies.policy import _bundled
+    from mapf_pz.rl.policies.folder import bundled
 
-    shutil.copytree(_bundled() / "mappo-cardinal", tmp_path / "mine")
+    shutil.copytree(bundled() / "mappo-cardinal", tmp_path / "mine")
     policies = {"mine": str(tmp_path / "mine"), "pibt": "pibt"}
     first = evaluate(policies, [SMALL], tmp_path / "out")
     assert left(tmp_path / "out", policies) == 0

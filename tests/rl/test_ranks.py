@@ -17,7 +17,7 @@ from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.algorithms.named import ALGORITHMS
 from mapf_pz.rl.config import ImitationConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
-from mapf_pz.rl.policies.policy import WEIGHTS
+from mapf_pz.rl.policies.folder import WEIGHTS
 from mapf_pz.rl.training.checkpoint import Checkpoints, read_position
 from mapf_pz.rl.training.launch import connecting
 from mapf_pz.rl.training.ranks import Ranks

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -25,13 +24,13 @@ from mapf_pz.rl.environments.execution import action_probabilities, sampled_pref
 from mapf_pz.rl.networks.batched_network import BatchedNetwork, Memory, Seen
 from mapf_pz.rl.networks.observation_shape import ObservationShape, described, shapes_of
 from mapf_pz.rl.policies.decision import AttentionRecorder, Decision
+from mapf_pz.rl.policies.folder import WEIGHTS, policy_folder, policy_names
 from mapf_pz.simulator.actions import ACTION_MODES
 from mapf_pz.simulator.simulator import Observation, Simulator
 
 Infos: TypeAlias = "Mapping[str, Mapping[str, Any]]"
 """Infos by agent, as the environment gives them."""
 
-WEIGHTS = "policy.safetensors"
 _DAMAGE = (SafetensorError, RuntimeError, ValueError, TypeError, LookupError, OverflowError)
 
 
@@ -243,15 +242,6 @@ def save_weights(folder: Path, network: nn.Module) -> None:
     write_whole(folder / WEIGHTS, save({name: weight.contiguous() for name, weight in network.state_dict().items()}))
 
 
-def policy_names() -> list[str]:
-    """Return the names of the bundled policies, sorted."""
-    return sorted(folder.name for folder in _bundled().iterdir() if folder.is_dir())
-
-
-def _bundled() -> Path:
-    return Path(str(resources.files("mapf_pz.rl.policies"))) / "bundled"
-
-
 def load_policy(
     policy: str | Path,
     seed: int = 0,
@@ -262,7 +252,8 @@ def load_policy(
     """Load a trained policy.
 
     Args:
-        policy: one of `policy_names()`, the folder of a training run, or the weights file in it.
+        policy: one of `policy_names()`, the folder of a training run, the weights file in it, or an address
+            `hf://USER/NAME` on the Hugging Face Hub: see `mapf_pz.rl.policies.folder.policy_folder`.
         seed: random seed of the policy.
         deterministic: always take the most likely action, as with temperature 0.
         temperature: temperature of the sampling, 0 or more; below 1, likely actions are sampled more often. None: the
@@ -272,10 +263,11 @@ def load_policy(
 
     Raises:
         FileNotFoundError: There is no such policy.
+        ImportError, OSError: The policy cannot be downloaded.
         FormatError: The files do not fit together, or name code without `trust_remote_code`.
         ValueError: The temperature is negative or not finite.
     """
-    folder, config = _folder(policy), policy_config(policy, trust_remote_code)
+    folder, config = policy_folder(policy), policy_config(policy, trust_remote_code)
     try:
         network = _network(config, load_file(folder / WEIGHTS))
     except _DAMAGE as error:
@@ -290,20 +282,12 @@ def load_policy(
 
 def policy_config(policy: str | Path, trust_remote_code: bool = False) -> TrainConfig:
     """Return the configuration of a trained policy's run; arguments and errors are those of `load_policy`."""
-    folder = _folder(policy)
+    folder = policy_folder(policy)
     for file in (folder / CONFIG, folder / WEIGHTS):
         if not file.is_file():
             expected = f"expected the folder of a training run, or one of {', '.join(policy_names())}"
             raise FileNotFoundError(f"policy {str(policy)!r}: no file {str(file)!r}; {expected}")
     return load_config(folder / CONFIG, trust_remote_code)
-
-
-def _folder(policy: str | Path) -> Path:
-    """Return the folder of a trained policy, which may not exist."""
-    folder = _bundled() / policy if policy in policy_names() else Path(policy)
-    if folder.suffix == ".safetensors":
-        folder = folder.parent
-    return folder
 
 
 def _network(config: TrainConfig, weights: dict[str, Tensor]) -> nn.Module:
