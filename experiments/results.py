@@ -6,6 +6,8 @@ Every table is a file `docs/results/SUITE.json` and blocks of Markdown, which na
     ...
     <!-- end of table -->
 
+The layout `field` has several suites, separated by commas.
+
 `measure` runs the episodes and writes both; it can be resumed. `write` writes the blocks. `check` compares the policies
 and tasks of each table with those that were measured, runs some episodes again, and compares the results.
 """
@@ -45,7 +47,7 @@ TIMES = ("runtime", "step_ms", "agent_us")
 """Metrics that depend on the machine."""
 QUICK = 1.0
 """Maximum runtime of the policy, in seconds, of the episodes that `check` repeats."""
-BLOCK = re.compile(r"(<!-- table: (\w+) ([\w-]+)((?: \w+)*) -->\n).*?(<!-- end of table -->)", re.S)
+BLOCK = re.compile(r"(<!-- table: (\w+) ([\w,-]+)((?: \w+)*) -->\n).*?(<!-- end of table -->)", re.S)
 
 
 def measure(suites: tuple[str, ...] = (), jobs: int = 2) -> None:
@@ -254,8 +256,9 @@ def with_tables(text: str) -> str:
     """Return the text of a page with updated tables."""
 
     def table(found: re.Match[str]) -> str:
-        start, layout, suite, metrics, end = found.groups()
-        return f"{start}\n{markdown(layout, load_results(suite), metrics.split())}\n\n{end}"
+        start, layout, suites, metrics, end = found.groups()
+        results = [load_results(suite) for suite in suites.split(",")]
+        return f"{start}\n{markdown(layout, results, metrics.split())}\n\n{end}"
 
     return BLOCK.sub(table, text)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from experiments.field import field_table
 from mapf_pz._internal.digest import digest
 
 Results = Mapping[str, Any]
@@ -190,11 +191,14 @@ LAYOUTS: dict[str, Callable[[Results, Sequence[str]], list[list[str]]]] = {
 }
 
 
-def markdown(layout: str, results: Results, metrics: Sequence[str]) -> str:
-    """Return a block of Markdown: a table of these metrics in one of the `LAYOUTS`, or `source`."""
+def markdown(layout: str, results: Sequence[Results], metrics: Sequence[str]) -> str:
+    """Return a block of Markdown: a table of these metrics in one of the `LAYOUTS`, `source`, or `field`.
+
+    All but `field` have the results of one suite.
+    """
     if layout == "source":
-        return "\n".join(source(results, metrics))
-    header, *body = LAYOUTS[layout](results, metrics)
+        return "\n".join(source(results[0], metrics))
+    header, *body = field_table(results, *metrics) if layout == "field" else LAYOUTS[layout](results[0], metrics)
     return "\n".join(f"| {' | '.join(row)} |" for row in [header, ["---"] * len(header), *body])
 
 

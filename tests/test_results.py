@@ -93,7 +93,7 @@ PAIRED = """
     ],
 )
 def test_layouts(layout, metrics, expected):
-    assert markdown(layout, RESULTS, metrics) == expected.strip()
+    assert markdown(layout, [RESULTS], metrics) == expected.strip()
 
 
 def test_differences_to_published_methods_are_paired_by_instance():
@@ -122,7 +122,30 @@ def test_differences_have_signs_and_intervals():
     rows[0]["metrics"]["CSR"] |= {"low": -0.25, "high": 0.75}
     rows[1]["metrics"]["CSR"] |= {"low": -1.0, "high": 1.0}
     for layout in ("paired", "paired_learned"):
-        assert markdown(layout, RESULTS | {layout: rows}, ["CSR"]) == PAIRED.strip()
+        assert markdown(layout, [RESULTS | {layout: rows}], ["CSR"]) == PAIRED.strip()
+
+
+FIELD = """
+|  | maze, 16 agents | rooms, 4 agents |
+| --- | --- | --- |
+| **policy `ours`** | **0.5** | **0.75** |
+| best of the published learned methods |  | 0.8 (`DDG`) |
+| best of the planners | 1 (`pibt`) | 0.25 (`pibt`) |
+| best of the published planners | 0.25 (`LaCAM`) |  |
+"""
+
+
+def test_the_table_beside_the_field():
+    trained = {"policies": {"pibt": {"policy": "pibt"}, "ours": {"policy": "trained"}, "other": {"policy": "trained"}}}
+    first = RESULTS | {"identities": trained, "rows": [row("ours", 16, CSR=0.5), *RESULTS["rows"][:2]]}
+    first["rows"].append(row("other", 16, CSR=0.7))
+    first["published"] = RESULTS["published"][:1]
+    second = RESULTS | {
+        "identities": trained,
+        "rows": [row(name, 4, "rooms", CSR=mean) for name, mean in {"ours": 0.75, "other": 0.5, "pibt": 0.25}.items()],
+        "published": [row("MAPF-GPT", 4, "rooms", CSR=0.3), row("DDG", 4, "rooms", CSR=0.8)],
+    }
+    assert markdown("field", [first, second], ["CSR"]) == FIELD.strip()
 
 
 def test_results_files_are_json():

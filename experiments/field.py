@@ -1,0 +1,59 @@
+"""The table of this package beside the published methods, of several suites at their largest numbers of agents."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from experiments.paired import PLANNERS
+
+
+def field_table(suites: Sequence[Mapping[str, Any]], metric: str) -> list[list[str]]:
+    """Return a table with a column for each suite: the trained policy of this package, and the best of other methods.
+
+    The policy is the same in all columns: the one with the highest mean over them. Of the published learned methods,
+    of the planners of this package and of the published planners, each column has the best one, with its name.
+
+    Args:
+        suites: the results of each suite.
+        metric: the metric; more is better.
+    """
+    columns = [_column(results, metric) for results in suites]
+    header = ["", *(f"{column['task']}, {column['num_agents']} agents" for column in columns)]
+    trained = [column["trained"] for column in columns]
+    common = sorted(set.intersection(*(set(found) for found in trained)))
+    policy = max(common, key=lambda name: sum(found[name] for found in trained))
+    rows = [[f"**policy `{policy}`**", *(f"**{found[policy]:.3g}**" for found in trained)]]
+    kinds = ("published learned methods", "planners", "published planners")
+    return [header, *rows, *([f"best of the {kind}", *(_best(column[kind]) for column in columns)] for kind in kinds)]
+
+
+def _column(results: Mapping[str, Any], metric: str) -> dict[str, Any]:
+    """Return the methods of each kind in a suite's task with the most agents, with their means."""
+    num_agents = max(row["num_agents"] for row in results["rows"])
+    policies = results["identities"]["policies"]
+    own, published = (_means(results[part], num_agents, metric) for part in ("rows", "published"))
+    return {
+        "task": results["rows"][0]["task"].removeprefix("POGEMA ").removesuffix(", lifelong"),
+        "num_agents": num_agents,
+        "trained": {name: mean for name, mean in own.items() if policies[name]["policy"] == "trained"},
+        "planners": {name: mean for name, mean in own.items() if policies[name]["policy"] != "trained"},
+        "published learned methods": {name: mean for name, mean in published.items() if name not in PLANNERS},
+        "published planners": {name: mean for name, mean in published.items() if name in PLANNERS},
+    }
+
+
+def _means(rows: Iterable[Mapping[str, Any]], num_agents: int, metric: str) -> dict[str, float]:
+    return {
+        row["policy"]: row["metrics"][metric]["mean"]
+        for row in rows
+        if row["num_agents"] == num_agents and metric in row["metrics"]
+    }
+
+
+def _best(means: Mapping[str, float]) -> str:
+    """Return the highest mean and the method's name; empty if there is none."""
+    if not means:
+        return ""
+    name = max(means, key=lambda name: (means[name], name))
+    return f"{means[name]:.3g} (`{name}`)"
