@@ -123,12 +123,11 @@ class _EpibtRules:
         self._intentions.choice[chosen] = self._tree.wait
         self._intentions.cell[chosen] = NONE
         self._intentions.heading[chosen] = 0
-        self._intentions.away[chosen] = 0
 
     def choose(self, preferences: Floats, patience: int, progress: Progress, actions: Ints) -> None:
         simulator = self._simulator
         choose_rotating(
-            simulator.world, simulator.tables.arrays, simulator.state, _passing(simulator),
+            simulator.world, simulator.tables.arrays, simulator.state,
             patience, preferences, progress, self._tree, self._intentions, self._scratch, actions,
         )  # fmt: skip
 

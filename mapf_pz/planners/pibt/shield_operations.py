@@ -1,4 +1,4 @@
-"""Collision-free actions from the preferences of any policy, by EPIBT, for agents that turn.
+"""Collision-free actions from the preferences of any policy, by EPIBT, for agents that turn and only pass their goals.
 
 Agents that turn need several steps to make way for each other, so they agree on operations, sequences of several
 actions, as in EPIBT (`mapf_pz.planners.epibt.kernels`). Each agent tries its operations in the order of its preferences
@@ -26,7 +26,6 @@ class Intentions(NamedTuple):
     choice: Array  # (B, N) int32
     cell: Array  # (B, N) int32
     heading: Array  # (B, N) int32
-    away: Array  # (B, N) int32
 
 
 @jit
@@ -34,7 +33,6 @@ def choose_rotating(
     world: World,
     distances: Distances,
     state: State,
-    passing: bool,
     patience: int,
     preferences: Array,
     progress: Progress,
@@ -49,7 +47,6 @@ def choose_rotating(
         world: the maps.
         distances: the cost to go to the goals of all agents.
         state: the state of the B environments.
-        passing: whether an agent only has to pass its goal; otherwise it must stay there.
         patience: the number of steps without progress after which an agent follows EPIBT for as many steps; 0: never.
         preferences: (B, N, 4) float64, higher for better actions.
         progress: of all agents.
@@ -61,30 +58,29 @@ def choose_rotating(
     for b in range(actions.shape[0]):
         planning_view = planning_view_of(world, distances, state, b)
         agents = planning_view.agents
-        scratch.choice[:], scratch.away[:] = intentions.choice[b], intentions.away[b]
-        scratch.cell[:], scratch.heading[:] = intentions.cell[b], intentions.heading[b]
+        scratch.choice[:], scratch.cell[:] = intentions.choice[b], intentions.cell[b]
+        scratch.heading[:] = intentions.heading[b]
         continue_operations(agents, tree, scratch)
-        evaluate(planning_view, passing, tree, scratch)
+        evaluate(planning_view, True, tree, scratch)
         for i in range(agents.size):
             count_steps(planning_view, i, patience, progress.nearest[b], progress.count[b])
             if agents[i].active and not is_stuck(progress.count[b, i], patience):
-                _prefer(i, passing, preferences[b, i], tree, scratch)
+                _prefer(i, preferences[b, i], tree, scratch)
         decide(agents, scratch)
         first_actions(agents, tree, scratch, actions[b])
-        intentions.choice[b], intentions.away[b] = scratch.choice, scratch.away
-        intentions.cell[b], intentions.heading[b] = scratch.cell, scratch.heading
+        intentions.choice[b], intentions.cell[b] = scratch.choice, scratch.cell
+        intentions.heading[b] = scratch.heading
 
 
 @jit
-def _prefer(i: int, passing: bool, preferences: Array, tree: Operations, state: EpibtState) -> None:
+def _prefer(i: int, preferences: Array, tree: Operations, state: EpibtState) -> None:
     """Sort the options of agent i by its preferences (4,) for their first actions, then as in EPIBT.
 
     Operations without a move that are no options in EPIBT are added.
     """
     for p in range(tree.num_regular, tree.nodes.shape[0]):
         _add_option(i, p, preferences, tree, state)
-    if passing:
-        _add_option(i, tree.wait, preferences, tree, state)
+    _add_option(i, tree.wait, preferences, tree, state)
     options = state.options[i, : state.num_options[i]]
     for k in range(options.size):
         action = tree.action[tree.nodes[options[k] & LAST_OPERATION, 0]]
