@@ -93,6 +93,6 @@ def _pull(options: PullOptions) -> None:
     if options.output.exists():
         raise FileExistsError(f"{str(options.output)!r} exists already")
     folder = policy_folder(options.address)
+    load_policy(folder)  # before anything is written
     shutil.copytree(folder, options.output)
-    load_policy(options.output)
     print(f"{options.output}: the policy of {options.address}")

@@ -70,7 +70,8 @@ class Team:
 
     def from_map(self, vectors: Tensor) -> Tensor:
         """Transform vectors back: the inverse of `to_map`."""
-        conjugate = self.phases * self.phases.new_tensor((1.0, -1.0))
+        real, imaginary = self.phases.unbind(-1)
+        conjugate = torch.stack([real, -imaginary], -1)
         return self._turn(_product(_waves(vectors), conjugate.unsqueeze(2)), self.turns).flatten(-3)
 
     @staticmethod

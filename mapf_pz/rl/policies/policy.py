@@ -267,7 +267,8 @@ def load_policy(
         FormatError: The files do not fit together, or name code without `trust_remote_code`.
         ValueError: The temperature is negative or not finite.
     """
-    folder, config = policy_folder(policy), policy_config(policy, trust_remote_code)
+    folder = policy_folder(policy)
+    config = _config_in(folder, policy, trust_remote_code)
     try:
         network = _network(config, load_file(folder / WEIGHTS))
     except _DAMAGE as error:
@@ -282,7 +283,11 @@ def load_policy(
 
 def policy_config(policy: str | Path, trust_remote_code: bool = False) -> TrainConfig:
     """Return the configuration of a trained policy's run; arguments and errors are those of `load_policy`."""
-    folder = policy_folder(policy)
+    return _config_in(policy_folder(policy), policy, trust_remote_code)
+
+
+def _config_in(folder: Path, policy: str | Path, trust_remote_code: bool) -> TrainConfig:
+    """Return the configuration in the folder of a policy, which messages call by its name."""
     for file in (folder / CONFIG, folder / WEIGHTS):
         if not file.is_file():
             expected = f"expected the folder of a training run, or one of {', '.join(policy_names())}"
