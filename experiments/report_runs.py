@@ -7,11 +7,11 @@ makes the table in `docs/explanation/report.md` and the figure, with the curves 
 
 from __future__ import annotations
 
-import itertools
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -26,46 +26,56 @@ EXAMPLE = ROOT / "examples" / "report_published.py"
 CURVES = ROOT / "docs" / "results" / "report-runs.csv"
 IMAGE = ROOT / "docs" / "images" / "report-runs.png"
 
-SETTINGS: dict[str, tuple[str, ...]] = {
-    "as published": (),
-    "finished agents act again": ("--repair", "finished"),
-    "actions from weights": ("--actions", "weights"),
-    "all repaired": ("--repair", "all"),
-    "all repaired, weights": ("--repair", "all", "--actions", "weights"),
-    "all repaired, weights, blocked moves pay": ("--repair", "all", "--keep", "blocked", "--actions", "weights"),
-    "float observations": ("--repair", "bytes"),
-    "channels first": ("--repair", "transposed"),
-    "turns at the border": ("--repair", "border"),
-    "counts are no cells": ("--repair", "header"),
-    "map as in its file": ("--repair", "flipped"),
-    "stations are free": ("--repair", "stations"),
-    "own goals only": ("--repair", "any_goal"),
-    "blocked moves pay nothing": ("--repair", "blocked"),
-    "no occlusion": ("--repair", "occluded"),
-    "normal noise": ("--no-gsde",),
-    "no dropout": ("--dropout", "0"),
-}
-"""Settings and the options of the example."""
 
-LENGTH = 500_000
-"""Length of a run in environment steps."""
+@dataclass(frozen=True)
+class Setting:
+    """What is trained, and for how long."""
+
+    options: tuple[str, ...] = ()
+    """Options of the example."""
+    steps: int = 500_000
+    """Length of a run in environment steps."""
+    seeds: tuple[int, ...] = (0, 1, 2)
+    """Random seeds, one run each."""
+
+
+SHORT = 100_000
+DIFFERENCES: dict[str, Setting] = {
+    "finished agents act again": Setting(("--repair", "finished")),
+    "actions from weights": Setting(("--actions", "weights")),
+    "float observations": Setting(("--repair", "bytes"), SHORT),
+    "channels first": Setting(("--repair", "transposed"), SHORT),
+    "turns at the border": Setting(("--repair", "border"), SHORT),
+    "counts are no cells": Setting(("--repair", "header"), SHORT),
+    "map as in its file": Setting(("--repair", "flipped"), SHORT),
+    "stations are free": Setting(("--repair", "stations"), SHORT),
+    "own goals only": Setting(("--repair", "any_goal"), SHORT),
+    "blocked moves pay nothing": Setting(("--repair", "blocked"), SHORT),
+    "no occlusion": Setting(("--repair", "occluded"), SHORT),
+    "normal noise": Setting(("--no-gsde",), SHORT),
+    "no dropout": Setting(("--dropout", "0"), SHORT),
+}
+"""The runs that differ from the published ones in one thing."""
+
+TEXT = ("--repair", "all", "--actions", "weights")
+SETTINGS: dict[str, Setting] = {
+    "as published": Setting(),
+    "as published, longer": Setting(steps=2_000_000, seeds=(0,)),
+    **DIFFERENCES,
+    "all repaired": Setting(("--repair", "all")),
+    "all repaired, weights": Setting(TEXT),
+    "all repaired, weights, blocked moves pay": Setting((*TEXT, "--keep", "blocked")),
+}
+"""All runs."""
 
 Rows = Sequence[Mapping[str, str]]
 
 
-def run(
-    settings: tuple[str, ...] = tuple(SETTINGS),
-    seeds: tuple[int, ...] = (0, 1, 2),
-    steps: int = LENGTH,
-    jobs: int = 1,
-    output: Path = Path("runs/report-runs"),
-) -> None:
-    """Train the runs that are not in `docs/results/report-runs.csv` yet: 20 minutes of a core each.
+def run(settings: tuple[str, ...] = tuple(SETTINGS), jobs: int = 1, output: Path = Path("runs/report-runs")) -> None:
+    """Train the runs that are not in `docs/results/report-runs.csv` yet: 500,000 steps take 20 to 30 minutes of a core.
 
     Args:
         settings: names of settings. Default: all.
-        seeds: random seeds.
-        steps: length of training in environment steps. Shorter runs that exist are continued.
         jobs: number of processes.
         output: folder of all runs.
     """
@@ -75,16 +85,22 @@ def run(
     def train(name: str, seed: int) -> None:
         where = folder(output, name, seed)
         where.mkdir(parents=True, exist_ok=True)
-        command = [sys.executable, EXAMPLE, *SETTINGS[name], f"--seed={seed}", f"--steps={steps}", f"--output={where}"]
+        options = (*SETTINGS[name].options, f"--seed={seed}", f"--steps={SETTINGS[name].steps}", f"--output={where}")
         with (where / "output.txt").open("a") as told:
-            subprocess.run(command, check=True, stdout=told, stderr=subprocess.STDOUT)
+            subprocess.run([sys.executable, EXAMPLE, *options], check=True, stdout=told, stderr=subprocess.STDOUT)
         print(f"{name}, seed {seed}: done", flush=True)
 
-    known = _complete(read_rows(CURVES), steps)
-    missing = [(name, seed) for name in settings for seed in seeds if (name, str(seed)) not in known]
+    known = _complete(read_rows(CURVES))
+    missing = [(name, seed) for name, seed in _planned() if name in settings and (name, str(seed)) not in known]
     with ThreadPoolExecutor(jobs) as pool:
         for done in [pool.submit(train, name, seed) for name, seed in missing]:
             done.result()
+
+
+def _planned() -> Iterator[tuple[str, int]]:
+    """Yield the setting and the seed of each run; all settings with a first seed come before those with a second."""
+    order = sorted((seed, k, name) for k, (name, setting) in enumerate(SETTINGS.items()) for seed in setting.seeds)
+    return ((name, seed) for seed, _, name in order)
 
 
 def folder(output: Path, name: str, seed: int) -> Path:
@@ -98,21 +114,21 @@ def collect(output: Path = Path("runs/report-runs")) -> None:
     Args:
         output: folder of all runs.
     """
-    runs = _complete(read_rows(CURVES), LENGTH)
-    for name, seed in itertools.product(SETTINGS, range(3)):
+    runs = _complete(read_rows(CURVES))
+    for name, seed in _planned():
         path = folder(output, name, seed) / "curve.csv"
-        runs |= _complete([{"setting": name, "seed": str(seed)} | row for row in read_rows(path)], LENGTH)
-    rows = [row for name in SETTINGS for run, curve in runs.items() if run[0] == name for row in curve]
+        runs |= _complete([{"setting": name, "seed": str(seed)} | row for row in read_rows(path)])
+    rows = [row for name in SETTINGS for run, curve in sorted(runs.items()) if run[0] == name for row in curve]
     write_rows(CURVES, [row | {key: f"{float(row[key]):.2f}" for key in row if "reward" in key} for row in rows])
     write()
 
 
-def _complete(rows: Rows, steps: int) -> dict[tuple[str, str], list[dict[str, str]]]:
-    """Return the evaluations of each setting and seed that was trained for `steps` environment steps or more."""
+def _complete(rows: Rows) -> dict[tuple[str, str], list[dict[str, str]]]:
+    """Return the evaluations of each setting and seed whose run has its whole length."""
     runs: dict[tuple[str, str], list[dict[str, str]]] = {}
     for row in rows:
         runs.setdefault((row["setting"], row["seed"]), []).append(dict(row))
-    return {run: curve for run, curve in runs.items() if float(curve[-1]["env_steps"]) >= steps}
+    return {run: curve for run, curve in runs.items() if float(curve[-1]["env_steps"]) >= SETTINGS[run[0]].steps}
 
 
 def write(authors: Path | None = None) -> None:
@@ -122,7 +138,8 @@ def write(authors: Path | None = None) -> None:
         authors: file of the authors' evaluations, with columns `run`, `env_steps` and `mean_reward`.
     """
     runs = read_runs()
-    write_table("report runs", table(runs))
+    write_table("report runs", table({name: runs[name] for name in runs if SETTINGS[name].steps > SHORT}))
+    write_table("single differences", table(single_differences(runs)))
     if authors is not None:
         draw(runs, read_rows(authors))
 
@@ -141,6 +158,12 @@ def read_runs() -> Runs:
     for (name, _), values in seeds.items():
         runs.setdefault(name, []).append(np.array(values))
     return {name: [curve[: min(map(len, curves))] for curve in curves] for name, curves in runs.items()}
+
+
+def single_differences(runs: Runs) -> Runs:
+    """Return the first `SHORT` environment steps of the published runs, and of those that differ in one thing."""
+    names = [name for name in runs if name in ("as published", *DIFFERENCES)]
+    return {name: [curve[: np.searchsorted(curve[:, 0], SHORT) + 1] for curve in runs[name]] for name in names}
 
 
 def table(runs: Runs) -> Iterator[str]:

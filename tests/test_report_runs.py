@@ -15,7 +15,7 @@ def test_rows_are_means_over_seeds_of_the_first_and_the_last_evaluation(tmp_path
     for seed, last in enumerate((10, 30)):
         run = report_runs.folder(tmp_path, "as published", seed)
         run.mkdir()
-        lines = [example, "250000,100,1,2,3,200,0.2", f"{report_runs.LENGTH},{last},1,2,9,400,0.6"]
+        lines = [example, "250000,100,1,2,3,200,0.2", f"500000,{last},1,2,9,400,0.6"]
         (run / "curve.csv").write_text("\n".join(lines))
     unfinished = report_runs.folder(tmp_path, "as published", 2)
     unfinished.mkdir()
@@ -33,8 +33,17 @@ def test_runs_whose_evaluations_are_known_are_not_repeated(tmp_path, monkeypatch
     monkeypatch.setattr(report_runs, "EXAMPLE", tmp_path / "missing.py")
     report_runs.run(settings=("as published",), output=tmp_path)
     assert not list(tmp_path.iterdir())
+    longer = report_runs.Setting(steps=1_000_000)
+    monkeypatch.setitem(report_runs.SETTINGS, "as published", longer)
     with pytest.raises(subprocess.CalledProcessError):
-        report_runs.run(settings=("as published",), steps=1_000_000, output=tmp_path)
+        report_runs.run(settings=("as published",), output=tmp_path)
+
+
+def test_single_differences_are_compared_after_the_same_steps():
+    curves = report_runs.single_differences(report_runs.read_runs())
+    lengths = {curve[-1, 0] for runs in curves.values() for curve in runs}
+    assert len(lengths) == 1
+    assert min(lengths) >= report_runs.SHORT
 
 
 def test_the_options_of_all_settings_are_the_examples():
@@ -43,7 +52,8 @@ def test_the_options_of_all_settings_are_the_examples():
     import report_published
 
     sys.path.remove(str(report_runs.EXAMPLE.parent))
-    settings = [tyro.cli(report_published.Example, args=options) for options in report_runs.SETTINGS.values()]
+    planned = report_runs.SETTINGS.values()
+    settings = [tyro.cli(report_published.Example, args=(*run.options, f"--steps={run.steps}")) for run in planned]
     assert len({str(setting) for setting in settings}) == len(settings)
     for setting in settings:
         report_published.make_env(setting)
