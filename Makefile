@@ -21,6 +21,9 @@ KERNEL_TESTS := $(addprefix tests/simulator/test_, properties.py symmetry.py col
 PEER_rware := rware==2.0.0
 PEER_jumanji := jumanji==1.1.0 requests
 
+# Python keeps compiled modules even where the environment forbids it: the import of TorchRL takes 3 seconds instead of 8.
+export PYTHONDONTWRITEBYTECODE :=
+
 LONG := soak faults coverage mutation mutation-sample record-pogema figures reproduction report-runs
 
 .PHONY: train test lint format docs examples results bench wheel clean long $(addprefix long-,$(LONG))
