@@ -13,8 +13,8 @@ from mapf_pz.commands.evaluate import TABLE_FILE
 from mapf_pz.rl.policies.card import card
 from mapf_pz.rl.policies.folder import FILES, policy_folder
 from mapf_pz.rl.policies.hub import push
+from mapf_pz.rl.policies.load import load_policy
 from mapf_pz.rl.policies.onnx_export import NUM_OBSERVATIONS, export_onnx
-from mapf_pz.rl.policies.policy import load_policy
 
 
 @dataclass(frozen=True)

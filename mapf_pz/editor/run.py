@@ -19,7 +19,7 @@ State = Literal["running", "done", "failed", "stopped"]
 """What a solver does."""
 CAN_FORK = "forkserver" in get_all_start_methods()
 """Whether processes are forked from one that has loaded what policies need; otherwise each loads it."""
-LOADED = ["mapf_pz.editor.worker", "mapf_pz.rl.policies.policy"]
+LOADED = ["mapf_pz.editor.worker", "mapf_pz.rl.policies.load"]
 """The modules that this process loads, if they are installed."""
 
 

@@ -187,7 +187,7 @@ class TrainedFactory:
 
     def __call__(self, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:
         """Return the environment and the policy; raises `ValueError` if the policy needs another action model."""
-        from mapf_pz.rl.policies.policy import load_policy  # import torch only when it is needed
+        from mapf_pz.rl.policies.load import load_policy  # import torch only when it is needed
 
         policy = load_policy(self.name, self.seed, self.deterministic, self.temperature, self.trust_remote_code)
         _check_actions(f"policy {self.name!r}", policy, keywords)

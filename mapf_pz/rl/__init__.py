@@ -13,13 +13,14 @@ from mapf_pz._internal.lazy import lazy_attributes
 if TYPE_CHECKING:
     from mapf_pz.rl.environments.batched_env import BatchedMapfEnv
     from mapf_pz.rl.policies.folder import policy_names
-    from mapf_pz.rl.policies.policy import LearnedPolicy, load_policy
+    from mapf_pz.rl.policies.load import load_policy
+    from mapf_pz.rl.policies.policy import LearnedPolicy
     from mapf_pz.rl.training.train import resume, train
 
 _HOMES = {
     "BatchedMapfEnv": "environments.batched_env",
     "LearnedPolicy": "policies.policy",
-    "load_policy": "policies.policy",
+    "load_policy": "policies.load",
     "policy_names": "policies.folder",
     "resume": "training.train",
     "train": "training.train",

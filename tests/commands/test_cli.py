@@ -305,7 +305,7 @@ class Waits:
 
 def test_render_a_trained_policy(capsys, tmp_path, monkeypatch):
     pytest.importorskip("PIL")
-    policies = pytest.importorskip("mapf_pz.rl.policies.policy")
+    policies = pytest.importorskip("mapf_pz.rl.policies.load")
     policy = Waits()
     (tmp_path / "run").mkdir()
     known = {(str(tmp_path / "run"), 7, False, None, False): policy}

@@ -19,7 +19,7 @@ from mapf_pz.rl import load_policy
 from mapf_pz.rl.algorithms.named import ALGORITHMS
 from mapf_pz.rl.config_file import config_files
 from mapf_pz.rl.policies.folder import WEIGHTS
-from mapf_pz.rl.policies.policy import save_weights
+from mapf_pz.rl.policies.load import save_weights
 from mapf_pz.rl.training.checkpoint import Checkpoints, Position, read_position, restore
 from tests.helpers.corrupt_files import TOKENS, Case, as_json, bounded, changed, fuzzed, outcome, refused
 from tests.helpers.small_run import TINY

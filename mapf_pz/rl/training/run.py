@@ -12,7 +12,7 @@ from mapf_pz.rl.algorithms.learner import Learner
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG_FILES, save_config
 from mapf_pz.rl.policies.folder import WEIGHTS
-from mapf_pz.rl.policies.policy import save_weights
+from mapf_pz.rl.policies.load import save_weights
 from mapf_pz.rl.training.checkpoint import FOLDER, Checkpoints, Position, read_position, restore
 from mapf_pz.rl.training.curves import Run, draw_curves
 from mapf_pz.rl.training.loggers import LOGGER_FOLDERS, ProgressLogger, make_loggers

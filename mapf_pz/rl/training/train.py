@@ -25,7 +25,7 @@ from mapf_pz.rl.algorithms.named import algorithm_of
 from mapf_pz.rl.config import DeviceName, TrainConfig
 from mapf_pz.rl.config_file import CONFIG, config_files, load_config
 from mapf_pz.rl.networks.actors import Actor
-from mapf_pz.rl.policies.policy import load_policy, policy_config
+from mapf_pz.rl.policies.load import load_policy, policy_config
 from mapf_pz.rl.training.checkpoint import read_position
 from mapf_pz.rl.training.launch import connecting, is_first, launched_size, local_rank
 from mapf_pz.rl.training.loggers import check_loggers

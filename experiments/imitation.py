@@ -1,0 +1,155 @@
+"""Compare ways to imitate planners: `python -m experiments.imitation`.
+
+Policies with cardinal actions imitate LaCAM with one goal per agent, or windowed planning in lifelong episodes, on
+PRIMAL2's mazes, random maps and warehouses. They differ in whether agents exchange embeddings, and in whether they act
+under the safety layer while they learn. They are evaluated with and without the layer on generated mazes and random
+maps that none of them has learned on. `docs/results/imitation.csv` gets the results of each run, which is not repeated
+then, and `docs/explanation/imitation.md` the tables. Runs that were stopped go on.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import tyro
+
+from experiments.report_page import read_rows, spread, write_rows, write_table
+from experiments.reproduction import Variation
+from mapf_pz.evaluation import EvaluationTask, evaluate
+from mapf_pz.instances import MapMixture
+from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.presets import PRESETS
+from mapf_pz.rl.training.progress import read_progress
+from mapf_pz.rl.training.train import resume, train
+
+ROOT = Path(__file__).parents[1]
+RESULTS, PAGE = ROOT / "docs" / "results" / "imitation.csv", ROOT / "docs" / "explanation" / "imitation.md"
+MAPS = {
+    "oneshot-cardinal": ("primal2", "primal2", "primal2", "primal2", "random"),
+    "lifelong-cardinal": ("primal2", "primal2", "random", "random", "warehouse"),
+}
+"""The presets, and the families of maps that the policies learn on."""
+EXPERTS = {"oneshot-cardinal": "LaCAM", "lifelong-cardinal": "windowed planning, lifelong"}
+METRICS = {"oneshot-cardinal": "CSR", "lifelong-cardinal": "avg_throughput"}
+SETS = {
+    "mazes": MapMixture(maps=("primal2",), height=(17, 21), width=(17, 21)),
+    "random": MapMixture(height=(17, 21), width=(17, 21), density=(0.1, 0.3)),
+}
+"""The maps of evaluations."""
+TEAMS = (32, 64)
+"""Numbers of agents in evaluations."""
+SHIELDS = {"oneshot-cardinal": ("", "+pibt"), "lifelong-cardinal": ("", "+pibt:temperature=0")}
+"""What follows the policy's name: without and with the safety layer."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of the experiment."""
+
+    output: Path = Path("runs/imitation")
+    """Folder of all runs."""
+    presets: tuple[str, ...] = tuple(MAPS)
+    """The presets."""
+    settings: tuple[str, ...] = ("own view", "embeddings", "embeddings, no layer")
+    """Names of settings."""
+    seeds: tuple[int, ...] = (0, 1, 2)
+    """Random seeds."""
+    agent_steps: int = 8_000_000
+    """Length of each training."""
+    episodes: int = 64
+    """Number of episodes on each set with each number of agents."""
+
+
+def settings(preset: str) -> Iterator[Variation]:
+    """Yield the settings of a preset."""
+    config = PRESETS[preset]
+    env = replace(config.task.env, num_agents=48)
+    task = replace(config.task, env=env, mixture=replace(config.task.mixture, maps=MAPS[preset]))
+    alone = Variation("own view", replace(config, task=task))
+    yield alone
+    exchange = {"communication": 2, "communication_radius": 5}
+    together = alone.with_("embeddings", env={"features": (*env.features, "pose")}, model=exchange)
+    yield together
+    yield together.with_("embeddings, no layer", task={"shield": False})
+
+
+def main(options: Options) -> None:
+    """Train and evaluate the missing runs in sequence; write the results after each, and the tables at the end."""
+    found = read_rows(RESULTS)
+    known = {_key(row) for row in found}
+    for seed, preset in itertools.product(options.seeds, options.presets):
+        for setting in settings(preset):
+            key = (preset, setting.name, str(seed), str(options.agent_steps))
+            if setting.name not in options.settings or key in known:
+                continue
+            run = options.output / f"{preset}-{setting.name.replace(',', '').replace(' ', '-')}-{seed}"
+            _train(replace(setting.config, seed=seed, agent_steps=options.agent_steps), run)
+            names = ("preset", "setting", "seed", "agent_steps")
+            found.append(dict(zip(names, key, strict=True)) | _measured(run, preset, options.episodes))
+            write_rows(RESULTS, sorted(found, key=_key), columns())
+    write(found)
+
+
+def columns() -> tuple[str, ...]:
+    """Return the columns of the results: a measure for each set, number of agents, and with the layer or without."""
+    sets = itertools.product(SETS, TEAMS, ("", " with layer"))
+    return ("preset", "setting", "seed", "agent_steps", "hours", *(f"{name} {n}{layer}" for name, n, layer in sets))
+
+
+def _key(row: Mapping[str, str]) -> tuple[str, str, str, str]:
+    """Return what determines a run."""
+    return row["preset"], row["setting"], row["seed"], row["agent_steps"]
+
+
+def _train(config: TrainConfig, run: Path) -> None:
+    """Train a policy, or continue to train it."""
+    if (run / "config.json").exists():
+        resume(run)
+    else:
+        train(config, run)
+
+
+def _measured(run: Path, preset: str, episodes: int) -> dict[str, str]:
+    """Return the hours of a training and the measures of its policy."""
+    on_target = PRESETS[preset].task.env.on_target
+    rules = {"action_model": "cardinal", "on_target": on_target, "max_steps": 128 if on_target == "nothing" else 256}
+    tasks = [
+        EvaluationTask(name, n, rules | {"source": mixture.source(n)}, episodes)
+        for (name, mixture), n in itertools.product(SETS.items(), TEAMS)
+    ]
+    policies = [f"{run}{shield}" for shield in SHIELDS[preset]]
+    measured = {"hours": f"{read_progress(run)[-1]['seconds'] / 3600:.2f}"}
+    values: dict[str, list[float]] = {}
+    for episode in evaluate(policies, tasks, output=run / "evaluation"):
+        layer = " with layer" if episode.policy == policies[1] else ""
+        values.setdefault(f"{episode.task} {episode.num_agents}{layer}", []).append(episode.metrics[METRICS[preset]])
+    return measured | {column: f"{np.mean(numbers):.3f}" for column, numbers in values.items()}
+
+
+def write(found: Sequence[Mapping[str, str]]) -> None:
+    """Write the tables."""
+    for preset in MAPS:
+        rows = [row for row in found if row["preset"] == preset]
+        write_table(f"imitation {preset}", table(preset, rows), PAGE)
+
+
+def table(preset: str, rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
+    """Yield the results of a preset as Markdown: means over seeds, in brackets the smallest and the largest."""
+    measures = [column for column in columns()[5:] if "with layer" not in column]
+    yield f"| imitation of {EXPERTS[preset]} | seeds | million agent steps | hours | {' | '.join(measures)} |"
+    yield f"| {' | '.join(['---'] * (4 + len(measures)))} |"
+    for name, steps in dict.fromkeys((row["setting"], row["agent_steps"]) for row in rows):
+        runs = [row for row in rows if (row["setting"], row["agent_steps"]) == (name, steps)]
+        cells = [f"{len(runs)}", f"{int(steps) / 1e6:g}", spread([float(row["hours"]) for row in runs], 1)]
+        for measure in measures:
+            alone, shielded = ([float(row[key]) for row in runs] for key in (measure, f"{measure} with layer"))
+            cells.append(f"{spread(alone, 2)}; {spread(shielded, 2)}")
+        yield f"| {name} | {' | '.join(cells)} |"
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Options))
