@@ -91,7 +91,7 @@ def main(options: Options) -> None:
             names = ("preset", "setting", "seed", "agent_steps")
             found.append(dict(zip(names, key, strict=True)) | _measured(run, preset, options.episodes))
             write_rows(RESULTS, sorted(found, key=_key), columns())
-    write(found)
+    write()
 
 
 def columns() -> tuple[str, ...]:
@@ -130,8 +130,9 @@ def _measured(run: Path, preset: str, episodes: int) -> dict[str, str]:
     return measured | {column: f"{np.mean(numbers):.3f}" for column, numbers in values.items()}
 
 
-def write(found: Sequence[Mapping[str, str]]) -> None:
+def write() -> None:
     """Write the tables."""
+    found = read_rows(RESULTS)
     for preset in MAPS:
         rows = [row for row in found if row["preset"] == preset]
         write_table(f"imitation {preset}", table(preset, rows), PAGE)
