@@ -1,0 +1,51 @@
+"""Ways to imitate planners: the settings, the results of runs, which are not repeated, and their table."""
+
+import shutil
+
+import pytest
+
+pytest.importorskip("torchrl")
+
+from experiments import imitation
+from mapf_pz.rl.policies.folder import policy_folder
+
+
+@pytest.fixture
+def trained(tmp_path, monkeypatch):
+    """The policy of the package is taken instead of trainings; the configurations that were trained."""
+    configs, tables = [], []
+
+    def copy(config, run):
+        configs.append(config)
+        shutil.copytree(policy_folder("oneshot-cardinal"), run)
+        (run / "progress.csv").write_text("agent_steps,seconds\n0,1800\n1,5400\n")
+
+    monkeypatch.setattr(imitation, "train", copy)
+    monkeypatch.setattr(imitation, "RESULTS", tmp_path / "imitation.csv")
+    monkeypatch.setattr(imitation, "SETS", {"mazes": imitation.SETS["mazes"]})
+    monkeypatch.setattr(imitation, "TEAMS", (4,))
+    monkeypatch.setattr(imitation, "write_table", lambda name, lines, page: tables.append((name, list(lines))))
+    return configs, tables
+
+
+def test_results_of_runs_and_their_table(tmp_path, trained):
+    configs, tables = trained
+    chosen = {"presets": ("oneshot-cardinal",), "settings": ("own view", "embeddings"), "agent_steps": 500_000}
+    for seeds in ((0,), (0, 1)):
+        imitation.main(imitation.Options(tmp_path, **chosen, seeds=seeds, episodes=2))
+    assert [config.seed for config in configs] == [0, 0, 1, 1]
+    assert {config.agent_steps for config in configs} == {500_000}
+    name, lines = tables[-2]
+    assert name == "imitation oneshot-cardinal"
+    assert lines[0] == "| imitation of LaCAM | seeds | million agent steps | hours | mazes 4 |"
+    assert lines[2:] == [f"| {setting} | 2 | 0.5 | 1.5 | 1.00; 1.00 |" for setting in ("embeddings", "own view")]
+    assert tables[-1] == ("imitation lifelong-cardinal", tables[-1][1][:2])
+
+
+@pytest.mark.parametrize("preset", list(imitation.MAPS))
+def test_settings_differ_in_what_they_are_named_after(preset):
+    alone, together, unshielded = (setting.config for setting in imitation.settings(preset))
+    assert (alone.model.communication, together.model.communication, unshielded.model.communication) == (0, 2, 2)
+    assert (alone.task.shield, together.task.shield, unshielded.task.shield) == (True, True, False)
+    assert alone.task.mixture == unshielded.task.mixture
+    assert (alone.optimization, alone.imitation) == (unshielded.optimization, unshielded.imitation)
