@@ -57,7 +57,14 @@ TABLES = (
     ResultTable("pogema-puzzles-lifelong", (*LIFELONG, "lacam:anytime=False")),
     ResultTable(
         "report",
-        ("pibt", "lacam:clock=work", "mappo+pibt", "oneshot+pibt", "central-warehouse", "central-warehouse+pibt"),
+        (
+            "pibt",
+            "lacam:clock=work",
+            "mappo+pibt",
+            "oneshot+pibt",
+            "central-warehouse:temperature=0.85",
+            "central-warehouse+pibt",
+        ),
     ),
     ResultTable("report-800", ("pibt", "lacam:clock=work", "mappo+pibt", "oneshot+pibt")),
     ResultTable(
