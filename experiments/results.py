@@ -8,8 +8,9 @@ Every table is a file `docs/results/SUITE.json` and blocks of Markdown, which na
 
 The layout `field` has several suites, separated by commas.
 
-`measure` runs the episodes and writes both; it can be resumed. `write` writes the blocks. `check` compares the policies
-and tasks of each table with those that were measured, runs some episodes again, and compares the results.
+`measure` runs the episodes and writes both, of all policies or of some, whose results are put beside earlier ones; it
+can be resumed. `write` writes the blocks. `check` compares the policies and tasks of each table with those that were
+measured, runs some episodes again, and compares the results.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
@@ -34,10 +35,10 @@ from experiments.tables import TABLES, Results, ResultTable, markdown
 from mapf_pz._internal.atomic import write_whole
 from mapf_pz.evaluation import Episode, EvaluationTask, evaluate, load_suite, policy_factory
 from mapf_pz.evaluation.identity import Identities, Identity, code_digest
-from mapf_pz.evaluation.reports.figures import draw_figures
+from mapf_pz.evaluation.reports.figures import Lines, draw_tasks
 from mapf_pz.evaluation.reports.intervals import interval
 from mapf_pz.evaluation.reports.published import PUBLISHED, check_possible, published_episodes
-from mapf_pz.evaluation.reports.report import SOLVED, grouped
+from mapf_pz.evaluation.reports.report import grouped
 from mapf_pz.evaluation.suite import suite_label
 
 ROOT = Path(__file__).parents[1]
@@ -50,7 +51,7 @@ QUICK = 1.0
 BLOCK = re.compile(r"(<!-- table: (\w+) ([\w,-]+)((?: \w+)*) -->\n).*?(<!-- end of table -->)", re.S)
 
 
-def measure(suites: tuple[str, ...] = (), jobs: int = 2) -> None:
+def measure(suites: tuple[str, ...] = (), policies: tuple[str, ...] = (), jobs: int = 2) -> None:
     """Run the episodes of result tables, and write the tables. All tables take hours.
 
     Existing episodes in `runs/results` are reused if the identities of their policies and tasks are still the same: see
@@ -58,23 +59,72 @@ def measure(suites: tuple[str, ...] = (), jobs: int = 2) -> None:
 
     Args:
         suites: suites of the tables. Default: all.
+        policies: policies of the tables; earlier results of the others are kept. Default: all.
         jobs: number of processes.
     """
-    unknown = set(suites) - {table.suite for table in TABLES}
-    if unknown:
-        raise SystemExit(f"suites {', '.join(sorted(unknown))}: expected some of {', '.join(t.suite for t in TABLES)}")
-    for table in TABLES:
-        if suites and table.suite not in suites:
+    tables = [table for table in TABLES if not suites or table.suite in suites]
+    _check_known("suites", suites, [table.suite for table in TABLES])
+    _check_known("policies", policies, list(chain.from_iterable(table.policies for table in tables)))
+    for table in tables:
+        chosen = [name for name in table.policies if not policies or name in policies]
+        if not chosen:
             continue
-        episodes = evaluate(table.policies, table.suite, RUNS / table.suite, jobs, _show, overwrite=True)
+        episodes = evaluate(chosen, table.suite, RUNS / table.suite, jobs, _show, overwrite=True)
         published = published_episodes(episodes)
         _check_published(table, published)
-        results = _source(table) | _summary(episodes, published)
+        results = _source(table, chosen) | _summary(episodes, published)
+        if kept := [name for name in table.policies if name not in chosen]:
+            results = merged(table, results, load_results(table.suite), kept)
         write_whole(FILES / f"{table.suite}.json", as_json(results).encode())
         if table.figure:
-            draw_figures(episodes, FILES, published=published)
+            _draw(results)
         print(f"{table.suite}: written", flush=True)
     write()
+
+
+def _check_known(kind: str, names: Sequence[str], known: Sequence[str]) -> None:
+    """Exit if some of the names are unknown."""
+    if unknown := set(names) - set(known):
+        raise SystemExit(f"{kind} {', '.join(sorted(unknown))}: expected some of {', '.join(dict.fromkeys(known))}")
+
+
+def merged(table: ResultTable, results: Results, earlier: Results, kept: Sequence[str]) -> dict[str, Any]:
+    """Return results together with those of the policies `kept` among the earlier ones, in the table's order.
+
+    Exits if the tasks have changed since, or if the earlier results have no such policies.
+    """
+    if earlier["identities"]["tasks"] != results["identities"]["tasks"]:
+        raise SystemExit(f"{table.suite}: its tasks have changed, measure all policies")
+    _check_known(f"{table.suite}: no earlier results, measure also the policies", kept, list(earlier["measured"]))
+    both: dict[str, Any] = dict(results)
+    of_policies = {name: earlier["identities"]["policies"][name] for name in kept}
+    both["identities"] = results["identities"] | {"policies": results["identities"]["policies"] | of_policies}
+    both["measured"] = {name: (earlier if name in kept else results)["measured"][name] for name in table.policies}
+    tasks = list(dict.fromkeys((row["task"], row["num_agents"]) for row in results["rows"]))
+
+    def place(row: Mapping[str, Any]) -> tuple[int, int]:
+        return tasks.index((row["task"], row["num_agents"])), table.policies.index(row["policy"])
+
+    for part in {"rows", "paired", "paired_learned", "samples"} & {*results, *earlier}:
+        old = [row for row in earlier.get(part, ()) if row["policy"] in kept]
+        both[part] = sorted([*results.get(part, ()), *old], key=place)
+    return both
+
+
+def _draw(results: Results) -> None:
+    """Draw the figures of the tasks."""
+    lines, others = (_lines(results[part]) for part in ("rows", "published"))
+    draw_tasks(lines, dict.fromkeys(lines, str(results["suite"])), FILES, published=others)
+
+
+def _lines(rows: Sequence[Mapping[str, Any]]) -> dict[str, Lines]:
+    """Return the means of rows and their intervals by task, metric, policy and number of agents."""
+    by_task: dict[str, Lines] = {}
+    for row in rows:
+        for metric, one in row["metrics"].items():
+            points = by_task.setdefault(row["task"], {}).setdefault(metric, {}).setdefault(row["policy"], {})
+            points[row["num_agents"]] = one["mean"], one["low"], one["high"]
+    return by_task
 
 
 def as_json(results: Results) -> str:
@@ -112,10 +162,10 @@ def check(current: bool = False) -> None:
             raise SystemExit(line)
         for line in differences(table):
             raise SystemExit(line)
-        code = load_results(table.suite)["code"]
-        if code != code_digest() and current:
-            raise SystemExit(f"{table.suite}: measured with the code {code}, now {code_digest()}")
-        measured = "" if code == code_digest() else f", but not its code: measured with {code}"
+        others = {one["code"] for one in load_results(table.suite)["measured"].values()} - {code_digest()}
+        if others and current:
+            raise SystemExit(f"{table.suite}: measured with the code {', '.join(others)}, now {code_digest()}")
+        measured = f", but not its code: measured with {', '.join(others)}" if others else ""
         print(f"{table.suite}: as before{measured}", flush=True)
 
 
@@ -169,14 +219,13 @@ def _run(policy: str, task: EvaluationTask, number: int) -> Episode:
     return evaluate([policy], [task.only(number)])[0]
 
 
-def _source(table: ResultTable) -> dict[str, Any]:
-    """Return the origin of a table's results, all of which are those of the present code."""
+def _source(table: ResultTable, policies: Sequence[str]) -> dict[str, Any]:
+    """Return the origin of the results of policies, which are those of the present code."""
     commit = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True)
     return {
         "command": table.command,
         "suite": suite_label(table.suite),
-        "commit": commit.stdout.strip(),
-        "code": code_digest(),
+        "measured": {name: {"commit": commit.stdout.strip(), "code": code_digest()} for name in policies},
         "identities": asdict(identities(table)),
     }
 
@@ -198,7 +247,7 @@ def _rows(episodes: Sequence[Episode]) -> list[dict[str, Any]]:
             "task": task_name,
             "num_agents": num_agents,
             "episodes": max(map(len, values.values())),
-            "metrics": {name: _mean(name, numbers) for name, numbers in values.items() if not name.endswith(SOLVED)},
+            "metrics": {name: _mean(name, numbers) for name, numbers in values.items()},
         }
         for (task_name, num_agents, policy), values in grouped(episodes).items()
     ]

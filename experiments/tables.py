@@ -174,8 +174,12 @@ def by_policy(results: Results, metrics: Sequence[str]) -> list[list[str]]:
 
 
 def _origin(results: Results) -> str:
-    """Return the suite, the commit and the code of results."""
-    return f"suite {results['suite']}, commit {results['commit'][:7]}, code {results['code']}"
+    """Return the suite, and the commit and the code of results; several ones with their policies."""
+    groups: dict[str, list[str]] = {}
+    for policy, one in results["measured"].items():
+        groups.setdefault(f"commit {one['commit'][:7]}, code {one['code']}", []).append(policy)
+    names = [f" ({', '.join(policies)})" if len(groups) > 1 else "" for policies in groups.values()]
+    return ", ".join([f"suite {results['suite']}", *map("".join, zip(groups, names, strict=True))])
 
 
 def source(results: Results, _: Sequence[str]) -> list[str]:

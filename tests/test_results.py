@@ -26,8 +26,7 @@ def row(policy, num_agents, task="maze", **means):
 RESULTS = {
     "command": "mapf-pz evaluate --suite s",
     "suite": "s/1 89ab",
-    "commit": "0123456789",
-    "code": "abc",
+    "measured": {name: {"commit": "0123456789", "code": "abc"} for name in ("pibt", "mappo")},
     "identities": {"policies": {"pibt": {"policy": "pibt"}, "mappo": None}},
     "rows": [row("pibt", 8, CSR=0.98765, SoC=1e4), row("pibt", 16, CSR=1.0), row("mappo", 16, CSR=0.5)],
     "published": [row("LaCAM", 16, CSR=0.25), row("LaCAM", 80, CSR=0.25), row("RHCR", 16, SoC=1.0)],
@@ -214,6 +213,37 @@ def test_other_policies_and_tasks_are_reported(monkeypatch):
         f"standard, mappo: weights differ; {advice}",
         f"standard, {next(iter(tasks))}: instances differ; {advice}",
     ]
+
+
+def test_results_of_some_policies_are_put_beside_earlier_ones_of_the_others():
+    table = ResultTable("s", ("mappo", "pibt"))
+    samples = [{"policy": "pibt", "task": "maze", "num_agents": 8}]
+    identities = {"policies": {"pibt": {"seed": 0}, "mappo": {"seed": 1}, "epibt": None}, "tasks": {"8": {}}}
+    earlier = RESULTS | {"identities": identities, "samples": samples}
+    new = {
+        **RESULTS,
+        "measured": {"mappo": {"commit": "abcdef0123", "code": "def"}},
+        "identities": {"policies": {"pibt": {"seed": 2}, "mappo": {"seed": 2}, "epibt": None}, "tasks": {"8": {}}},
+        "rows": [row("mappo", 8, CSR=0.75), row("mappo", 16, CSR=0.25)],
+        "samples": [],
+    }
+    both = results.merged(table, new, earlier, ["pibt"])
+    assert [(one["policy"], one["num_agents"]) for one in both["rows"]] == [
+        *(("mappo", 8), ("pibt", 8)),
+        *(("mappo", 16), ("pibt", 16)),
+    ]
+    assert both["rows"][2]["metrics"]["CSR"]["mean"] == 0.25
+    assert both["samples"] == samples
+    assert both["identities"]["policies"] == {"pibt": {"seed": 0}, "mappo": {"seed": 2}, "epibt": None}
+    assert (
+        markdown("source", [both], [])
+        .splitlines()[1]
+        .endswith("suite s/1 89ab, commit abcdef0, code def (mappo), commit 0123456, code abc (pibt)")
+    )
+    with pytest.raises(SystemExit, match="s: its tasks have changed, measure all policies"):
+        results.merged(table, new | {"identities": {"tasks": {}}}, earlier, ["pibt"])
+    with pytest.raises(SystemExit, match="s: no earlier results, measure also the policies epibt: expected some of"):
+        results.merged(table, new, earlier, ["pibt", "epibt"])
 
 
 def test_numbers_have_an_origin(tmp_path, monkeypatch):

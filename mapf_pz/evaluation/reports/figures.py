@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import count
 from pathlib import Path
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -30,8 +31,8 @@ LABELS = {
 MARKERS = "sv^D<>pPXhd*"
 """Markers of published methods, which have shades of gray."""
 
-Points = dict[int, list[float]]
-"""The values of a metric, by the number of agents."""
+Points = dict[int, tuple[float, float, float]]
+"""The mean of a metric and its 95 % interval, by the number of agents."""
 Lines = dict[str, dict[str, Points]]
 """The lines of a task's panels: points by metric and policy."""
 
@@ -52,9 +53,8 @@ def draw_figures(
 
     Raises `ValueError` if a task is of several suites or of several versions of one.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     suites = {task: suite for (task, _), suite in suites_by_task(episodes).items()}
-    return list(_draw(_by_task(episodes), suites, folder, format, _by_task(published)))
+    return draw_tasks(_by_task(episodes), suites, folder, format, _by_task(published))
 
 
 def _by_task(episodes: Iterable[Episode]) -> dict[str, Lines]:
@@ -63,16 +63,37 @@ def _by_task(episodes: Iterable[Episode]) -> dict[str, Lines]:
     for (task_name, num_agents, policy), values in grouped(episodes).items():
         for metric in values:
             lines = by_task.setdefault(task_name, {}).setdefault(metric, {})
-            lines.setdefault(policy, {})[num_agents] = values[metric]
+            mean = float(np.mean(values[metric]))
+            lines.setdefault(policy, {})[num_agents] = (mean, *interval(metric, values[metric]))
     return by_task
 
 
+def draw_tasks(
+    by_task: Mapping[str, Lines],
+    suites: Mapping[str, str],
+    folder: Path,
+    format: FigureFormat = "png",
+    published: Mapping[str, Lines] = MappingProxyType({}),
+) -> list[Path]:
+    """Save the figures of `draw_figures` of tasks whose means are known, and return the files.
+
+    Args:
+        by_task: the lines of each task.
+        suites: the label of each task's suite; empty if there is none.
+        folder: as in `draw_figures`.
+        format: as in `draw_figures`.
+        published: the published lines of each task.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    return list(_draw(by_task, suites, folder, format, published))
+
+
 def _draw(
-    by_task: dict[str, Lines],
-    suites: dict[str, str],
+    by_task: Mapping[str, Lines],
+    suites: Mapping[str, str],
     folder: Path,
     format: FigureFormat,
-    published: dict[str, Lines],
+    published: Mapping[str, Lines],
 ) -> Iterator[Path]:
     names = _file_names(by_task)
     for task_name, metrics in by_task.items():
@@ -112,13 +133,12 @@ def _draw_panel(panel: Axes, metric: str, lines: dict[str, Points], published: d
     """Plot the means of a metric with their 95 % intervals, a line for each policy; published ones without interval."""
     for policy, points in lines.items():
         agents = sorted(points)
-        ends = np.array([interval(metric, points[count]) for count in agents])
-        means = [float(np.mean(points[count])) for count in agents]
+        means, low, high = np.array([points[count] for count in agents]).T
         panel.plot(agents, means, marker="o", markersize=3, label=_escaped(policy))
-        panel.fill_between(agents, ends[:, 0], ends[:, 1], alpha=0.2)
+        panel.fill_between(agents, low, high, alpha=0.2)
     for number, (name, points) in enumerate(published.items()):
         agents = sorted(points)
-        means = [float(np.mean(points[count])) for count in agents]
+        means = [points[count][0] for count in agents]
         gray = str(0.15 + 0.6 * number / len(published))
         marker = MARKERS[number % len(MARKERS)]
         label = _escaped(name)
