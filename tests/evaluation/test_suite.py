@@ -92,6 +92,18 @@ def test_every_preset_of_training_is_evaluated_on_a_suite_that_needs_nothing():
     assert {SUITES.get(preset, "standard") for preset in PRESETS} <= set(RANDOM)
 
 
+def test_the_suite_of_a_preset_has_the_number_of_agents_that_its_policy_acts_for():
+    pytest.importorskip("torchrl")
+    from mapf_pz.commands.train import SUITES
+    from mapf_pz.rl.algorithms.named import algorithm_of
+    from mapf_pz.rl.presets import PRESETS
+
+    for preset, config in PRESETS.items():
+        fixed = algorithm_of(config.algorithm).fixed_num_agents(config)
+        counts = {task.num_agents for task in load_suite(SUITES.get(preset, "standard"))}
+        assert fixed is None or counts == {fixed}, preset
+
+
 def test_missing_files_are_named():
     with pytest.raises((FormatError, FileNotFoundError)) as caught:
         load_suite(NOT_BUNDLED)
