@@ -2,9 +2,9 @@
 
 Policies with cardinal actions imitate LaCAM with one goal per agent, or windowed planning in lifelong episodes, on
 PRIMAL2's mazes, random maps and warehouses. They differ in whether agents exchange embeddings, and in whether they act
-under the safety layer while they learn. They are evaluated with and without the layer on generated mazes and random
-maps that none of them has learned on. `docs/results/imitation.csv` gets the results of each run, which is not repeated
-then, and `docs/explanation/imitation.md` the tables. Runs that were stopped go on.
+under the safety layer while they learn. They and the bundled policies are evaluated with and without the layer on
+generated mazes and random maps that none of them has learned on. `docs/results/imitation.csv` gets the results of each
+run, which is not repeated then, and `docs/explanation/imitation.md` the tables. Runs that were stopped go on.
 """
 
 from __future__ import annotations
@@ -44,6 +44,8 @@ TEAMS = (32, 64)
 """Numbers of agents in evaluations."""
 SHIELDS = {"oneshot-cardinal": ("", "+pibt"), "lifelong-cardinal": ("", "+pibt:temperature=0")}
 """What follows the policy's name: without and with the safety layer."""
+BUNDLED = "the bundled policy"
+"""The setting of the policy of the preset's name, which is evaluated only."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class Options:
     """Folder of all runs."""
     presets: tuple[str, ...] = tuple(MAPS)
     """The presets."""
-    settings: tuple[str, ...] = ("own view", "embeddings", "embeddings, no layer")
+    settings: tuple[str, ...] = (BUNDLED, "own view", "embeddings", "embeddings, no layer")
     """Names of settings."""
     seeds: tuple[int, ...] = (0, 1, 2)
     """Random seeds."""
@@ -80,17 +82,25 @@ def settings(preset: str) -> Iterator[Variation]:
 def main(options: Options) -> None:
     """Train and evaluate the missing runs in sequence; write the results after each, and the tables at the end."""
     found = read_rows(RESULTS)
-    known = {_key(row) for row in found}
+
+    def add(preset: str, setting: str, seed: str, agent_steps: str, measured: Mapping[str, str]) -> None:
+        key = {"preset": preset, "setting": setting, "seed": seed, "agent_steps": agent_steps}
+        found.append(key | dict(measured))
+        write_rows(RESULTS, sorted(found, key=_key), columns())
+
+    for preset in options.presets:
+        if BUNDLED in options.settings and (preset, BUNDLED, "", "") not in map(_key, found):
+            folder = options.output / f"{preset}-bundled"
+            add(preset, BUNDLED, "", "", _measured(preset, preset, folder, options.episodes))
     for seed, preset in itertools.product(options.seeds, options.presets):
         for setting in settings(preset):
             key = (preset, setting.name, str(seed), str(options.agent_steps))
-            if setting.name not in options.settings or key in known:
+            if setting.name not in options.settings or key in map(_key, found):
                 continue
             run = options.output / f"{preset}-{setting.name.replace(',', '').replace(' ', '-')}-{seed}"
             _train(replace(setting.config, seed=seed, agent_steps=options.agent_steps), run)
-            names = ("preset", "setting", "seed", "agent_steps")
-            found.append(dict(zip(names, key, strict=True)) | _measured(run, preset, options.episodes))
-            write_rows(RESULTS, sorted(found, key=_key), columns())
+            hours = {"hours": f"{read_progress(run)[-1]['seconds'] / 3600:.2f}"}
+            add(*key, hours | _measured(preset, str(run), run, options.episodes))
     write()
 
 
@@ -113,21 +123,20 @@ def _train(config: TrainConfig, run: Path) -> None:
         train(config, run)
 
 
-def _measured(run: Path, preset: str, episodes: int) -> dict[str, str]:
-    """Return the hours of a training and the measures of its policy."""
+def _measured(preset: str, policy: str, folder: Path, episodes: int) -> dict[str, str]:
+    """Return the measures of a policy, whose episodes are written to a folder."""
     on_target = PRESETS[preset].task.env.on_target
     rules = {"action_model": "cardinal", "on_target": on_target, "max_steps": 128 if on_target == "nothing" else 256}
     tasks = [
         EvaluationTask(name, n, rules | {"source": mixture.source(n)}, episodes)
         for (name, mixture), n in itertools.product(SETS.items(), TEAMS)
     ]
-    policies = [f"{run}{shield}" for shield in SHIELDS[preset]]
-    measured = {"hours": f"{read_progress(run)[-1]['seconds'] / 3600:.2f}"}
+    policies = [f"{policy}{shield}" for shield in SHIELDS[preset]]
     values: dict[str, list[float]] = {}
-    for episode in evaluate(policies, tasks, output=run / "evaluation"):
+    for episode in evaluate(policies, tasks, output=folder / "evaluation"):
         layer = " with layer" if episode.policy == policies[1] else ""
         values.setdefault(f"{episode.task} {episode.num_agents}{layer}", []).append(episode.metrics[METRICS[preset]])
-    return measured | {column: f"{np.mean(numbers):.3f}" for column, numbers in values.items()}
+    return {column: f"{np.mean(numbers):.3f}" for column, numbers in values.items()}
 
 
 def write() -> None:
@@ -145,7 +154,9 @@ def table(preset: str, rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
     yield f"| {' | '.join(['---'] * (4 + len(measures)))} |"
     for name, steps in dict.fromkeys((row["setting"], row["agent_steps"]) for row in rows):
         runs = [row for row in rows if (row["setting"], row["agent_steps"]) == (name, steps)]
-        cells = [f"{len(runs)}", f"{int(steps) / 1e6:g}", spread([float(row["hours"]) for row in runs], 1)]
+        cells = ["", "", ""]
+        if name != BUNDLED:
+            cells = [f"{len(runs)}", f"{int(steps) / 1e6:g}", spread([float(row["hours"]) for row in runs], 1)]
         for measure in measures:
             alone, shielded = ([float(row[key]) for row in runs] for key in (measure, f"{measure} with layer"))
             cells.append(f"{spread(alone, 2)}; {spread(shielded, 2)}")
