@@ -1,17 +1,17 @@
-"""The page on the report: its generated tables."""
+"""The pages on the report and on imitation: their generated tables."""
 
 import pytest
 
-from experiments import curiosity, edge_weights, report_page, report_runs
+from experiments import curiosity, edge_weights, imitation, report_page, report_runs
 
 
-@pytest.mark.parametrize("experiment", [curiosity, edge_weights, report_runs])
+@pytest.mark.parametrize("experiment", [curiosity, edge_weights, imitation, report_runs])
 def test_the_table_of_the_page_is_that_of_the_results(tmp_path, monkeypatch, experiment):
-    text, page = report_page.PAGE.read_text(), tmp_path / "report.md"
+    text, page = getattr(experiment, "PAGE", report_page.PAGE).read_text(), tmp_path / "page.md"
     page.write_text(text)
     tables = []
 
-    def write_table(name, lines):
+    def write_table(name, lines, _=None):
         tables.append(name)
         report_page.write_table(name, lines, page)
 
