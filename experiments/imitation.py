@@ -18,10 +18,12 @@ import numpy as np
 import tyro
 
 from experiments.report_page import read_rows, spread, write_rows, write_table
+from experiments.report_runs import folder
 from experiments.reproduction import Variation
 from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.instances import MapMixture
 from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.config_file import CONFIG
 from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.training.progress import read_progress
 from mapf_pz.rl.training.train import resume, train
@@ -90,14 +92,14 @@ def main(options: Options) -> None:
 
     for preset in options.presets:
         if BUNDLED in options.settings and (preset, BUNDLED, "", "") not in map(_key, found):
-            folder = options.output / f"{preset}-bundled"
-            add(preset, BUNDLED, "", "", _measured(preset, preset, folder, options.episodes))
+            where = options.output / f"{preset}-bundled"
+            add(preset, BUNDLED, "", "", _measured(preset, preset, where, options.episodes))
     for seed, preset in itertools.product(options.seeds, options.presets):
         for setting in settings(preset):
             key = (preset, setting.name, str(seed), str(options.agent_steps))
             if setting.name not in options.settings or key in map(_key, found):
                 continue
-            run = options.output / f"{preset}-{setting.name.replace(',', '').replace(' ', '-')}-{seed}"
+            run = folder(options.output, f"{preset}-{setting.name}", seed)
             _train(replace(setting.config, seed=seed, agent_steps=options.agent_steps), run)
             hours = {"hours": f"{read_progress(run)[-1]['seconds'] / 3600:.2f}"}
             add(*key, hours | _measured(preset, str(run), run, options.episodes))
@@ -117,13 +119,13 @@ def _key(row: Mapping[str, str]) -> tuple[str, str, str, str]:
 
 def _train(config: TrainConfig, run: Path) -> None:
     """Train a policy, or continue to train it."""
-    if (run / "config.json").exists():
+    if (run / CONFIG).exists():
         resume(run)
     else:
         train(config, run)
 
 
-def _measured(preset: str, policy: str, folder: Path, episodes: int) -> dict[str, str]:
+def _measured(preset: str, policy: str, output: Path, episodes: int) -> dict[str, str]:
     """Return the measures of a policy, whose episodes are written to a folder."""
     on_target = PRESETS[preset].task.env.on_target
     rules = {"action_model": "cardinal", "on_target": on_target, "max_steps": 128 if on_target == "nothing" else 256}
@@ -133,7 +135,7 @@ def _measured(preset: str, policy: str, folder: Path, episodes: int) -> dict[str
     ]
     policies = [f"{policy}{shield}" for shield in SHIELDS[preset]]
     values: dict[str, list[float]] = {}
-    for episode in evaluate(policies, tasks, output=folder / "evaluation"):
+    for episode in evaluate(policies, tasks, output=output / "evaluation"):
         layer = " with layer" if episode.policy == policies[1] else ""
         values.setdefault(f"{episode.task} {episode.num_agents}{layer}", []).append(episode.metrics[METRICS[preset]])
     return {column: f"{np.mean(numbers):.3f}" for column, numbers in values.items()}

@@ -1,8 +1,8 @@
 """The experiment of the report's authors, as published and with repairs: `make long RUN=report-runs`.
 
-`run` trains with `examples/report_published.py`: each setting with three seeds. Stopped runs go on. `collect` adds the
+`run` trains with `examples/report_published.py`: each setting with its seeds. Stopped runs go on. `collect` adds the
 evaluations of complete runs to `docs/results/report-runs.csv`, whose runs are not repeated. From this file, `write`
-makes the table in `docs/explanation/report.md` and the figure, with the curves of the authors' own runs beside.
+makes the tables in `docs/explanation/report.md` and the figure, with the curves of the authors' own runs beside.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ class Setting:
 
 
 SHORT = 100_000
+"""Length of the runs in which a single difference is measured only, in environment steps."""
 DIFFERENCES: dict[str, Setting] = {
     "finished agents act again": Setting(("--repair", "finished")),
     "actions from weights": Setting(("--actions", "weights")),

@@ -222,10 +222,11 @@ def _run(policy: str, task: EvaluationTask, number: int) -> Episode:
 def _source(table: ResultTable, policies: Sequence[str]) -> dict[str, Any]:
     """Return the origin of the results of policies, which are those of the present code."""
     commit = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True)
+    origin = {"commit": commit.stdout.strip(), "code": code_digest()}
     return {
         "command": table.command,
         "suite": suite_label(table.suite),
-        "measured": {name: {"commit": commit.stdout.strip(), "code": code_digest()} for name in policies},
+        "measured": {name: dict(origin) for name in policies},
         "identities": asdict(identities(table)),
     }
 

@@ -61,7 +61,7 @@ def _by_task(episodes: Iterable[Episode]) -> dict[str, Lines]:
     """Return the lines of each task."""
     by_task: dict[str, Lines] = {}
     for (task_name, num_agents, policy), values in grouped(episodes).items():
-        for metric in values:
+        for metric in (name for name in LABELS if name in values):
             lines = by_task.setdefault(task_name, {}).setdefault(metric, {})
             mean = float(np.mean(values[metric]))
             lines.setdefault(policy, {})[num_agents] = (mean, *interval(metric, values[metric]))
