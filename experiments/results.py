@@ -105,24 +105,25 @@ def merged(table: ResultTable, results: Results, earlier: Results, kept: Sequenc
     def place(row: Mapping[str, Any]) -> tuple[int, int]:
         return tasks.index((row["task"], row["num_agents"])), table.policies.index(row["policy"])
 
-    for part in {"rows", "paired", "paired_learned", "samples"} & {*results, *earlier}:
-        old = [row for row in earlier.get(part, ()) if row["policy"] in kept]
-        both[part] = sorted([*results.get(part, ()), *old], key=place)
+    for part in ("rows", "paired", "paired_learned", "samples"):
+        if part in results or part in earlier:
+            old = [row for row in earlier.get(part, ()) if row["policy"] in kept]
+            both[part] = sorted([*results.get(part, ()), *old], key=place)
     return both
 
 
 def _draw(results: Results) -> None:
     """Draw the figures of the tasks."""
-    lines, others = (_lines(results[part]) for part in ("rows", "published"))
+    lines, others = _lines(results["rows"]), _lines(results["published"], PUBLISHED)
     draw_tasks(lines, dict.fromkeys(lines, str(results["suite"])), FILES, published=others)
 
 
-def _lines(rows: Sequence[Mapping[str, Any]]) -> dict[str, Lines]:
-    """Return the means of rows and their intervals by task, metric, policy and number of agents."""
+def _lines(rows: Sequence[Mapping[str, Any]], suffix: str = "") -> dict[str, Lines]:
+    """Return the means of rows and their intervals by task, metric, policy with a suffix, and number of agents."""
     by_task: dict[str, Lines] = {}
     for row in rows:
         for metric, one in row["metrics"].items():
-            points = by_task.setdefault(row["task"], {}).setdefault(metric, {}).setdefault(row["policy"], {})
+            points = by_task.setdefault(row["task"], {}).setdefault(metric, {}).setdefault(row["policy"] + suffix, {})
             points[row["num_agents"]] = one["mean"], one["low"], one["high"]
     return by_task
 
