@@ -3,7 +3,7 @@
 Two agents start in the left of three rooms, and their goals are in the right one. They are paid only for reaching their
 goals, do not observe the cost to go, and hardly come upon a goal by chance. PPO learns without curiosity and with each
 kind of it, with three seeds. `docs/results/curiosity.csv` gets the results, whose runs are not repeated, and
-`docs/explanation/report.md` the table.
+`docs/explanation/report-ideas.md` the table.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import get_args
 import numpy as np
 import tyro
 
-from experiments.report_page import read_rows, spread, write_rows, write_table
+from experiments.pages import PAGES, read_rows, spread, write_rows, write_table
 from mapf_pz.instances.instance import Scenario
 from mapf_pz.rl.config import CuriosityConfig, CuriosityName, TrainConfig
 from mapf_pz.rl.presets import PRESETS
@@ -25,7 +25,7 @@ from mapf_pz.rl.training.train import train
 from mapf_pz.simulator.kernels.reward import RewardConfig
 
 ROOT = Path(__file__).parents[1]
-RESULTS = ROOT / "docs" / "results" / "curiosity.csv"
+RESULTS, PAGE = ROOT / "docs" / "results" / "curiosity.csv", PAGES / "report-ideas.md"
 
 ROOMS = """
 ....@....@....
@@ -96,7 +96,7 @@ def main(options: Options) -> None:
 
 def write() -> None:
     """Write the table."""
-    write_table("curiosity", table(read_rows(RESULTS)))
+    write_table(PAGE, "curiosity", table(read_rows(RESULTS)))
 
 
 def _measures(run: Path) -> dict[str, str]:

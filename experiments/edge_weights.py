@@ -2,7 +2,7 @@
 
 Policies that differ in what they observe of the costs imitate a planner under guidance graphs that are random in every
 episode, with three seeds, and are evaluated under graphs that none of them has seen. Finished runs are reused.
-`docs/results/edge-weights.csv` gets the results, and `docs/explanation/report.md` the table.
+`docs/results/edge-weights.csv` gets the results, and `docs/explanation/report-ideas.md` the table.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from experiments.report_page import read_rows, spread, write_rows, write_table
+from experiments.pages import PAGES, read_rows, spread, write_rows, write_table
 from mapf_pz.evaluation.episodes import rollout, simulator_of
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.rl.config import TaskConfig, TrainConfig
@@ -25,7 +25,7 @@ from mapf_pz.simulator.seeds import FIRST_EVALUATION_SEED
 from mapf_pz.simulator.simulator import Simulator
 
 ROOT = Path(__file__).parents[1]
-RESULTS = ROOT / "docs" / "results" / "edge-weights.csv"
+RESULTS, PAGE = ROOT / "docs" / "results" / "edge-weights.csv", PAGES / "report-ideas.md"
 
 AGENT_STEPS = 800_000
 """Length of a training."""
@@ -133,7 +133,7 @@ class Costs:
 
 def write() -> None:
     """Write the table: means over seeds, with minimum and maximum."""
-    write_table("edge weights", table(read_rows(RESULTS)))
+    write_table(PAGE, "edge weights", table(read_rows(RESULTS)))
 
 
 def table(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from experiments.report_page import read_rows, spread, write_rows, write_table
+from experiments.pages import PAGES, read_rows, spread, write_rows, write_table
 from experiments.report_runs import folder
 from experiments.reproduction import Variation
 from mapf_pz.evaluation import EvaluationTask, evaluate
@@ -29,7 +29,7 @@ from mapf_pz.rl.training.progress import read_progress
 from mapf_pz.rl.training.train import resume, train
 
 ROOT = Path(__file__).parents[1]
-RESULTS, PAGE = ROOT / "docs" / "results" / "imitation.csv", ROOT / "docs" / "explanation" / "imitation.md"
+RESULTS, PAGE = ROOT / "docs" / "results" / "imitation.csv", PAGES / "imitation.md"
 MAPS = {
     "oneshot-cardinal": ("primal2", "primal2", "primal2", "primal2", "random"),
     "lifelong-cardinal": ("primal2", "primal2", "random", "random", "warehouse"),
@@ -146,7 +146,7 @@ def write() -> None:
     found = read_rows(RESULTS)
     for preset in MAPS:
         rows = [row for row in found if row["preset"] == preset]
-        write_table(f"imitation {preset}", table(preset, rows), PAGE)
+        write_table(PAGE, f"imitation {preset}", table(preset, rows))
 
 
 def table(preset: str, rows: Sequence[Mapping[str, str]]) -> Iterator[str]:

@@ -2,7 +2,7 @@
 
 `run` trains with `examples/report_published.py`: each setting with its seeds. Stopped runs go on. `collect` adds the
 evaluations of complete runs to `docs/results/report-runs.csv`, whose runs are not repeated. From this file, `write`
-makes the tables in `docs/explanation/report.md` and the figure, with the curves of the authors' own runs beside.
+makes the tables in `docs/explanation/report-runs.md` and the figure, with the curves of the authors' own runs beside.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.report_page import read_rows, spread, write_rows, write_table
+from experiments.pages import PAGES, read_rows, spread, write_rows, write_table
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "examples" / "report_published.py"
-CURVES = ROOT / "docs" / "results" / "report-runs.csv"
+CURVES, PAGE = ROOT / "docs" / "results" / "report-runs.csv", PAGES / "report-runs.md"
 IMAGE = ROOT / "docs" / "images" / "report-runs.png"
 
 
@@ -139,8 +139,8 @@ def write(authors: Path | None = None) -> None:
         authors: file of the authors' evaluations, with columns `run`, `env_steps` and `mean_reward`.
     """
     runs = read_runs()
-    write_table("report runs", table({name: runs[name] for name in runs if SETTINGS[name].steps > SHORT}))
-    write_table("single differences", table(single_differences(runs)))
+    write_table(PAGE, "report runs", table({name: runs[name] for name in runs if SETTINGS[name].steps > SHORT}))
+    write_table(PAGE, "single differences", table(single_differences(runs)))
     if authors is not None:
         draw(runs, read_rows(authors))
 

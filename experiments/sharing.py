@@ -17,7 +17,7 @@ import numpy as np
 import tyro
 from matplotlib.figure import Figure
 
-from experiments.report_page import read_rows, write_rows
+from experiments.pages import read_rows, write_rows
 from experiments.reproduction import Variation
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl.config import ImitationConfig, TrainConfig

@@ -20,7 +20,7 @@ def test_results_of_runs_and_their_table(tmp_path, monkeypatch):
 
     monkeypatch.setattr(curiosity, "train", write_progress)
     monkeypatch.setattr(curiosity, "RESULTS", tmp_path / "curiosity.csv")
-    monkeypatch.setattr(curiosity, "write_table", lambda name, lines: tables.append((name, list(lines))))
+    monkeypatch.setattr(curiosity, "write_table", lambda page, name, lines: tables.append((name, list(lines))))
     curiosity.main(curiosity.Options(output=tmp_path, seeds=(0,)))
     assert len(trained) == 5
     curiosity.main(curiosity.Options(output=tmp_path, seeds=(0, 1)))

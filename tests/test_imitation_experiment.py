@@ -24,7 +24,7 @@ def trained(tmp_path, monkeypatch):
     monkeypatch.setattr(imitation, "RESULTS", tmp_path / "imitation.csv")
     monkeypatch.setattr(imitation, "SETS", {"mazes": imitation.SETS["mazes"]})
     monkeypatch.setattr(imitation, "TEAMS", (4,))
-    monkeypatch.setattr(imitation, "write_table", lambda name, lines, page: tables.append((name, list(lines))))
+    monkeypatch.setattr(imitation, "write_table", lambda page, name, lines: tables.append((name, list(lines))))
     return configs, tables
 
 

@@ -1,4 +1,4 @@
-"""The page on the report: files of results, and tables, each between `<!-- NAME -->` and `<!-- end of NAME -->`."""
+"""Pages on experiments: files of results, and tables, each between `<!-- NAME -->` and `<!-- end of NAME -->`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-PAGE = Path(__file__).parents[1] / "docs" / "explanation" / "report.md"
+PAGES = Path(__file__).parents[1] / "docs" / "explanation"
+"""Folder of the pages."""
 
 
 def read_rows(path: Path) -> list[dict[str, str]]:
@@ -28,8 +29,8 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, str]], columns: Sequence[
         writer.writerows(rows)
 
 
-def write_table(name: str, lines: Iterable[str], page: Path = PAGE) -> None:
-    """Replace the table of this name by the lines of another."""
+def write_table(page: Path, name: str, lines: Iterable[str]) -> None:
+    """Replace the table of this name in a page by the lines of another."""
     block = re.compile(f"(<!-- {name} -->\n).*?(<!-- end of {name} -->)", re.S)
     page.write_text(block.sub("\\g<1>\n" + "\n".join(lines) + "\n\n\\g<2>", page.read_text()))
 

@@ -1,19 +1,20 @@
-"""The pages on the report and on imitation: their generated tables."""
+"""The pages on experiments: their generated tables."""
 
 import pytest
 
-from experiments import curiosity, edge_weights, imitation, report_page, report_runs
+from experiments import curiosity, edge_weights, imitation, pages, report_runs
 
 
 @pytest.mark.parametrize("experiment", [curiosity, edge_weights, imitation, report_runs])
 def test_the_table_of_the_page_is_that_of_the_results(tmp_path, monkeypatch, experiment):
-    text, page = getattr(experiment, "PAGE", report_page.PAGE).read_text(), tmp_path / "page.md"
+    text, page = experiment.PAGE.read_text(), tmp_path / "page.md"
     page.write_text(text)
     tables = []
 
-    def write_table(name, lines, _=None):
+    def write_table(where, name, lines):
+        assert where == experiment.PAGE
         tables.append(name)
-        report_page.write_table(name, lines, page)
+        pages.write_table(page, name, lines)
 
     monkeypatch.setattr(experiment, "write_table", write_table)
     experiment.write()
