@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -31,8 +30,11 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, str]], columns: Sequence[
 
 def write_table(page: Path, name: str, lines: Iterable[str]) -> None:
     """Replace the table of this name in a page by the lines of another."""
-    block = re.compile(f"(<!-- {name} -->\n).*?(<!-- end of {name} -->)", re.S)
-    page.write_text(block.sub("\\g<1>\n" + "\n".join(lines) + "\n\n\\g<2>", page.read_text()))
+    before, start, rest = page.read_text().partition(f"<!-- {name} -->\n")
+    _, end, after = rest.partition(f"<!-- end of {name} -->")
+    if not end:
+        raise ValueError(f"{page.name}: expected a table between <!-- {name} --> and <!-- end of {name} -->")
+    page.write_text("\n".join([before + start, *lines, "", end + after]))
 
 
 def spread(values: Sequence[float] | np.ndarray, digits: int) -> str:

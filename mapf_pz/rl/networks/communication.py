@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import scaled_dot_product_attention
 
 from mapf_pz.instances.heading import HEADING_STEPS
 from mapf_pz.rl.config import ModelConfig
@@ -26,7 +25,6 @@ HEADS = 4
 """Number of attention heads."""
 _DIRECTIONS = len(HEADING_STEPS)
 _WAVE_SIZE = 2 * _DIRECTIONS  # a complex number for each direction
-# Complex numbers are pairs of real ones, since ONNX has no others.
 
 
 @dataclass(frozen=True)
@@ -36,7 +34,7 @@ class Team:
     turns: Tensor
     """(B, N, 4) int64: for each direction of the agent's view (up, right, down, left), the direction on the map."""
     phases: Tensor
-    """(B, N, W, 4, 2) float32: e^(i phase) at the agent's position, of W waves in each direction on the map."""
+    """(B, N, 1, W, 4) complex64: e^(i phase) at the agent's position, of W waves in each direction on the map."""
     bias: Tensor
     """(B, heads, N, N) float32, added to the attention logits of each pair of agents; -inf: they do not communicate."""
 
@@ -61,43 +59,38 @@ class Team:
         return cls(turns, _phases(position, num_waves), bias)
 
     def to_map(self, vectors: Tensor) -> Tensor:
-        """Transform vectors (B, N, heads, D) from the agents' frames to the frame of the map.
+        """Transform vectors (B, N, V, D) from the agents' frames to the frame of the map.
 
         A vector is a complex number for each of W = D / 8 waves in four directions. The directions turn with the agent,
         and the numbers are multiplied by the waves at the agent's position.
         """
-        return _product(self._turn(_waves(vectors), self.turns.argsort(-1)), self.phases.unsqueeze(2)).flatten(-3)
+        return _times(self._turn(vectors, self.turns.argsort(-1)), self.phases)
 
     def from_map(self, vectors: Tensor) -> Tensor:
         """Transform vectors back: the inverse of `to_map`."""
-        real, imaginary = self.phases.unbind(-1)
-        conjugate = torch.stack([real, -imaginary], -1)
-        return self._turn(_product(_waves(vectors), conjugate.unsqueeze(2)), self.turns).flatten(-3)
+        return self._turn(_times(vectors, self.phases.conj()), self.turns)
 
     @staticmethod
-    def _turn(waves: Tensor, directions: Tensor) -> Tensor:
-        """Return the numbers of waves (B, N, heads, W, 4, 2) in these `directions` (B, N, 4)."""
-        return waves.gather(-2, directions[:, :, None, None, :, None].expand_as(waves))
+    def _turn(vectors: Tensor, directions: Tensor) -> Tensor:
+        """Return vectors (B, N, V, D) with their numbers in these `directions` (B, N, 4)."""
+        waves = vectors.unflatten(-1, (-1, _WAVE_SIZE))  # pairs of real numbers, since in ONNX only those are gathered
+        pairs = torch.stack([2 * directions, 2 * directions + 1], -1).flatten(-2)
+        return waves.gather(-1, pairs[:, :, None, None].expand_as(waves)).flatten(-2)
 
 
-def _waves(vectors: Tensor) -> Tensor:
-    """Return vectors (..., D) as complex numbers (..., D / 8, 4, 2)."""
-    return vectors.float().unflatten(-1, (-1, _DIRECTIONS, 2))
-
-
-def _product(one: Tensor, other: Tensor) -> Tensor:
-    """Return the products of complex numbers (..., 2)."""
-    (a, b), (c, d) = one.unbind(-1), other.unbind(-1)
-    return torch.stack([a * c - b * d, a * d + b * c], -1)
+def _times(vectors: Tensor, phases: Tensor) -> Tensor:
+    """Return vectors (B, N, V, D), as complex numbers, times the waves (B, N, 1, W, 4)."""
+    waves = torch.view_as_complex(vectors.float().unflatten(-1, (-1, _DIRECTIONS, 2)))
+    return torch.view_as_real(waves * phases).flatten(-3)
 
 
 def _phases(position: Tensor, num_waves: int) -> Tensor:
-    """Return e^(i phase) of waves in each direction on the map, (B, N, W, 4, 2), at `position` (B, N, 2)."""
+    """Return e^(i phase) of waves in each direction on the map, (B, N, 1, W, 4), at `position` (B, N, 2)."""
     steps = torch.as_tensor(HEADING_STEPS, device=position.device)
     along = (position.unsqueeze(-2) * steps).sum(-1)  # not a matrix product, which autocast would round
     frequencies = math.pi * 2.0 ** -torch.arange(1, num_waves + 1, device=position.device)
-    phases = frequencies[:, None] * along.unsqueeze(-2)
-    return torch.stack([phases.cos(), phases.sin()], -1)
+    phases = frequencies[:, None] * along[:, :, None, None]
+    return torch.complex(phases.cos(), phases.sin())
 
 
 class CommunicationRound(nn.Module):
@@ -116,24 +109,33 @@ class CommunicationRound(nn.Module):
     def forward(self, embedding: Tensor, team: Team) -> Tensor:
         """Return the embeddings (B, N, hidden) after the round."""
         query, key, value = self._projections(embedding, team)
-        received = scaled_dot_product_attention(query, key, value, attn_mask=team.bias.to(query.dtype))
+        received = _attention(query, key, team) @ value
         embedding = embedding + self.output(team.from_map(received.transpose(-3, -2)).flatten(-2))
         return embedding + self.update(embedding)
 
     def attention(self, embedding: Tensor, team: Team) -> Tensor:
         """Return the weights (B, heads, N, N) of `forward`: row i has those of all agents for agent i, and sums to 1.
 
-        The arguments are those of `forward`, whose attention does not return its weights.
+        The arguments are those of `forward`.
         """
         query, key, _ = self._projections(embedding, team)
-        logits = query @ key.transpose(-2, -1) / math.sqrt(query.shape[-1])
-        return (logits + team.bias.to(query.dtype)).softmax(-1)
+        return _attention(query, key, team)
 
     def _projections(self, embedding: Tensor, team: Team) -> tuple[Tensor, Tensor, Tensor]:
         """Return the queries, keys and values (B, heads, N, D) in the frame of the map."""
-        parts = self.inputs(self.attention_norm(embedding)).unflatten(-1, (3, HEADS, -1)).unbind(-3)
-        query, key, value = (team.to_map(part).transpose(-3, -2) for part in parts)
+        parts = team.to_map(self.inputs(self.attention_norm(embedding)).unflatten(-1, (3 * HEADS, -1)))
+        query, key, value = parts.transpose(-3, -2).split(HEADS, -3)
         return query, key, value
+
+
+def _attention(query: Tensor, key: Tensor, team: Team) -> Tensor:
+    """Return the attention weights (B, heads, N, N) of queries and keys (B, heads, N, D).
+
+    The fused `scaled_dot_product_attention` is not faster for so few agents, and its gradient in mixed precision is ten
+    times as slow on a CPU.
+    """
+    logits = query @ key.transpose(-2, -1) / math.sqrt(query.shape[-1])
+    return (logits + team.bias).softmax(-1)
 
 
 class CommunicatingEncoder(nn.Module):
