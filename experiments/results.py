@@ -69,12 +69,16 @@ def measure(suites: tuple[str, ...] = (), policies: tuple[str, ...] = (), jobs: 
         chosen = [name for name in table.policies if not policies or name in policies]
         if not chosen:
             continue
+        source, kept = _source(table, chosen), [name for name in table.policies if name not in chosen]
+        earlier = load_results(table.suite) if kept else None
+        if earlier:
+            check_kept(source, earlier, kept)
         episodes = evaluate(chosen, table.suite, RUNS / table.suite, jobs, _show, overwrite=True)
         published = published_episodes(episodes)
         _check_published(table, published)
-        results = _source(table, chosen) | _summary(episodes, published)
-        if kept := [name for name in table.policies if name not in chosen]:
-            results = merged(table, results, load_results(table.suite), kept)
+        results = source | _summary(episodes, published)
+        if earlier:
+            results = merged(table, results, earlier, kept)
         write_whole(FILES / f"{table.suite}.json", as_json(results).encode())
         if table.figure:
             _draw(results)
@@ -88,14 +92,15 @@ def _check_known(kind: str, names: Sequence[str], known: Sequence[str]) -> None:
         raise SystemExit(f"{kind} {', '.join(sorted(unknown))}: expected some of {', '.join(dict.fromkeys(known))}")
 
 
-def merged(table: ResultTable, results: Results, earlier: Results, kept: Sequence[str]) -> dict[str, Any]:
-    """Return results together with those of the policies `kept` among the earlier ones, in the table's order.
+def check_kept(source: Results, earlier: Results, kept: Sequence[str]) -> None:
+    """Exit if earlier results have other tasks, or none of the policies that are to be kept."""
+    if earlier["identities"]["tasks"] != source["identities"]["tasks"]:
+        raise SystemExit(f"{source['suite']}: its tasks have changed, measure all policies")
+    _check_known(f"{source['suite']}: no earlier results, measure also the policies", kept, list(earlier["measured"]))
 
-    Exits if the tasks have changed since, or if the earlier results have no such policies.
-    """
-    if earlier["identities"]["tasks"] != results["identities"]["tasks"]:
-        raise SystemExit(f"{table.suite}: its tasks have changed, measure all policies")
-    _check_known(f"{table.suite}: no earlier results, measure also the policies", kept, list(earlier["measured"]))
+
+def merged(table: ResultTable, results: Results, earlier: Results, kept: Sequence[str]) -> dict[str, Any]:
+    """Return results together with those of the policies `kept` among the earlier ones, in the table's order."""
     both: dict[str, Any] = dict(results)
     of_policies = {name: earlier["identities"]["policies"][name] for name in kept}
     both["identities"] = results["identities"] | {"policies": results["identities"]["policies"] | of_policies}

@@ -240,10 +240,15 @@ def test_results_of_some_policies_are_put_beside_earlier_ones_of_the_others():
         .splitlines()[1]
         .endswith("suite s/1 89ab, commit abcdef0, code def (mappo), commit 0123456, code abc (pibt)")
     )
-    with pytest.raises(SystemExit, match="s: its tasks have changed, measure all policies"):
-        results.merged(table, new | {"identities": {"tasks": {}}}, earlier, ["pibt"])
-    with pytest.raises(SystemExit, match="s: no earlier results, measure also the policies epibt: expected some of"):
-        results.merged(table, new, earlier, ["pibt", "epibt"])
+
+
+def test_policies_that_were_not_measured_on_the_same_tasks_cannot_be_kept():
+    earlier = RESULTS | {"identities": {"policies": {"pibt": {"seed": 0}}, "tasks": {"8": {}}}}
+    results.check_kept(earlier, earlier, ["pibt"])
+    with pytest.raises(SystemExit, match="s/1 89ab: its tasks have changed, measure all policies"):
+        results.check_kept(earlier | {"identities": {"tasks": {}}}, earlier, ["pibt"])
+    with pytest.raises(SystemExit, match="s/1 89ab: no earlier results, measure also the policies epibt: expected"):
+        results.check_kept(earlier, earlier, ["pibt", "epibt"])
 
 
 def test_numbers_have_an_origin(tmp_path, monkeypatch):
