@@ -43,6 +43,8 @@ class Options:
     """Folder of all runs."""
     seeds: tuple[int, ...] = (0, 1, 2)
     """Random seeds."""
+    algorithms: tuple[str, ...] = tuple(AGENT_STEPS)
+    """Imitation (`dagger`), PPO (`mappo`), or both."""
 
 
 def base(algorithm: str, density: float) -> TrainConfig:
@@ -85,7 +87,7 @@ def main(options: Options) -> None:
     """Train the missing runs in sequence; write the validations after each, and the figure at the end."""
     found = read_rows(CURVES)
     known = {_setting(row) for row in found}
-    for seed, algorithm, density in itertools.product(options.seeds, AGENT_STEPS, DENSITIES):
+    for seed, algorithm, density in itertools.product(options.seeds, options.algorithms, DENSITIES):
         for row in rows(algorithm, density):
             if (algorithm, str(density), row.name, str(seed)) not in known:
                 run = options.output / f"{algorithm}-{density}-{row.name.replace(' ', '-')}-{seed}"
