@@ -24,7 +24,7 @@ from mapf_pz.optimization.config import Method, OptimizeConfig
 from mapf_pz.optimization.evaluate import compare as compare_graphs
 from mapf_pz.optimization.optimize import optimize as run_optimization
 from mapf_pz.optimization.task import GuidanceTask
-from mapf_pz.simulator.config import EnvConfig, Goals
+from mapf_pz.simulator.config import ActionModel, EnvConfig, Goals
 
 RUNS = Path("runs/guidance")
 
@@ -43,6 +43,12 @@ class Setup:
     """GGO's file of optimized weights, if it was released."""
     goals: Goals = "uniform"
     """How goals are sampled."""
+    action_model: ActionModel = "cardinal"
+    """How agents move."""
+    planner: str = "pibt"
+    """The planner that the graph is for."""
+    max_steps: int = 1000
+    """Length of an episode; in the paper 1000."""
 
     @property
     def name(self) -> str:
@@ -54,20 +60,21 @@ class Setup:
         return str(folder / self.map) if self.map.endswith(".json") else self.map
 
     def env(self, folder: Path) -> EnvConfig:
-        """Return the environment: 1000 steps, as in the paper."""
+        """Return the environment, with its map in `folder`."""
         return EnvConfig(
             map=self.map_in(folder),
             num_agents=self.num_agents,
             goals=self.goals,
-            action_model="cardinal",
+            action_model=self.action_model,
             on_target="restart",
-            max_steps=1000,
+            max_steps=self.max_steps,
         )
 
     def flags(self, folder: Path) -> list[str]:
         """Return the flags of `mapf-pz guidance` for this setup."""
         task = ["--map", self.map_in(folder), "--num-agents", str(self.num_agents), "--goals", self.goals]
-        return [*task, "--action-model", "cardinal", "--planner", "pibt"]
+        rules = ["--action-model", self.action_model, "--max-steps", str(self.max_steps)]
+        return [*task, *rules, "--planner", self.planner]
 
 
 SETUPS = (
@@ -82,7 +89,11 @@ SETUPS = (
     Setup("maze-32-32-4", 400, 1.47),
     Setup("den312d", 1200, 4.98),
 )
-BUNDLED = (Setup("warehouse-10-20-10-2-1", 400), Setup("random-24-24-20", 150))
+BUNDLED = (
+    Setup("random-32-32-20", 200, action_model="rotate", planner="epibt:depth=4", max_steps=300),
+    Setup("warehouse-10-20-10-2-1", 400),
+    Setup("random-24-24-20", 150),
+)
 TURNING = (("random-32-32-20", 100), ("random-32-32-20", 200))
 GRAPHS = Path("mapf_pz/guidance/graphs")
 
@@ -117,7 +128,7 @@ def compare(ggo: Path, num_seeds: int = 50, only: tuple[str, ...] = (), jobs: in
     for setup in SETUPS:
         if only and setup.name not in only:
             continue
-        task = GuidanceTask(env=setup.env(ggo))
+        task = GuidanceTask(env=setup.env(ggo), planner=setup.planner)
         files = {
             "uniform": "uniform",
             "crisscross": "crisscross",
@@ -134,20 +145,23 @@ def compare(ggo: Path, num_seeds: int = 50, only: tuple[str, ...] = (), jobs: in
         print(f"| {task.grid.name}, {setup.num_agents} | {setup.published} | {' | '.join(cells)} |", flush=True)
 
 
-def bundle(num_seeds: int = 50, minutes: float = 4.0, jobs: int = 2) -> None:
+def bundle(num_seeds: int = 50, minutes: float = 4.0, only: tuple[str, ...] = (), jobs: int = 2) -> None:
     """Optimize graphs of bundled maps, and write them to the package with their cards.
 
     Args:
         num_seeds: Number of episodes by which each is compared with uniform and crisscross weights.
         minutes: Time budget of each map.
+        only: Names of runs; all if there are none.
         jobs: Number of processes.
     """
     for setup in BUNDLED:
+        if only and setup.name not in only:
+            continue
         output = RUNS / setup.name
         words = ["guidance", "optimize", *setup.flags(Path()), "--minutes", str(minutes)]
         if not (output / "guidance.json").exists():
             subprocess.run([sys.executable, "-m", "mapf_pz", *words, "--output", str(output)], check=True)
-        task = GuidanceTask(env=setup.env(Path()))
+        task = GuidanceTask(env=setup.env(Path()), planner=setup.planner)
         graph = guidance_graph(output / "guidance.json", task.grid)
         graphs = {
             "uniform": GuidanceGraph.uniform(task.grid.free),
