@@ -193,13 +193,14 @@ def draw(runs: Runs, authors: Rows) -> None:
         steps, rewards = np.array(points).T
         left.plot(steps / 1000, rewards, color=f"C{k}", linewidth=1, label=f"authors' {name}")
     _draw_range(left, runs["as published"], 1, "ours, as published", "black")
-    left.set(ylabel="reward of an episode, sum over agents", title="the environment of evaluations", xlim=(0, 1000))
-    for k, name in enumerate(("as published", "finished agents act again", "actions from weights", "all repaired")):
-        if name in runs:
-            _draw_range(right, runs[name], 5, f"ours, {name}", "black" if k == 0 else f"C{k + 4}")
-    right.set(title="new environments", xlim=(0, 500))
+    _draw_range(left, runs["as published, longer"], 1, "ours, as published, longer", "gray")
+    left.set(ylabel="reward of an episode, sum over agents", title="the environment of evaluations")
+    colors = {"as published": "black", "as published, longer": "gray"}
+    for k, name in enumerate((*colors, "finished agents act again", "actions from weights", "all repaired")):
+        _draw_range(right, runs[name], 5, f"ours, {name}", colors.get(name, f"C{k + 2}"))
+    right.set(title="new environments")
     for panel in (left, right):
-        panel.set_xlabel("thousand environment steps")
+        panel.set(xlabel="thousand environment steps", xlim=(0, 2010))
         panel.legend(fontsize=8)
     figure.savefig(IMAGE, dpi=90)
 
