@@ -76,7 +76,7 @@ TABLES = (
         "lorr-2023",
         (
             *("pibt", "epibt:depth=3", "epibt:depth=4", "epibt:depth=5", "epibt:depth=7,time_limit=0.1", "windowed"),
-            *("lifelong:temperature=0", "lifelong+pibt:temperature=0"),
+            *("lifelong:temperature=0", "lifelong+pibt:temperature=0", "lifelong+pibt:temperature=0,depth=5"),
         ),
     ),
     ResultTable("standard", ("pibt", "mappo", "mappo+pibt", "ippo", "mappo-cardinal", *TURNING)),
