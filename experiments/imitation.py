@@ -93,23 +93,27 @@ def main(options: Options) -> None:
     for preset in options.presets:
         if BUNDLED in options.settings and (preset, BUNDLED, "", "") not in map(_key, found):
             where = options.output / f"{preset}-bundled"
-            add(preset, BUNDLED, "", "", _measured(preset, preset, where, options.episodes))
+            add(preset, BUNDLED, "", "", measured(preset, shielded(preset, preset), where, options.episodes))
     for seed, preset in itertools.product(options.seeds, options.presets):
         for setting in settings(preset):
             key = (preset, setting.name, str(seed), str(options.agent_steps))
             if setting.name not in options.settings or key in map(_key, found):
                 continue
             run = folder(options.output, f"{preset}-{setting.name}", seed)
-            _train(replace(setting.config, seed=seed, agent_steps=options.agent_steps), run)
-            hours = {"hours": f"{read_progress(run)[-1]['seconds'] / 3600:.2f}"}
-            add(*key, hours | _measured(preset, str(run), run, options.episodes))
+            hours = trained(setting.config, seed, options.agent_steps, run)
+            add(*key, hours | measured(preset, shielded(preset, str(run)), run, options.episodes))
     write()
 
 
 def columns() -> tuple[str, ...]:
-    """Return the columns of the results: a measure for each set, number of agents, and with the layer or without."""
-    sets = itertools.product(SETS, TEAMS, ("", " with layer"))
-    return ("preset", "setting", "seed", "agent_steps", "hours", *(f"{name} {n}{layer}" for name, n, layer in sets))
+    """Return the columns of the results: each measure without the layer and with it."""
+    both = (f"{measure}{layer}" for measure, layer in itertools.product(measures(), ("", " with layer")))
+    return ("preset", "setting", "seed", "agent_steps", "hours", *both)
+
+
+def measures() -> list[str]:
+    """Return the names of the measures, one for each set and number of agents."""
+    return [f"{name} {n}" for name, n in itertools.product(SETS, TEAMS)]
 
 
 def _key(row: Mapping[str, str]) -> tuple[str, str, str, str]:
@@ -117,26 +121,31 @@ def _key(row: Mapping[str, str]) -> tuple[str, str, str, str]:
     return row["preset"], row["setting"], row["seed"], row["agent_steps"]
 
 
-def _train(config: TrainConfig, run: Path) -> None:
-    """Train a policy, or continue to train it."""
+def trained(config: TrainConfig, seed: int, agent_steps: int, run: Path) -> dict[str, str]:
+    """Train a policy, or continue to train it; return the hours that it took."""
     if (run / CONFIG).exists():
         resume(run)
     else:
-        train(config, run)
+        train(replace(config, seed=seed, agent_steps=agent_steps), run)
+    return {"hours": f"{read_progress(run)[-1]['seconds'] / 3600:.2f}"}
 
 
-def _measured(preset: str, policy: str, output: Path, episodes: int) -> dict[str, str]:
-    """Return the measures of a policy, whose episodes are written to a folder."""
+def shielded(preset: str, policy: str) -> list[str]:
+    """Return the names of a policy without the safety layer and with it."""
+    return [f"{policy}{shield}" for shield in SHIELDS[preset]]
+
+
+def measured(preset: str, policies: Sequence[str], output: Path, episodes: int) -> dict[str, str]:
+    """Return the measures of a policy, those with the layer by names of their own; episodes are written to a folder."""
     on_target = PRESETS[preset].task.env.on_target
     rules = {"action_model": "cardinal", "on_target": on_target, "max_steps": 128 if on_target == "nothing" else 256}
     tasks = [
         EvaluationTask(name, n, rules | {"source": mixture.source(n)}, episodes)
         for (name, mixture), n in itertools.product(SETS.items(), TEAMS)
     ]
-    policies = [f"{policy}{shield}" for shield in SHIELDS[preset]]
     values: dict[str, list[float]] = {}
     for episode in evaluate(policies, tasks, output=output / "evaluation"):
-        layer = " with layer" if episode.policy == policies[1] else ""
+        layer = " with layer" if episode.policy in policies[1:] else ""
         values.setdefault(f"{episode.task} {episode.num_agents}{layer}", []).append(episode.metrics[METRICS[preset]])
     return {column: f"{np.mean(numbers):.3f}" for column, numbers in values.items()}
 
@@ -151,17 +160,16 @@ def write() -> None:
 
 def table(preset: str, rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
     """Yield the results of a preset as Markdown: means over seeds, in brackets the smallest and the largest."""
-    measures = [column for column in columns()[5:] if "with layer" not in column]
-    yield f"| imitation of {EXPERTS[preset]} | seeds | million agent steps | hours | {' | '.join(measures)} |"
-    yield f"| {' | '.join(['---'] * (4 + len(measures)))} |"
+    yield f"| imitation of {EXPERTS[preset]} | seeds | million agent steps | hours | {' | '.join(measures())} |"
+    yield f"| {' | '.join(['---'] * (4 + len(measures())))} |"
     for name, steps in dict.fromkeys((row["setting"], row["agent_steps"]) for row in rows):
         runs = [row for row in rows if (row["setting"], row["agent_steps"]) == (name, steps)]
         cells = ["", "", ""]
         if name != BUNDLED:
             cells = [f"{len(runs)}", f"{int(steps) / 1e6:g}", spread([float(row["hours"]) for row in runs], 1)]
-        for measure in measures:
-            alone, shielded = ([float(row[key]) for row in runs] for key in (measure, f"{measure} with layer"))
-            cells.append(f"{spread(alone, 2)}; {spread(shielded, 2)}")
+        for measure in measures():
+            alone, layer = ([float(row[key]) for row in runs] for key in (measure, f"{measure} with layer"))
+            cells.append(f"{spread(alone, 2)}; {spread(layer, 2)}")
         yield f"| {name} | {' | '.join(cells)} |"
 
 

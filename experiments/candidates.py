@@ -1,0 +1,116 @@
+"""Search for better settings of `oneshot-cardinal` by successive halving: `python -m experiments.candidates`.
+
+Candidates differ from the best setting of `experiments/imitation.py` in one thing. All are trained for a short time,
+the better half again for twice as long, and so on. They learn and are evaluated without the safety layer, on maps that
+no policy learns on. `docs/results/candidates.csv` gets the results, whose runs are not repeated, and
+`docs/explanation/imitation.md` the table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import tyro
+
+from experiments import imitation
+from experiments.pages import read_rows, write_rows, write_table
+from experiments.report_runs import folder
+from experiments.reproduction import Variation
+
+PRESET = "oneshot-cardinal"
+RESULTS, PAGE = imitation.ROOT / "docs" / "results" / "candidates.csv", imitation.PAGE
+BASE = "embeddings, no layer"
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of the search."""
+
+    output: Path = Path("runs/candidates")
+    """Folder of all runs."""
+    lengths: tuple[int, ...] = (1_500_000, 3_000_000, 6_000_000)
+    """Agent steps of a training in each round."""
+    seed: int = 0
+    """Random seed."""
+    episodes: int = 64
+    """Number of episodes on each set with each number of agents."""
+
+
+def candidates() -> Iterator[Variation]:
+    """Yield the base and what differs from it in one thing."""
+    base = next(setting for setting in imitation.settings(PRESET) if setting.name == BASE)
+    yield base
+    yield base.with_("three rounds", model={"communication": 3})
+    yield base.with_("radius 3", model={"communication_radius": 3})
+    yield base.with_("radius 8", model={"communication_radius": 8})
+    yield base.with_("view 11 x 11", env={"view_size": (11, 11)})
+    yield base.with_("eight last actions", env={"num_last_actions": 8})
+    yield base.with_("one convolution", model={"conv_channels": (48,)})
+    yield base.with_("no convolution", model={"conv_channels": ()})
+    yield base.with_("wider layers", model={"hidden": 256, "head": (256,)})
+    yield base.with_("half the learning rate", optimization={"learning_rate": 1e-3})
+    yield base.with_("first plan of the expert", imitation={"expert": "lacam:anytime=False"})
+    yield base.with_("all waits at goals", imitation={"wait_share": 1.0})
+    yield base.with_("expert acts in a fifth", imitation={"expert_share": 0.2})
+    yield base.with_("sampled at temperature 1", imitation={"temperature": 1.0})
+
+
+def main(options: Options) -> None:
+    """Train and evaluate the missing runs in sequence; write the results after each, and the table at the end."""
+    found = read_rows(RESULTS)
+    alive = list(candidates())
+    for agent_steps in options.lengths:
+        for candidate in alive:
+            key = (candidate.name, str(options.seed), str(agent_steps))
+            if key not in map(_key, found):
+                run = folder(options.output, f"{candidate.name}-{agent_steps}", options.seed)
+                measured = imitation.trained(candidate.config, options.seed, agent_steps, run)
+                measured |= imitation.measured(PRESET, [str(run)], run, options.episodes)
+                found.append(dict(zip(KEY, key, strict=True)) | measured)
+                write_rows(RESULTS, found)
+        alive = better_half(alive, [row for row in found if row["agent_steps"] == str(agent_steps)])
+    write()
+
+
+KEY = ("candidate", "seed", "agent_steps")
+"""Columns that determine a run."""
+
+
+def _key(row: Mapping[str, str]) -> tuple[str, ...]:
+    """Return what determines a run."""
+    return tuple(row[column] for column in KEY)
+
+
+def score(row: Mapping[str, str]) -> float:
+    """Return the mean over all sets and numbers of agents."""
+    return float(np.mean([float(row[column]) for column in imitation.measures()]))
+
+
+def better_half(alive: Sequence[Variation], rows: Sequence[Mapping[str, str]]) -> list[Variation]:
+    """Return the better half of the candidates, those of the highest scores, in their order."""
+    scores = {row["candidate"]: score(row) for row in rows}
+    best = sorted(alive, key=lambda candidate: -scores[candidate.name])[: -(-len(alive) // 2)]
+    return [candidate for candidate in alive if candidate in best]
+
+
+def write() -> None:
+    """Write the table."""
+    write_table(PAGE, "candidates", table(read_rows(RESULTS)))
+
+
+def table(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
+    """Yield the results as Markdown: a row for each candidate and length, of each length the best first."""
+    measures = imitation.measures()
+    yield f"| candidate | million agent steps | hours | {' | '.join(measures)} | mean |"
+    yield f"| {' | '.join(['---'] * (4 + len(measures)))} |"
+    for row in sorted(rows, key=lambda row: (int(row["agent_steps"]), -score(row))):
+        cells = [f"{float(row[measure]):.2f}" for measure in measures]
+        start = f"| {row['candidate']} | {int(row['agent_steps']) / 1e6:g} | {row['hours']} |"
+        yield f"{start} {' | '.join(cells)} | {score(row):.3f} |"
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Options))

@@ -1,0 +1,67 @@
+"""The search for better settings of imitation."""
+
+import pytest
+
+from experiments import candidates, imitation
+
+NAMES = [candidate.name for candidate in candidates.candidates()]
+
+
+@pytest.fixture
+def runs(tmp_path, monkeypatch):
+    """Later candidates are better; the runs that were trained."""
+    runs, tables = [], []
+
+    def trained(config, seed, agent_steps, run):
+        runs.append((run.name, seed, agent_steps))
+        return {"hours": "0.10"}
+
+    def measured(preset, policies, output, episodes):
+        best = max(NAMES.index(name) for name in NAMES if policies[0].split("/")[-1].startswith(name.replace(" ", "-")))
+        return dict.fromkeys(imitation.measures(), f"{best / 100:.3f}")
+
+    monkeypatch.setattr(imitation, "trained", trained)
+    monkeypatch.setattr(imitation, "measured", measured)
+    monkeypatch.setattr(candidates, "RESULTS", tmp_path / "candidates.csv")
+    monkeypatch.setattr(candidates, "write_table", lambda page, name, lines: tables.append(list(lines)))
+    kept = list(candidates.candidates())[1:6]
+    monkeypatch.setattr(candidates, "candidates", lambda: iter(kept))
+    candidates.main(candidates.Options(tmp_path, lengths=(100, 200, 400)))
+    return runs, tables, tmp_path
+
+
+def test_the_better_half_is_trained_for_twice_as_long(runs):
+    trained, tables, _ = runs
+    assert [steps for _, _, steps in trained] == [100] * 5 + [200] * 3 + [400] * 2
+    assert [name for name, _, _ in trained[5:]] == [
+        "radius-8-200-0",
+        "view-11-x-11-200-0",
+        "eight-last-actions-200-0",
+        "view-11-x-11-400-0",
+        "eight-last-actions-400-0",
+    ]
+    lines = tables[-1]
+    assert (
+        lines[0] == "| candidate | million agent steps | hours | mazes 32 | mazes 64 | random 32 | random 64 | mean |"
+    )
+    assert lines[2] == "| eight last actions | 0.0001 | 0.10 | 0.05 | 0.05 | 0.05 | 0.05 | 0.050 |"
+    assert lines[-1].startswith("| view 11 x 11 | 0.0004 |")
+
+
+def test_runs_are_not_repeated(runs):
+    trained, tables, output = runs
+    candidates.main(candidates.Options(output, lengths=(100, 200, 400)))
+    assert len(trained) == 10
+    assert tables[0] == tables[1]
+
+
+def test_candidates_differ_from_the_base_in_one_part():
+    base, *others = candidates.candidates()
+    assert base.config.task.shield is False
+    for candidate in others:
+        config = candidate.config
+        parts = ("optimization", "imitation", "model")
+        changed = [part for part in parts if getattr(config, part) != getattr(base.config, part)]
+        changed += ["env"] * (config.task.env != base.config.task.env)
+        assert len(changed) == 1, candidate.name
+        assert config.task.mixture == base.config.task.mixture
