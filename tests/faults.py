@@ -130,7 +130,8 @@ def kill(
         status = running.wait(120)
         wait_for(lambda: not any(map(is_alive, others)))
         message.seek(0)
-        return End(status, killed, message.read().splitlines())
+        # Without a worker that has nothing left to do, a command finishes.
+        return End(status, killed and (whom != "worker" or status != 0), message.read().splitlines())
 
 
 def workers_of(process_id: int) -> list[int]:
@@ -207,6 +208,7 @@ def kill_evaluations(folder: Path, kills: int, episodes: int, draw: random.Rando
         counters.lost += lost
         assert now[: len(before)] == before, f"{lost} episodes are lost"
         if not end.killed:
+            assert (end.status, len(now)) == (0, len(episode_lines(whole))), end
             break
         check_end("evaluate", end, sent, whom)
         counters.kills["evaluation", whom, sent.name] += 1
