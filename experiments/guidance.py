@@ -11,6 +11,7 @@ import json
 import math
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
@@ -107,12 +108,16 @@ def optimize(ggo: Path, minutes: float = 10.0, only: tuple[str, ...] = (), seed:
         only: Names of runs; all if there are none.
         seed: Random seed.
     """
-    for setup in SETUPS:
-        if not only or setup.name in only:
-            words = ["guidance", "optimize", *setup.flags(ggo), "--minutes", str(minutes), "--seed", str(seed)]
-            command = [sys.executable, "-m", "mapf_pz", *words, "--output", str(RUNS / setup.name)]
-            print(" ".join(["mapf-pz", *words]), flush=True)
-            subprocess.run(command, check=True)
+    for setup in _chosen(SETUPS, only):
+        words = ["guidance", "optimize", *setup.flags(ggo), "--minutes", str(minutes), "--seed", str(seed)]
+        command = [sys.executable, "-m", "mapf_pz", *words, "--output", str(RUNS / setup.name)]
+        print(" ".join(["mapf-pz", *words]), flush=True)
+        subprocess.run(command, check=True)
+
+
+def _chosen(setups: Sequence[Setup], only: Sequence[str]) -> list[Setup]:
+    """Return the setups with one of these names; all if there are none."""
+    return [setup for setup in setups if not only or setup.name in only]
 
 
 def compare(ggo: Path, num_seeds: int = 50, only: tuple[str, ...] = (), jobs: int = 2) -> None:
@@ -125,9 +130,7 @@ def compare(ggo: Path, num_seeds: int = 50, only: tuple[str, ...] = (), jobs: in
         jobs: Number of processes.
     """
     print("| map, agents | published best | uniform | crisscross | released | optimized |\n| --- |" + " --- |" * 5)
-    for setup in SETUPS:
-        if only and setup.name not in only:
-            continue
+    for setup in _chosen(SETUPS, only):
         task = GuidanceTask(env=setup.env(ggo), planner=setup.planner)
         files = {
             "uniform": "uniform",
@@ -154,9 +157,7 @@ def bundle(num_seeds: int = 50, minutes: float = 4.0, only: tuple[str, ...] = ()
         only: Names of runs; all if there are none.
         jobs: Number of processes.
     """
-    for setup in BUNDLED:
-        if only and setup.name not in only:
-            continue
+    for setup in _chosen(BUNDLED, only):
         output = RUNS / setup.name
         words = ["guidance", "optimize", *setup.flags(Path()), "--minutes", str(minutes)]
         if not (output / "guidance.json").exists():
