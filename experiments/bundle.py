@@ -1,10 +1,12 @@
 """Copy the policy of a training run into the package: `python -m experiments.bundle RUN NAME`.
 
-Its weights are rounded to 16 bits, so that all policies of the package together stay below 8 MB.
+Its weights are rounded to 16 bits, so that all policies of the package together stay below 8 MB. The policy's folder
+also gets its card, and of the run's progress the rows with a validation.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,8 +15,12 @@ from tyro.conf import Positional
 
 from mapf_pz.rl import load_policy
 from mapf_pz.rl.config_file import save_config
+from mapf_pz.rl.policies.card import card
 from mapf_pz.rl.policies.folder import bundled
 from mapf_pz.rl.policies.load import save_weights
+from mapf_pz.rl.training.progress import read_progress, write_progress
+
+LICENSE = "MIT"
 
 
 @dataclass(frozen=True)
@@ -25,14 +31,20 @@ class Options:
     """Folder of the run."""
     name: Positional[str]
     """Name of the policy; an earlier one of this name is replaced."""
+    results: str = ""
+    """Results and limits, in Markdown, for the card."""
 
 
 def main(options: Options) -> None:
-    """Write the configuration and the rounded weights."""
+    """Write the configuration, the rounded weights, the progress and the card."""
     policy, folder = load_policy(options.run), bundled() / options.name
     folder.mkdir(exist_ok=True)
     save_config(folder, policy.config)
     save_weights(folder, policy.network.half())
+    rows = read_progress(options.run)
+    validated = [row for row in rows[:-1] if not math.isnan(row.get("validation_return", math.nan))]
+    write_progress(folder, [*validated, rows[-1]])
+    (folder / "README.md").write_text(card(folder, options.name, LICENSE, options.results), "utf-8")
 
 
 if __name__ == "__main__":

@@ -2,9 +2,9 @@
 
 Policies with cardinal actions imitate LaCAM with one goal per agent, or windowed planning in lifelong episodes, on
 PRIMAL2's mazes, random maps and warehouses. They differ in whether agents exchange embeddings, and in whether they act
-under the safety layer while they learn. They and the bundled policies are evaluated with and without the layer on
-generated mazes and random maps that none of them has learned on. `docs/results/imitation.csv` gets the results of each
-run, which is not repeated then, and `docs/explanation/imitation.md` the tables. Runs that were stopped go on.
+under the safety layer while they learn. They are evaluated with and without the layer on generated mazes and random
+maps that none of them has learned on. `docs/results/imitation.csv` gets the results of each run, which is not repeated
+then, and `docs/explanation/imitation.md` the tables. Runs that were stopped go on.
 """
 
 from __future__ import annotations
@@ -30,11 +30,6 @@ from mapf_pz.rl.training.train import resume, train
 
 ROOT = Path(__file__).parents[1]
 RESULTS, PAGE = ROOT / "docs" / "results" / "imitation.csv", PAGES / "imitation.md"
-MAPS = {
-    "oneshot-cardinal": ("primal2", "primal2", "primal2", "primal2", "random"),
-    "lifelong-cardinal": ("primal2", "primal2", "random", "random", "warehouse"),
-}
-"""The presets, and the families of maps that the policies learn on."""
 EXPERTS = {"oneshot-cardinal": "LaCAM", "lifelong-cardinal": "windowed planning, lifelong"}
 METRICS = {"oneshot-cardinal": "CSR", "lifelong-cardinal": "avg_throughput"}
 SETS = {
@@ -46,8 +41,8 @@ TEAMS = (32, 64)
 """Numbers of agents in evaluations."""
 SHIELDS = {"oneshot-cardinal": ("", "+pibt"), "lifelong-cardinal": ("", "+pibt:temperature=0")}
 """What follows the policy's name: without and with the safety layer."""
-BUNDLED = "the bundled policy"
-"""The setting of the policy of the preset's name, which is evaluated only."""
+KEY = ("preset", "setting", "seed", "agent_steps")
+"""Columns that determine a run."""
 
 
 @dataclass(frozen=True)
@@ -56,9 +51,9 @@ class Options:
 
     output: Path = Path("runs/imitation")
     """Folder of all runs."""
-    presets: tuple[str, ...] = tuple(MAPS)
+    presets: tuple[str, ...] = tuple(EXPERTS)
     """The presets."""
-    settings: tuple[str, ...] = (BUNDLED, "own view", "embeddings", "embeddings, no layer")
+    settings: tuple[str, ...] = ("own view", "embeddings", "embeddings, no layer")
     """Names of settings."""
     seeds: tuple[int, ...] = (0, 1, 2)
     """Random seeds."""
@@ -69,46 +64,35 @@ class Options:
 
 
 def settings(preset: str) -> Iterator[Variation]:
-    """Yield the settings of a preset."""
-    config = PRESETS[preset]
-    env = replace(config.task.env, num_agents=48)
-    task = replace(config.task, env=env, mixture=replace(config.task.mixture, maps=MAPS[preset]))
-    alone = Variation("own view", replace(config, task=task))
-    yield alone
-    exchange = {"communication": 2, "communication_radius": 5}
-    together = alone.with_("embeddings", env={"features": (*env.features, "pose")}, model=exchange)
+    """Yield the settings of a preset: that of its policy is the last one."""
+    unshielded = Variation("embeddings, no layer", PRESETS[preset])
+    together = unshielded.with_("embeddings", task={"shield": True})
+    features = tuple(name for name in PRESETS[preset].task.env.features if name != "pose")
+    alone = {"communication": 0, "communication_radius": None}
+    yield together.with_("own view", env={"features": features}, model=alone)
     yield together
-    yield together.with_("embeddings, no layer", task={"shield": False})
+    yield unshielded
 
 
 def main(options: Options) -> None:
     """Train and evaluate the missing runs in sequence; write the results after each, and the tables at the end."""
     found = read_rows(RESULTS)
-
-    def add(preset: str, setting: str, seed: str, agent_steps: str, measured: Mapping[str, str]) -> None:
-        key = {"preset": preset, "setting": setting, "seed": seed, "agent_steps": agent_steps}
-        found.append(key | dict(measured))
-        write_rows(RESULTS, sorted(found, key=_key), columns())
-
-    for preset in options.presets:
-        if BUNDLED in options.settings and (preset, BUNDLED, "", "") not in map(_key, found):
-            where = options.output / f"{preset}-bundled"
-            add(preset, BUNDLED, "", "", measured(preset, shielded(preset, preset), where, options.episodes))
     for seed, preset in itertools.product(options.seeds, options.presets):
         for setting in settings(preset):
             key = (preset, setting.name, str(seed), str(options.agent_steps))
             if setting.name not in options.settings or key in map(_key, found):
                 continue
             run = folder(options.output, f"{preset}-{setting.name}", seed)
-            hours = trained(setting.config, seed, options.agent_steps, run)
-            add(*key, hours | measured(preset, shielded(preset, str(run)), run, options.episodes))
+            row = dict(zip(KEY, key, strict=True)) | trained(setting.config, seed, options.agent_steps, run)
+            found.append(row | measured(preset, shielded(preset, str(run)), run, options.episodes))
+            write_rows(RESULTS, sorted(found, key=_key), columns())
     write()
 
 
 def columns() -> tuple[str, ...]:
     """Return the columns of the results: each measure without the layer and with it."""
     both = (f"{measure}{layer}" for measure, layer in itertools.product(measures(), ("", " with layer")))
-    return ("preset", "setting", "seed", "agent_steps", "hours", *both)
+    return (*KEY, "hours", *both)
 
 
 def measures() -> list[str]:
@@ -116,9 +100,9 @@ def measures() -> list[str]:
     return [f"{name} {n}" for name, n in itertools.product(SETS, TEAMS)]
 
 
-def _key(row: Mapping[str, str]) -> tuple[str, str, str, str]:
+def _key(row: Mapping[str, str]) -> tuple[str, ...]:
     """Return what determines a run."""
-    return row["preset"], row["setting"], row["seed"], row["agent_steps"]
+    return tuple(row[column] for column in KEY)
 
 
 def trained(config: TrainConfig, seed: int, agent_steps: int, run: Path) -> dict[str, str]:
@@ -153,7 +137,7 @@ def measured(preset: str, policies: Sequence[str], output: Path, episodes: int) 
 def write() -> None:
     """Write the tables."""
     found = read_rows(RESULTS)
-    for preset in MAPS:
+    for preset in EXPERTS:
         rows = [row for row in found if row["preset"] == preset]
         write_table(PAGE, f"imitation {preset}", table(preset, rows))
 
@@ -164,9 +148,7 @@ def table(preset: str, rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
     yield f"| {' | '.join(['---'] * (4 + len(measures())))} |"
     for name, steps in dict.fromkeys((row["setting"], row["agent_steps"]) for row in rows):
         runs = [row for row in rows if (row["setting"], row["agent_steps"]) == (name, steps)]
-        cells = ["", "", ""]
-        if name != BUNDLED:
-            cells = [f"{len(runs)}", f"{int(steps) / 1e6:g}", spread([float(row["hours"]) for row in runs], 1)]
+        cells = [f"{len(runs)}", f"{int(steps) / 1e6:g}", spread([float(row["hours"]) for row in runs], 1)]
         for measure in measures():
             alone, layer = ([float(row[key]) for row in runs] for key in (measure, f"{measure} with layer"))
             cells.append(f"{spread(alone, 2)}; {spread(layer, 2)}")

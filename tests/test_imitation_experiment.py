@@ -30,7 +30,7 @@ def trained(tmp_path, monkeypatch):
 
 def test_results_of_runs_and_their_table(tmp_path, trained):
     configs, tables = trained
-    chosen = {"presets": ("oneshot-cardinal",), "settings": (imitation.BUNDLED, "embeddings"), "agent_steps": 500_000}
+    chosen = {"presets": ("oneshot-cardinal",), "settings": ("embeddings",), "agent_steps": 500_000}
     for seeds in ((0,), (0, 1)):
         imitation.main(imitation.Options(tmp_path, **chosen, seeds=seeds, episodes=2))
     assert [config.seed for config in configs] == [0, 1]
@@ -38,14 +38,11 @@ def test_results_of_runs_and_their_table(tmp_path, trained):
     name, lines = tables[-2]
     assert name == "imitation oneshot-cardinal"
     assert lines[0] == "| imitation of LaCAM | seeds | million agent steps | hours | mazes 4 |"
-    assert lines[2:] == [
-        "| embeddings | 2 | 0.5 | 1.5 | 1.00; 1.00 |",
-        f"| {imitation.BUNDLED} |  |  |  | 1.00; 1.00 |",
-    ]
+    assert lines[2:] == ["| embeddings | 2 | 0.5 | 1.5 | 1.00; 1.00 |"]
     assert tables[-1] == ("imitation lifelong-cardinal", tables[-1][1][:2])
 
 
-@pytest.mark.parametrize("preset", list(imitation.MAPS))
+@pytest.mark.parametrize("preset", list(imitation.EXPERTS))
 def test_settings_differ_in_what_they_are_named_after(preset):
     alone, together, unshielded = (setting.config for setting in imitation.settings(preset))
     assert (alone.model.communication, together.model.communication, unshielded.model.communication) == (0, 2, 2)

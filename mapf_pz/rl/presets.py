@@ -110,25 +110,25 @@ _CENTRAL_TEAM = TrainConfig(
     validation_interval=200_000,
 )
 
-# Imitation of windowed planning, with more agents per free cell than in most evaluations. The costs of `crisscross`
-# spread the agents over the aisles of a warehouse.
-_LIFELONG_CARDINAL = TrainConfig(
+# Imitation of windowed planning, with more agents per free cell than in most evaluations.
+_LIFELONG = TrainConfig(
     task=TaskConfig(
         env=EnvConfig(
             num_agents=40,
             max_steps=256,
-            action_model="cardinal",
             on_target="restart",
             view_size=(9, 9),
             view="centered",
-            channels=("view", "goal", "cost_to_go", "heuristic", "others_next", "others_heuristic", "other_goals"),
+            channels=(
+                *("view", "goal", "orientation", "cost_to_go", "heuristic"),
+                *("others_next", "others_heuristic", "other_goals"),
+            ),
             features=("action_advantage", "last_actions", "goal_vector"),
             num_last_actions=2,
-            edge_weights="crisscross",
             reward=REWARDS["progress"],
         ),
         mixture=MapMixture(
-            maps=("random", "maze", "warehouse", "random", "maze"),
+            maps=("random", "walls", "random", "warehouse"),
             height=(17, 21),
             width=(17, 21),
             density=(0.1, 0.3),
@@ -142,71 +142,70 @@ _LIFELONG_CARDINAL = TrainConfig(
         num_envs=32, steps_per_batch=16, num_epochs=1, minibatch_size=16, learning_rate=2e-3
     ),
     imitation=ImitationConfig(expert="windowed:rounds=1,window=12", temperature=0.3),
-    agent_steps=8_000_000,
-    checkpoint_interval=800_000,
+    agent_steps=2_000_000,
+    checkpoint_interval=200_000,
     validation_interval=800_000,
     validation_episodes=32,
     precision="bfloat16",
 )
 
-_LIFELONG = replace(
-    _LIFELONG_CARDINAL,
+# Agents exchange embeddings with those near them, and learn without the safety layer, so that they meet their own
+# conflicts. The costs of `crisscross` spread them over the aisles of a warehouse.
+_LIFELONG_CARDINAL = replace(
+    _LIFELONG,
     task=replace(
-        _LIFELONG_CARDINAL.task,
+        _LIFELONG.task,
         env=replace(
-            _LIFELONG_CARDINAL.task.env,
-            action_model="rotate",
-            channels=("view", "goal", "orientation", *_LIFELONG_CARDINAL.task.env.channels[2:]),
-            edge_weights="uniform",
+            _LIFELONG.task.env,
+            num_agents=48,
+            action_model="cardinal",
+            channels=tuple(name for name in _LIFELONG.task.env.channels if name != "orientation"),
+            features=(*_LIFELONG.task.env.features, "pose"),
+            edge_weights="crisscross",
         ),
-        mixture=replace(_LIFELONG_CARDINAL.task.mixture, maps=("random", "walls", "random", "warehouse")),
+        mixture=replace(_LIFELONG.task.mixture, maps=("primal2", "primal2", "random", "random", "warehouse")),
+        shield=False,
     ),
-    agent_steps=2_000_000,
-    checkpoint_interval=200_000,
+    model=replace(_LIFELONG.model, communication=2, communication_radius=5),
+    agent_steps=12_000_000,
+    checkpoint_interval=800_000,
 )
 
 # Imitation of LaCAM, which plans from states that the policy has reached. The policy learns from half of the steps.
+_LACAM = ImitationConfig(expert="lacam:time_limit=0.1,clock=work", expert_share=0.5, segment_steps=32, temperature=0.5)
+_ONESHOT = replace(
+    _LIFELONG,
+    task=replace(
+        _LIFELONG.task,
+        env=replace(_LIFELONG.task.env, num_agents=48, on_target="nothing"),
+        mixture=replace(
+            _LIFELONG.task.mixture,
+            maps=("random", "warehouse", "random", "maze"),
+            height=(17, 23),
+            width=(17, 23),
+            wall_density=(0.2, 0.4),
+        ),
+    ),
+    optimization=replace(_LIFELONG.optimization, steps_per_batch=32),
+    imitation=_LACAM,
+    agent_steps=10_000_000,
+    checkpoint_interval=500_000,
+    validation_interval=1_000_000,
+)
 _ONESHOT_CARDINAL = replace(
     _LIFELONG_CARDINAL,
     task=replace(
         _LIFELONG_CARDINAL.task,
-        env=replace(
-            _LIFELONG_CARDINAL.task.env,
-            num_agents=48,
-            max_steps=128,
-            on_target="nothing",
-            edge_weights="uniform",
-        ),
+        env=replace(_LIFELONG_CARDINAL.task.env, max_steps=128, on_target="nothing", edge_weights="uniform"),
         mixture=replace(
             _LIFELONG_CARDINAL.task.mixture,
-            maps=("random", "walls", "random", "walls", "maze"),
+            maps=("primal2", "primal2", "primal2", "primal2", "random"),
             wall_density=(0.2, 0.4),
         ),
     ),
-    optimization=replace(_LIFELONG_CARDINAL.optimization, steps_per_batch=32),
-    imitation=ImitationConfig(
-        expert="lacam:time_limit=0.1,clock=work", expert_share=0.5, segment_steps=32, temperature=0.5
-    ),
-    agent_steps=16_000_000,
-)
-
-_ONESHOT = replace(
-    _ONESHOT_CARDINAL,
-    task=replace(
-        _ONESHOT_CARDINAL.task,
-        env=replace(
-            _ONESHOT_CARDINAL.task.env, action_model="rotate", max_steps=256, channels=_LIFELONG.task.env.channels
-        ),
-        mixture=replace(
-            _ONESHOT_CARDINAL.task.mixture,
-            maps=("random", "warehouse", "random", "maze"),
-            height=(17, 23),
-            width=(17, 23),
-        ),
-    ),
-    agent_steps=10_000_000,
-    checkpoint_interval=500_000,
-    validation_interval=1_000_000,
+    optimization=_ONESHOT.optimization,
+    imitation=_LACAM,
+    agent_steps=14_000_000,
 )
 
 # Imitation of LaCAM by one policy for all agents, without the safety layer, in crowded warehouses with aisles of one
