@@ -42,17 +42,20 @@ class Options:
 def candidates() -> Iterator[Variation]:
     """Yield the base and what differs from it in one thing."""
     base = next(setting for setting in imitation.settings(PRESET) if setting.name == BASE)
+    features = base.config.task.env.features
     yield base
     yield base.with_("three rounds", model={"communication": 3})
     yield base.with_("radius 3", model={"communication_radius": 3})
     yield base.with_("radius 8", model={"communication_radius": 8})
     yield base.with_("view 11 x 11", env={"view_size": (11, 11)})
+    yield base.with_("no last actions", env={"features": tuple(name for name in features if name != "last_actions")})
     yield base.with_("eight last actions", env={"num_last_actions": 8})
     yield base.with_("one convolution", model={"conv_channels": (48,)})
     yield base.with_("no convolution", model={"conv_channels": ()})
     yield base.with_("wider layers", model={"hidden": 256, "head": (256,)})
     yield base.with_("half the learning rate", optimization={"learning_rate": 1e-3})
     yield base.with_("first plan of the expert", imitation={"expert": "lacam:anytime=False"})
+    yield base.with_("plans for 4 steps", imitation={"segment_steps": 4})
     yield base.with_("all waits at goals", imitation={"wait_share": 1.0})
     yield base.with_("expert acts in a fifth", imitation={"expert_share": 0.2})
     yield base.with_("sampled at temperature 1", imitation={"temperature": 1.0})

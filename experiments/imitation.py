@@ -30,6 +30,13 @@ from mapf_pz.rl.training.train import resume, train
 
 ROOT = Path(__file__).parents[1]
 RESULTS, PAGE = ROOT / "docs" / "results" / "imitation.csv", PAGES / "imitation.md"
+MAPS = {
+    "oneshot-cardinal": ("primal2", "primal2", "primal2", "primal2", "random"),
+    "lifelong-cardinal": ("primal2", "primal2", "random", "random", "warehouse"),
+}
+"""The presets, and the families of maps that the policies learn on."""
+FEATURES = ("action_advantage", "last_actions", "goal_vector")
+"""What an agent that exchanges nothing observes beside its view."""
 EXPERTS = {"oneshot-cardinal": "LaCAM", "lifelong-cardinal": "windowed planning, lifelong"}
 METRICS = {"oneshot-cardinal": "CSR", "lifelong-cardinal": "avg_throughput"}
 SETS = {
@@ -51,7 +58,7 @@ class Options:
 
     output: Path = Path("runs/imitation")
     """Folder of all runs."""
-    presets: tuple[str, ...] = tuple(EXPERTS)
+    presets: tuple[str, ...] = tuple(MAPS)
     """The presets."""
     settings: tuple[str, ...] = ("own view", "embeddings", "embeddings, no layer")
     """Names of settings."""
@@ -64,14 +71,18 @@ class Options:
 
 
 def settings(preset: str) -> Iterator[Variation]:
-    """Yield the settings of a preset: that of its policy is the last one."""
-    unshielded = Variation("embeddings, no layer", PRESETS[preset])
-    together = unshielded.with_("embeddings", task={"shield": True})
-    features = tuple(name for name in PRESETS[preset].task.env.features if name != "pose")
-    alone = {"communication": 0, "communication_radius": None}
-    yield together.with_("own view", env={"features": features}, model=alone)
+    """Yield the settings of a preset."""
+    turning, maps = PRESETS[preset.removesuffix("-cardinal")], MAPS[preset]
+    config = replace(PRESETS[preset], optimization=turning.optimization, imitation=turning.imitation)
+    env = replace(config.task.env, num_agents=48, features=FEATURES)
+    task = replace(config.task, env=env, mixture=replace(config.task.mixture, maps=maps), shield=True)
+    model = replace(config.model, communication=0, communication_radius=None)
+    alone = Variation("own view", replace(config, task=task, model=model))
+    yield alone
+    exchange = {"communication": 2, "communication_radius": 5}
+    together = alone.with_("embeddings", env={"features": (*FEATURES, "pose")}, model=exchange)
     yield together
-    yield unshielded
+    yield together.with_("embeddings, no layer", task={"shield": False})
 
 
 def main(options: Options) -> None:
@@ -137,7 +148,7 @@ def measured(preset: str, policies: Sequence[str], output: Path, episodes: int) 
 def write() -> None:
     """Write the tables."""
     found = read_rows(RESULTS)
-    for preset in EXPERTS:
+    for preset in MAPS:
         rows = [row for row in found if row["preset"] == preset]
         write_table(PAGE, f"imitation {preset}", table(preset, rows))
 

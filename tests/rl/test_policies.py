@@ -38,7 +38,8 @@ def test_a_policy_is_small_and_what_its_preset_makes(name):
     assert sum(file.stat().st_size for file in folder.iterdir()) < 2_000_000
     config, preset = load_policy(name).config, PRESETS[name]
     if config.initial_policy is not None:  # it was trained in several runs: see the README of the policies
-        config = dataclasses.replace(config, initial_policy=None, agent_steps=preset.agent_steps)
+        others = {name: getattr(preset, name) for name in ("agent_steps", "validation_interval", "validation_episodes")}
+        config = dataclasses.replace(config, initial_policy=None, **others)
     if config.imitation.expert.endswith("time_limit=0.1"):  # it was trained when time limits were not counted as work
         preset = dataclasses.replace(preset, imitation=config.imitation)
     assert config == preset
