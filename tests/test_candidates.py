@@ -36,15 +36,15 @@ def test_the_better_half_is_trained_for_twice_as_long(runs):
     assert [name for name, _, _ in trained[5:]] == [
         "radius-8-200-0",
         "view-11-x-11-200-0",
-        "eight-last-actions-200-0",
+        "no-last-actions-200-0",
         "view-11-x-11-400-0",
-        "eight-last-actions-400-0",
+        "no-last-actions-400-0",
     ]
     lines = tables[-1]
     assert (
         lines[0] == "| candidate | million agent steps | hours | mazes 32 | mazes 64 | random 32 | random 64 | mean |"
     )
-    assert lines[2] == "| eight last actions | 0.0001 | 0.10 | 0.05 | 0.05 | 0.05 | 0.05 | 0.050 |"
+    assert lines[2] == "| no last actions | 0.0001 | 0.10 | 0.05 | 0.05 | 0.05 | 0.05 | 0.050 |"
     assert lines[-1].startswith("| view 11 x 11 | 0.0004 |")
 
 

@@ -111,7 +111,7 @@ def test_masked_actions_have_probability_zero():
 def test_features_have_names_and_are_the_observed_ones():
     recording, inspection = run("oneshot-cardinal", True)
     names = inspection.feature_names
-    assert (names[0], names[-1], len(names)) == ("action_advantage 1", "goal_vector 4", 21)
+    assert (names[0], names[-1], len(names)) == ("action_advantage 1", "pose 6", 27)
     on_goal = (recording.positions == recording.goals).all(-1)[:-1]
     np.testing.assert_array_equal(inspection.features[..., names.index("goal_vector 4")], on_goal)
     last = [names.index(f"last_actions {k + 1}") for k in range(5)]
