@@ -6,13 +6,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from experiments.paired import PLANNERS
+from mapf_pz.evaluation.policies import SHIELD_SUFFIX
 
 
 def field_table(suites: Sequence[Mapping[str, Any]], metric: str) -> list[list[str]]:
-    """Return a table with a column for each suite: the trained policy of this package, and the best of other methods.
+    """Return a table with a column for each suite: trained policies of this package, and the best of other methods.
 
-    The policy is the same in all columns: the one with the highest mean over them. Of the published learned methods,
-    of the planners of this package and of the published planners, each column has the best one, with its name.
+    The policies are the same in all columns: the one with the highest mean over them, and the one of those that act
+    without the safety layer. Of the published learned methods, of the planners of this package and of the published
+    planners, each column has the best one, with its name.
 
     Args:
         suites: the results of each suite.
@@ -22,8 +24,13 @@ def field_table(suites: Sequence[Mapping[str, Any]], metric: str) -> list[list[s
     header = ["", *(f"{column['task']}, {column['num_agents']} agents" for column in columns)]
     trained = [column["trained"] for column in columns]
     common = sorted(set.intersection(*(set(found) for found in trained)))
-    policy = max(common, key=lambda name: sum(found[name] for found in trained))
-    rows = [[f"**policy `{policy}`**", *(f"**{found[policy]:.3g}**" for found in trained)]]
+    unshielded = [name for name in common if SHIELD_SUFFIX not in name]
+    best = [
+        max(names, key=lambda name: sum(found[name] for found in trained)) for names in (common, unshielded) if names
+    ]
+    rows = [
+        [f"**policy `{policy}`**", *(f"**{found[policy]:.3g}**" for found in trained)] for policy in dict.fromkeys(best)
+    ]
     kinds = ("published learned methods", "planners", "published planners")
     return [header, *rows, *([f"best of the {kind}", *(_best(column[kind]) for column in columns)] for kind in kinds)]
 
