@@ -206,8 +206,9 @@ def kill_evaluations(folder: Path, kills: int, episodes: int, draw: random.Rando
         lost = len(set(before) - set(now))
         counters.lost += lost
         assert now[: len(before)] == before, f"{lost} episodes are lost"
-        if end.status == 0:  # it was over before, or went on without a worker that had nothing left to do
-            assert len(now) == len(episode_lines(whole))
+        # It was over before, or it went on without a worker that had nothing left to do.
+        if not end.killed or (whom == "worker" and end.status == 0):
+            assert (end.status, len(now)) == (0, len(episode_lines(whole))), end
             break
         check_end("evaluate", end, sent, whom)
         counters.kills["evaluation", whom, sent.name] += 1
