@@ -46,9 +46,9 @@ RECORDINGS = {
         "--policy mappo --map random-16-16-20 --num-agents 12 --max-steps 128",
     ),
     "lifelong": (
-        "`lifelong-cardinal+pibt:temperature=0`, 48 agents with new goals, random-24-24-20",
-        "--policy lifelong-cardinal+pibt:temperature=0 --map random-24-24-20 --num-agents 48 --on-target restart "
-        "--action-model cardinal --max-steps 256",
+        "`lifelong-cardinal+pibt:temperature=0,patience=0`, 48 agents with new goals, random-24-24-20",
+        "--policy lifelong-cardinal+pibt:temperature=0,patience=0 --map random-24-24-20 --num-agents 48 "
+        "--on-target restart --action-model cardinal --max-steps 256",
     ),
 }
 """Recordings by file name: a description, and the options of `mapf-pz render`."""

@@ -19,7 +19,7 @@ CRISSCROSS = ("pibt:edge_weights=crisscross", "epibt:edge_weights=crisscross")
 LIFELONG = ("pibt", "epibt", "windowed")
 LEARNED = ("mappo-cardinal", "mappo-cardinal+pibt")
 TURNING = ("oneshot", "oneshot+pibt")
-IMITATED = ("lifelong-cardinal:temperature=0", "lifelong-cardinal+pibt:temperature=0")
+IMITATED = ("lifelong-cardinal", "lifelong-cardinal+pibt:temperature=0,patience=0")
 IMITATED_ONE_SHOT = ("oneshot-cardinal", "oneshot-cardinal+pibt")
 
 

@@ -149,20 +149,25 @@ _LIFELONG = TrainConfig(
     precision="bfloat16",
 )
 
-# The costs of `crisscross` spread the agents over the aisles of a warehouse.
+# Agents exchange embeddings with those near them, and learn without the safety layer, so that they meet their own
+# conflicts. The costs of `crisscross` spread them over the aisles of a warehouse.
 _LIFELONG_CARDINAL = replace(
     _LIFELONG,
     task=replace(
         _LIFELONG.task,
         env=replace(
             _LIFELONG.task.env,
+            num_agents=48,
             action_model="cardinal",
             channels=tuple(name for name in _LIFELONG.task.env.channels if name != "orientation"),
+            features=(*_LIFELONG.task.env.features, "pose"),
             edge_weights="crisscross",
         ),
-        mixture=replace(_LIFELONG.task.mixture, maps=("random", "maze", "warehouse", "random", "maze")),
+        mixture=replace(_LIFELONG.task.mixture, maps=("primal2", "primal2", "random", "random", "warehouse")),
+        shield=False,
     ),
-    agent_steps=8_000_000,
+    model=replace(_LIFELONG.model, communication=2, communication_radius=5),
+    agent_steps=12_000_000,
     checkpoint_interval=800_000,
 )
 
@@ -188,29 +193,19 @@ _ONESHOT = replace(
     validation_interval=1_000_000,
 )
 
-# Agents exchange embeddings with those near them, and learn without the safety layer, so that they meet their own
-# conflicts. In short segments, more of the labeled states have the policy's own actions in their past: see
-# `docs/explanation/imitation.md`.
+# The same with one goal per agent. In short segments, more of the labeled states have the policy's own actions in their
+# past: see `docs/explanation/imitation.md`.
 _ONESHOT_CARDINAL = replace(
     _LIFELONG_CARDINAL,
     task=replace(
         _LIFELONG_CARDINAL.task,
-        env=replace(
-            _LIFELONG_CARDINAL.task.env,
-            num_agents=48,
-            max_steps=128,
-            on_target="nothing",
-            features=(*_LIFELONG_CARDINAL.task.env.features, "pose"),
-            edge_weights="uniform",
-        ),
+        env=replace(_LIFELONG_CARDINAL.task.env, max_steps=128, on_target="nothing", edge_weights="uniform"),
         mixture=replace(
             _LIFELONG_CARDINAL.task.mixture,
             maps=("primal2", "primal2", "primal2", "primal2", "random"),
             wall_density=(0.2, 0.4),
         ),
-        shield=False,
     ),
-    model=replace(_LIFELONG_CARDINAL.model, communication=2, communication_radius=5),
     optimization=replace(_ONESHOT.optimization, learning_rate=1e-3),
     imitation=replace(_LACAM, expert_share=0.3, segment_steps=4),
     agent_steps=14_000_000,
