@@ -16,7 +16,7 @@ import numpy as np
 import tyro
 
 from experiments import imitation
-from experiments.pages import read_rows, write_rows, write_table
+from experiments.pages import key_of, read_rows, write_rows, write_table
 from experiments.report_runs import folder
 from experiments.reproduction import Variation
 
@@ -64,11 +64,12 @@ def candidates() -> Iterator[Variation]:
 def main(options: Options) -> None:
     """Train and evaluate the missing runs in sequence; write the results after each, and the table at the end."""
     found = read_rows(RESULTS)
+    known = {key_of(row, KEY) for row in found}
     alive = list(candidates())
     for agent_steps in options.lengths:
         for candidate in alive:
             key = (candidate.name, str(options.seed), str(agent_steps))
-            if key not in map(_key, found):
+            if key not in known:
                 run = folder(options.output, f"{candidate.name}-{agent_steps}", options.seed)
                 measured = imitation.trained(candidate.config, options.seed, agent_steps, run)
                 measured |= imitation.measured(PRESET, [str(run)], run, options.episodes)
@@ -80,11 +81,6 @@ def main(options: Options) -> None:
 
 KEY = ("candidate", "seed", "agent_steps")
 """Columns that determine a run."""
-
-
-def _key(row: Mapping[str, str]) -> tuple[str, ...]:
-    """Return what determines a run."""
-    return tuple(row[column] for column in KEY)
 
 
 def score(row: Mapping[str, str]) -> float:

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from experiments.pages import PAGES, read_rows, spread, write_rows, write_table
+from experiments.pages import PAGES, key_of, read_rows, spread, write_rows, write_table
 from experiments.report_runs import folder
 from experiments.reproduction import Variation
 from mapf_pz.evaluation import EvaluationTask, evaluate
@@ -88,15 +88,16 @@ def settings(preset: str) -> Iterator[Variation]:
 def main(options: Options) -> None:
     """Train and evaluate the missing runs in sequence; write the results after each, and the tables at the end."""
     found = read_rows(RESULTS)
+    known = {key_of(row, KEY) for row in found}
     for seed, preset in itertools.product(options.seeds, options.presets):
         for setting in settings(preset):
             key = (preset, setting.name, str(seed), str(options.agent_steps))
-            if setting.name not in options.settings or key in map(_key, found):
+            if setting.name not in options.settings or key in known:
                 continue
             run = folder(options.output, f"{preset}-{setting.name}", seed)
             row = dict(zip(KEY, key, strict=True)) | trained(setting.config, seed, options.agent_steps, run)
             found.append(row | measured(preset, shielded(preset, str(run)), run, options.episodes))
-            write_rows(RESULTS, sorted(found, key=_key), columns())
+            write_rows(RESULTS, sorted(found, key=lambda row: key_of(row, KEY)), columns())
     write()
 
 
@@ -109,11 +110,6 @@ def columns() -> tuple[str, ...]:
 def measures() -> list[str]:
     """Return the names of the measures, one for each set and number of agents."""
     return [f"{name} {n}" for name, n in itertools.product(SETS, TEAMS)]
-
-
-def _key(row: Mapping[str, str]) -> tuple[str, ...]:
-    """Return what determines a run."""
-    return tuple(row[column] for column in KEY)
 
 
 def trained(config: TrainConfig, seed: int, agent_steps: int, run: Path) -> dict[str, str]:

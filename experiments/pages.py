@@ -28,6 +28,11 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, str]], columns: Sequence[
         writer.writerows(rows)
 
 
+def key_of(row: Mapping[str, str], columns: Iterable[str]) -> tuple[str, ...]:
+    """Return the values of a row in the columns that determine it."""
+    return tuple(row[column] for column in columns)
+
+
 def write_table(page: Path, name: str, lines: Iterable[str]) -> None:
     """Replace the table of this name in a page by the lines of another."""
     before, start, rest = page.read_text().partition(f"<!-- {name} -->\n")
