@@ -1,9 +1,9 @@
 """Search for better settings of `oneshot-cardinal` by successive halving: `python -m experiments.candidates`.
 
-Candidates differ from the best setting of `experiments/imitation.py` in one thing. All are trained for a short time,
-the better half again for twice as long, and so on. They learn and are evaluated without the safety layer, on maps that
-no policy learns on. `docs/results/candidates.csv` gets the results, whose runs are not repeated, and
-`docs/explanation/imitation.md` the table.
+Candidates differ from the preset in one thing. All are trained for a short time, the better half again for twice as
+long, and so on. They learn and are evaluated without the safety layer, on maps that no policy learns on.
+`docs/results/candidates.csv` gets the results, whose runs are not repeated, and `docs/explanation/imitation.md` the
+table.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from experiments import imitation
 from experiments.pages import key_of, read_rows, write_rows, write_table
 from experiments.report_runs import folder
 from experiments.reproduction import Variation
+from mapf_pz.rl.presets import PRESETS
 
 PRESET = "oneshot-cardinal"
 RESULTS, PAGE = imitation.ROOT / "docs" / "results" / "candidates.csv", imitation.PAGE
-BASE = "embeddings, no layer"
 
 
 @dataclass(frozen=True)
@@ -40,25 +40,24 @@ class Options:
 
 
 def candidates() -> Iterator[Variation]:
-    """Yield the base and what differs from it in one thing."""
-    base = next(setting for setting in imitation.settings(PRESET) if setting.name == BASE)
-    features = base.config.task.env.features
+    """Yield the preset and what differs from it in one thing."""
+    base = Variation("preset", PRESETS[PRESET])
     yield base
+    yield base.with_("expert works a third as long", imitation={"expert": "lacam:time_limit=0.033,clock=work"})
+    yield base.with_("expert acts in half of the segments", imitation={"expert_share": 0.5})
+    yield base.with_("plans for 2 steps", imitation={"segment_steps": 2})
+    yield base.with_("plans for 8 steps", imitation={"segment_steps": 8})
+    yield base.with_("sampled at temperature 1", imitation={"temperature": 1.0})
+    yield base.with_("all waits at goals", imitation={"wait_share": 1.0})
+    yield base.with_("twice the learning rate", optimization={"learning_rate": 2e-3})
+    yield base.with_("twice the gradient steps", optimization={"num_epochs": 2})
+    yield base.with_("64 agents", env={"num_agents": 64})
     yield base.with_("three rounds", model={"communication": 3})
-    yield base.with_("radius 3", model={"communication_radius": 3})
     yield base.with_("radius 8", model={"communication_radius": 8})
     yield base.with_("view 11 x 11", env={"view_size": (11, 11)})
-    yield base.with_("no last actions", env={"features": tuple(name for name in features if name != "last_actions")})
     yield base.with_("eight last actions", env={"num_last_actions": 8})
     yield base.with_("one convolution", model={"conv_channels": (48,)})
-    yield base.with_("no convolution", model={"conv_channels": ()})
     yield base.with_("wider layers", model={"hidden": 256, "head": (256,)})
-    yield base.with_("half the learning rate", optimization={"learning_rate": 1e-3})
-    yield base.with_("first plan of the expert", imitation={"expert": "lacam:anytime=False"})
-    yield base.with_("plans for 4 steps", imitation={"segment_steps": 4})
-    yield base.with_("all waits at goals", imitation={"wait_share": 1.0})
-    yield base.with_("expert acts in a fifth", imitation={"expert_share": 0.2})
-    yield base.with_("sampled at temperature 1", imitation={"temperature": 1.0})
 
 
 def main(options: Options) -> None:
