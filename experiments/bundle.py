@@ -1,7 +1,7 @@
 """Copy the policy of a training run into the package: `python -m experiments.bundle RUN NAME`.
 
 Its weights are rounded to 16 bits, so that all policies of the package together stay below 8 MB. The policy's folder
-also gets its card, and of the run's progress the rows with a validation.
+also gets the rows of the run's progress that have a validation. `python -m experiments.cards` writes its card.
 """
 
 from __future__ import annotations
@@ -15,12 +15,9 @@ from tyro.conf import Positional
 
 from mapf_pz.rl import load_policy
 from mapf_pz.rl.config_file import save_config
-from mapf_pz.rl.policies.card import card
 from mapf_pz.rl.policies.folder import bundled
 from mapf_pz.rl.policies.load import save_weights
 from mapf_pz.rl.training.progress import read_progress, write_progress
-
-LICENSE = "MIT"
 
 
 @dataclass(frozen=True)
@@ -31,12 +28,10 @@ class Options:
     """Folder of the run."""
     name: Positional[str]
     """Name of the policy; an earlier one of this name is replaced."""
-    results: str = ""
-    """Results and limits, in Markdown, for the card."""
 
 
 def main(options: Options) -> None:
-    """Write the configuration, the rounded weights, the progress and the card."""
+    """Write the configuration, the rounded weights and the progress."""
     policy, folder = load_policy(options.run), bundled() / options.name
     folder.mkdir(exist_ok=True)
     save_config(folder, policy.config)
@@ -44,7 +39,6 @@ def main(options: Options) -> None:
     rows = read_progress(options.run)
     validated = [row for row in rows[:-1] if not math.isnan(row.get("validation_return", math.nan))]
     write_progress(folder, [*validated, rows[-1]])
-    (folder / "README.md").write_text(card(folder, options.name, LICENSE, options.results), "utf-8")
 
 
 if __name__ == "__main__":

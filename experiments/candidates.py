@@ -9,7 +9,7 @@ table.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +51,8 @@ def candidates() -> Iterator[Variation]:
     yield base.with_("all waits at goals", imitation={"wait_share": 1.0})
     yield base.with_("twice the learning rate", optimization={"learning_rate": 2e-3})
     yield base.with_("twice the gradient steps", optimization={"num_epochs": 2})
+    larger = replace(base.config.task.mixture, height=(17, 32), width=(17, 32))
+    yield base.with_("maps of up to 32 x 32 cells", task={"mixture": larger})
     yield base.with_("64 agents", env={"num_agents": 64})
     yield base.with_("three rounds", model={"communication": 3})
     yield base.with_("radius 8", model={"communication_radius": 8})
