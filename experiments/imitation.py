@@ -46,7 +46,7 @@ SETS = {
 """The maps of evaluations."""
 TEAMS = (32, 64)
 """Numbers of agents in evaluations."""
-SHIELDS = {"oneshot-cardinal": ("", "+pibt"), "lifelong-cardinal": ("", "+pibt:temperature=0")}
+SHIELDS = {"oneshot-cardinal": ("", "+pibt"), "lifelong-cardinal": ("", "+pibt:temperature=0,patience=0")}
 """What follows the policy's name: without and with the safety layer."""
 KEY = ("preset", "setting", "seed", "agent_steps")
 """Columns that determine a run."""
@@ -83,6 +83,8 @@ def settings(preset: str) -> Iterator[Variation]:
     together = alone.with_("embeddings", env={"features": (*FEATURES, "pose")}, model=exchange)
     yield together
     yield together.with_("embeddings, no layer", task={"shield": False})
+    if preset == "oneshot-cardinal":
+        yield Variation("plans for 4 steps", PRESETS[preset])
 
 
 def main(options: Options) -> None:

@@ -44,8 +44,11 @@ def test_results_of_runs_and_their_table(tmp_path, trained):
 
 @pytest.mark.parametrize("preset", list(imitation.MAPS))
 def test_settings_differ_in_what_they_are_named_after(preset):
-    alone, together, unshielded = (setting.config for setting in imitation.settings(preset))
+    alone, together, unshielded, *others = (setting.config for setting in imitation.settings(preset))
     assert (alone.model.communication, together.model.communication, unshielded.model.communication) == (0, 2, 2)
     assert (alone.task.shield, together.task.shield, unshielded.task.shield) == (True, True, False)
     assert alone.task.mixture == unshielded.task.mixture
     assert (alone.optimization, alone.imitation) == (unshielded.optimization, unshielded.imitation)
+    for other in others:  # shorter plans
+        assert (other.task, other.model) == (unshielded.task, unshielded.model)
+        assert other.imitation.segment_steps < unshielded.imitation.segment_steps
