@@ -1,7 +1,7 @@
 """Copy the policy of a training run into the package: `python -m experiments.bundle RUN NAME`.
 
 Its weights are rounded to 16 bits, so that all policies of the package together stay below 8 MB. The policy's folder
-also gets the rows of the run's progress that have a validation. `python -m experiments.cards` writes its card.
+also gets its card, and of the run's progress the rows with a validation.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from pathlib import Path
 import tyro
 from tyro.conf import Positional
 
+from experiments import cards
 from mapf_pz.rl import load_policy
 from mapf_pz.rl.config_file import save_config
 from mapf_pz.rl.policies.folder import bundled
@@ -31,7 +32,7 @@ class Options:
 
 
 def main(options: Options) -> None:
-    """Write the configuration, the rounded weights and the progress."""
+    """Write the configuration, the rounded weights, the progress and the card."""
     policy, folder = load_policy(options.run), bundled() / options.name
     folder.mkdir(exist_ok=True)
     save_config(folder, policy.config)
@@ -39,6 +40,7 @@ def main(options: Options) -> None:
     rows = read_progress(options.run)
     validated = [row for row in rows[:-1] if not math.isnan(row.get("validation_return", math.nan))]
     write_progress(folder, [*validated, rows[-1]])
+    cards.write(options.name)
 
 
 if __name__ == "__main__":

@@ -65,12 +65,11 @@ def candidates() -> Iterator[Variation]:
 def main(options: Options) -> None:
     """Train and evaluate the missing runs in sequence; write the results after each, and the table at the end."""
     found = read_rows(RESULTS)
-    known = {key_of(row, KEY) for row in found}
     alive = list(candidates())
     for agent_steps in options.lengths:
         for candidate in alive:
             key = (candidate.name, str(options.seed), str(agent_steps))
-            if key not in known:
+            if key not in [key_of(row, KEY) for row in found]:
                 run = folder(options.output, f"{candidate.name}-{agent_steps}", options.seed)
                 measured = imitation.trained(candidate.config, options.seed, agent_steps, run)
                 measured |= imitation.measured(PRESET, [str(run)], run, options.episodes)

@@ -46,8 +46,8 @@ def write(name: str) -> None:
 
 def text(name: str) -> str:
     """Return the card of a policy."""
-    sections = [f"Limits: {LIMITS[name]}" if name in LIMITS else "", *_sections(name)]
-    return card(bundled() / name, name, LICENSE, "\n\n".join(filter(None, sections))) + "\n"
+    limits = [f"Limits: {LIMITS[name]}"] if name in LIMITS else []
+    return card(bundled() / name, name, LICENSE, "\n\n".join([*limits, *_sections(name)])) + "\n"
 
 
 def _sections(name: str) -> Iterator[str]:

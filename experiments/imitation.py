@@ -30,14 +30,8 @@ from mapf_pz.rl.training.train import resume, train
 
 ROOT = Path(__file__).parents[1]
 RESULTS, PAGE = ROOT / "docs" / "results" / "imitation.csv", PAGES / "imitation.md"
-MAPS = {
-    "oneshot-cardinal": ("primal2", "primal2", "primal2", "primal2", "random"),
-    "lifelong-cardinal": ("primal2", "primal2", "random", "random", "warehouse"),
-}
-"""The presets, and the families of maps that the policies learn on."""
-FEATURES = ("action_advantage", "last_actions", "goal_vector")
-"""What an agent that exchanges nothing observes beside its view."""
 EXPERTS = {"oneshot-cardinal": "LaCAM", "lifelong-cardinal": "windowed planning, lifelong"}
+"""The planner that each preset imitates."""
 METRICS = {"oneshot-cardinal": "CSR", "lifelong-cardinal": "avg_throughput"}
 SETS = {
     "mazes": MapMixture(maps=("primal2",), height=(17, 21), width=(17, 21)),
@@ -58,7 +52,7 @@ class Options:
 
     output: Path = Path("runs/imitation")
     """Folder of all runs."""
-    presets: tuple[str, ...] = tuple(MAPS)
+    presets: tuple[str, ...] = tuple(EXPERTS)
     """The presets."""
     settings: tuple[str, ...] = ("own view", "embeddings", "embeddings, no layer")
     """Names of settings."""
@@ -72,17 +66,15 @@ class Options:
 
 def settings(preset: str) -> Iterator[Variation]:
     """Yield the settings of a preset."""
-    turning, maps = PRESETS[preset.removesuffix("-cardinal")], MAPS[preset]
+    turning = PRESETS[preset.removesuffix("-cardinal")]
     config = replace(PRESETS[preset], optimization=turning.optimization, imitation=turning.imitation)
-    env = replace(config.task.env, num_agents=48, features=FEATURES)
-    task = replace(config.task, env=env, mixture=replace(config.task.mixture, maps=maps), shield=True)
-    model = replace(config.model, communication=0, communication_radius=None)
-    alone = Variation("own view", replace(config, task=task, model=model))
-    yield alone
-    exchange = {"communication": 2, "communication_radius": 5}
-    together = alone.with_("embeddings", env={"features": (*FEATURES, "pose")}, model=exchange)
+    unshielded = Variation("embeddings, no layer", config)
+    together = unshielded.with_("embeddings", task={"shield": True})
+    alone = {"communication": 0, "communication_radius": None}
+    features = tuple(name for name in config.task.env.features if name != "pose")
+    yield together.with_("own view", env={"features": features}, model=alone)
     yield together
-    yield together.with_("embeddings, no layer", task={"shield": False})
+    yield unshielded
     if preset == "oneshot-cardinal":
         yield Variation("plans for 4 steps", PRESETS[preset])
 
@@ -90,11 +82,10 @@ def settings(preset: str) -> Iterator[Variation]:
 def main(options: Options) -> None:
     """Train and evaluate the missing runs in sequence; write the results after each, and the tables at the end."""
     found = read_rows(RESULTS)
-    known = {key_of(row, KEY) for row in found}
     for seed, preset in itertools.product(options.seeds, options.presets):
         for setting in settings(preset):
             key = (preset, setting.name, str(seed), str(options.agent_steps))
-            if setting.name not in options.settings or key in known:
+            if setting.name not in options.settings or key in [key_of(row, KEY) for row in found]:
                 continue
             run = folder(options.output, f"{preset}-{setting.name}", seed)
             row = dict(zip(KEY, key, strict=True)) | trained(setting.config, seed, options.agent_steps, run)
@@ -146,7 +137,7 @@ def measured(preset: str, policies: Sequence[str], output: Path, episodes: int) 
 def write() -> None:
     """Write the tables."""
     found = read_rows(RESULTS)
-    for preset in MAPS:
+    for preset in EXPERTS:
         rows = [row for row in found if row["preset"] == preset]
         write_table(PAGE, f"imitation {preset}", table(preset, rows))
 

@@ -5,7 +5,7 @@ from math import isnan
 
 import torch
 
-from experiments import bundle
+from experiments import bundle, cards
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.policies.folder import WEIGHTS
 from mapf_pz.rl.training.progress import read_progress
@@ -14,7 +14,8 @@ from tests.helpers.small_run import TINY
 
 def test_its_weights_are_rounded_to_half_the_size(tmp_path, monkeypatch):
     run = train(TINY, tmp_path / "run")
-    monkeypatch.setattr(bundle, "bundled", lambda: tmp_path)
+    for module in (bundle, cards):
+        monkeypatch.setattr(module, "bundled", lambda: tmp_path)
     bundle.main(bundle.Options(run, "mine"))
     original, copy = load_policy(run), load_policy(tmp_path / "mine")
     assert copy.config == original.config
@@ -23,11 +24,14 @@ def test_its_weights_are_rounded_to_half_the_size(tmp_path, monkeypatch):
     assert (tmp_path / "mine" / WEIGHTS).stat().st_size < 0.7 * (run / WEIGHTS).stat().st_size
 
 
-def test_it_has_the_progress_of_its_run_where_it_was_validated(tmp_path, monkeypatch):
+def test_it_has_a_card_with_the_length_of_its_run(tmp_path, monkeypatch):
     run = train(replace(TINY, validation_interval=200), tmp_path / "run")
-    monkeypatch.setattr(bundle, "bundled", lambda: tmp_path)
+    for module in (bundle, cards):
+        monkeypatch.setattr(module, "bundled", lambda: tmp_path)
     bundle.main(bundle.Options(run, "mine"))
     whole, kept = read_progress(run), read_progress(tmp_path / "mine")
     assert 1 < len(kept) < len(whole)
     assert kept[-1] == whole[-1]
     assert not any(isnan(row["validation_return"]) for row in kept[:-1])
+    text = (tmp_path / "mine" / "README.md").read_text()
+    assert f"| agent steps | {whole[-1]['agent_steps']:.0f} |" in text

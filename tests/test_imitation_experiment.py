@@ -42,7 +42,7 @@ def test_results_of_runs_and_their_table(tmp_path, trained):
     assert tables[-1] == ("imitation lifelong-cardinal", tables[-1][1][:2])
 
 
-@pytest.mark.parametrize("preset", list(imitation.MAPS))
+@pytest.mark.parametrize("preset", list(imitation.EXPERTS))
 def test_settings_differ_in_what_they_are_named_after(preset):
     alone, together, unshielded, *others = (setting.config for setting in imitation.settings(preset))
     assert (alone.model.communication, together.model.communication, unshielded.model.communication) == (0, 2, 2)
