@@ -127,6 +127,9 @@ class ImitationConfig:
     """Temperature of the sampling of actions while data is collected; 0 takes the most likely action."""
     wait_share: float = 0.2
     """Fraction of the expert's waits at goals that are learned from."""
+    augment: bool = False
+    """Whether states are turned and mirrored at random each time they are learned from (data augmentation). It needs
+    cardinal actions, and channels and features that can be transformed: not `orientation` and `location`."""
     buffer_size: int = 400_000
     """Number of agent steps in the replay buffer, which replaces the oldest ones."""
     dataset: str | None = None

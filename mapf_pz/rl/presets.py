@@ -203,12 +203,14 @@ _ONESHOT_CARDINAL = replace(
         mixture=replace(
             _LIFELONG_CARDINAL.task.mixture,
             maps=("primal2", "primal2", "primal2", "primal2", "random"),
+            height=(17, 32),
+            width=(17, 32),
             wall_density=(0.2, 0.4),
         ),
     ),
-    optimization=replace(_ONESHOT.optimization, learning_rate=1e-3),
-    imitation=replace(_LACAM, expert_share=0.3, segment_steps=4),
-    agent_steps=14_000_000,
+    optimization=replace(_ONESHOT.optimization, learning_rate=2e-3, num_epochs=2),
+    imitation=replace(_LACAM, expert_share=0.3, segment_steps=4, augment=True),
+    agent_steps=11_000_000,
 )
 
 # Imitation of LaCAM by one policy for all agents, without the safety layer, in crowded warehouses with aisles of one

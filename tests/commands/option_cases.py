@@ -277,6 +277,7 @@ CASES = {
             "--segment-steps": "--segment-steps 3",
             "--temperature": "--temperature 0.7",
             "--wait-share": "--wait-share 0.7",
+            "--augment": "--augment",
             "--buffer-size": "--buffer-size 5000",
             "--dataset": "--dataset data",
         }

@@ -15,6 +15,7 @@ from torchrl.envs import Transform
 from mapf_pz.rl.algorithms.algorithm import Algorithm
 from mapf_pz.rl.algorithms.expert import NO_LABEL, ExpertActions
 from mapf_pz.rl.algorithms.learner import Learner
+from mapf_pz.rl.algorithms.symmetries import Symmetries
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.environments.execution import ExecutePreferences, SamplePreferences
 from mapf_pz.rl.environments.transfer import to_device
@@ -25,7 +26,7 @@ class ImitationLearner(Learner):
     """Minimizes the cross entropy of the expert's actions over samples of all steps that are still in the buffer."""
 
     def __init__(self, config: TrainConfig, network: nn.Module, keys: list[NestedKey]) -> None:
-        """Create the optimizer and the buffer.
+        """Create the optimizer and the buffer; raises `ValueError` if `augment` cannot transform the observations.
 
         Args:
             config: the configuration of the run.
@@ -42,6 +43,7 @@ class ImitationLearner(Learner):
         self._wait = wait_action(config.task.env.action_model)
         self._minibatch_size = config.optimization.minibatch_size * config.task.num_agents
         self._sample_size = config.task.num_agents if config.model.communication else 1  # in agent steps
+        self._symmetries = Symmetries.of_env(config.task.env).to(self.device) if config.imitation.augment else None
         self._buffer = TensorDictReplayBuffer(
             storage=LazyTensorStorage(config.imitation.buffer_size // self._sample_size, device=self.device),
             batch_size=self._minibatch_size // self._sample_size,
@@ -89,9 +91,13 @@ class ImitationLearner(Learner):
 
     def _improve(self, samples: TensorDictBase) -> Tensor:
         """Take one gradient step, and return the loss."""
+        inputs, label = [samples.get(str(number)) for number in range(len(self._keys))], samples.get("label")
+        if self._symmetries is not None:
+            which = torch.randint(self._symmetries.number, (len(label),)).to(self.device)
+            inputs, label = self._symmetries.transform(which, *inputs), self._symmetries.transform_actions(which, label)
         with self.autocast():
-            (logits,) = self._network(*(samples.get(str(number)) for number in range(len(self._keys))))
-            loss = cross_entropy(logits.flatten(0, -2), samples.get("label").flatten(), ignore_index=NO_LABEL)
+            (logits,) = self._network(*inputs)
+            loss = cross_entropy(logits.flatten(0, -2), label.flatten(), ignore_index=NO_LABEL)
         self.step(loss, self.config.optimization.max_grad_norm)
         return loss.detach()
 
