@@ -22,6 +22,7 @@ from experiments.reproduction import Variation
 from mapf_pz.rl.presets import PRESETS
 
 PRESET = "oneshot-cardinal"
+SMALL_MAPS = replace(PRESETS[PRESET].task.mixture, height=(17, 21), width=(17, 21))
 RESULTS, PAGE = imitation.ROOT / "docs" / "results" / "candidates.csv", imitation.PAGE
 
 
@@ -43,17 +44,20 @@ def candidates() -> Iterator[Variation]:
     """Yield the preset and what differs from it in one thing."""
     base = Variation("preset", PRESETS[PRESET])
     yield base
+    yield base.with_("not augmented", imitation={"augment": False})
+    yield base.with_("half the gradient steps", optimization={"num_epochs": 1})
+    yield base.with_("twice the gradient steps", optimization={"num_epochs": 4})
+    yield base.with_("half the learning rate", optimization={"learning_rate": 1e-3})
+    yield base.with_("twice the learning rate", optimization={"learning_rate": 4e-3})
+    yield base.with_("maps of up to 21 x 21 cells", task={"mixture": SMALL_MAPS})
+    yield base.with_("64 agents", env={"num_agents": 64})
     yield base.with_("expert works a third as long", imitation={"expert": "lacam:time_limit=0.033,clock=work"})
     yield base.with_("expert acts in half of the segments", imitation={"expert_share": 0.5})
     yield base.with_("plans for 2 steps", imitation={"segment_steps": 2})
     yield base.with_("plans for 8 steps", imitation={"segment_steps": 8})
     yield base.with_("sampled at temperature 1", imitation={"temperature": 1.0})
     yield base.with_("all waits at goals", imitation={"wait_share": 1.0})
-    yield base.with_("twice the learning rate", optimization={"learning_rate": 2e-3})
-    yield base.with_("twice the gradient steps", optimization={"num_epochs": 2})
-    larger = replace(base.config.task.mixture, height=(17, 32), width=(17, 32))
-    yield base.with_("maps of up to 32 x 32 cells", task={"mixture": larger})
-    yield base.with_("64 agents", env={"num_agents": 64})
+    yield base.with_("a replay buffer four times as large", imitation={"buffer_size": 1_600_000})
     yield base.with_("three rounds", model={"communication": 3})
     yield base.with_("radius 8", model={"communication_radius": 8})
     yield base.with_("view 11 x 11", env={"view_size": (11, 11)})

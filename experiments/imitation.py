@@ -67,7 +67,9 @@ class Options:
 def settings(preset: str) -> Iterator[Variation]:
     """Yield the settings of a preset."""
     turning = PRESETS[preset.removesuffix("-cardinal")]
-    config = replace(PRESETS[preset], optimization=turning.optimization, imitation=turning.imitation)
+    task = PRESETS[preset].task
+    task = replace(task, mixture=replace(task.mixture, height=(17, 21), width=(17, 21)))
+    config = replace(PRESETS[preset], task=task, optimization=turning.optimization, imitation=turning.imitation)
     unshielded = Variation("embeddings, no layer", config)
     together = unshielded.with_("embeddings", task={"shield": True})
     alone = {"communication": 0, "communication_radius": None}
@@ -76,7 +78,9 @@ def settings(preset: str) -> Iterator[Variation]:
     yield together
     yield unshielded
     if preset == "oneshot-cardinal":
-        yield Variation("plans for 4 steps", PRESETS[preset])
+        short = {"expert_share": 0.3, "segment_steps": 4}
+        yield unshielded.with_("plans for 4 steps", optimization={"learning_rate": 1e-3}, imitation=short)
+        yield Variation("augmented", PRESETS[preset])
 
 
 def main(options: Options) -> None:

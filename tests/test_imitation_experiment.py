@@ -49,6 +49,9 @@ def test_settings_differ_in_what_they_are_named_after(preset):
     assert (alone.task.shield, together.task.shield, unshielded.task.shield) == (True, True, False)
     assert alone.task.mixture == unshielded.task.mixture
     assert (alone.optimization, alone.imitation) == (unshielded.optimization, unshielded.imitation)
-    for other in others:  # shorter plans
-        assert (other.task, other.model) == (unshielded.task, unshielded.model)
-        assert other.imitation.segment_steps < unshielded.imitation.segment_steps
+    if preset == "oneshot-cardinal":
+        short, augmented = others
+        assert (short.task, short.model) == (unshielded.task, unshielded.model)
+        assert short.imitation.segment_steps == augmented.imitation.segment_steps < unshielded.imitation.segment_steps
+        assert (short.imitation.augment, augmented.imitation.augment) == (False, True)
+        assert augmented.task.env == short.task.env
