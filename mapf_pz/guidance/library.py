@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from importlib import resources
 from pathlib import Path
 from reprlib import repr as shortened
@@ -11,11 +12,11 @@ import numpy as np
 
 from mapf_pz._internal.digest import digest
 from mapf_pz.guidance.files import FORMATS, load_guidance
-from mapf_pz.guidance.graph import GuidanceGraph
+from mapf_pz.guidance.graph import ALONG, GuidanceGraph
 from mapf_pz.instances.instance import Grid
 
 EdgeWeights = str | Path | GuidanceGraph
-"""A guidance graph, its file, or its name: one of `GENERATED` or of `guidance_names()`."""
+"""A guidance graph, its file, or its name: one of `GENERATED`, `crisscross:ALONG`, or one of `guidance_names()`."""
 GENERATED = ("uniform", "random", "crisscross")
 """Names of the guidance graphs that are generated for any map; `random` differs in every episode."""
 
@@ -51,7 +52,7 @@ def check_edge_weights(weights: Any) -> None:
     if not isinstance(weights, str):
         raise ValueError(f"edge_weights={shown}: expected a name, the path of a file, or a GuidanceGraph")
     names = (*GENERATED, *guidance_names())
-    if weights not in names:
+    if weights not in names and _along(weights) is None:
         advice = f"expected one of {', '.join(map(repr, names))}, or the path of a file ({', '.join(FORMATS)})"
         raise ValueError(f"edge_weights={shown}: {advice}")
 
@@ -71,11 +72,34 @@ def guidance_graph(weights: EdgeWeights, grid: Grid, rng: np.random.Generator | 
         return weights
     if weights == "uniform":
         return GuidanceGraph.uniform(grid.free)
-    if weights == "crisscross":
-        return GuidanceGraph.crisscross(grid.free)
+    if (along := _along(weights)) is not None:
+        return GuidanceGraph.crisscross(grid.free, along)
     if weights == "random":
         return GuidanceGraph.random(grid.free, np.random.default_rng(0) if rng is None else rng)
     return load_guidance(weights if is_guidance_file(weights) else _bundled() / f"{weights}.npz", grid)
+
+
+def fits_any_map(weights: EdgeWeights) -> bool:
+    """Return whether weights depend on neither the obstacles of a map nor the episode."""
+    return isinstance(weights, GuidanceGraph) or weights == "uniform" or _along(weights) is not None
+
+
+def _along(weights: object) -> float | None:
+    """Return the weight along the directions of `crisscross` or `crisscross:ALONG`; None for other weights.
+
+    Raises `ValueError` unless it is a number greater than 0.
+    """
+    if weights == "crisscross":
+        return ALONG
+    if not isinstance(weights, str) or not weights.startswith("crisscross:"):
+        return None
+    try:
+        along = float(weights.removeprefix("crisscross:"))
+    except ValueError:
+        along = math.nan
+    if not 0 < along < math.inf:
+        raise ValueError(f"edge_weights={weights!r}: expected a number greater than 0 after 'crisscross:'")
+    return along
 
 
 def _bundled() -> Path:

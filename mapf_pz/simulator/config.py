@@ -110,8 +110,9 @@ class EnvConfig:
     neighbor_radius: int = 8
     """Maximum distance of these neighbors, in rows and in columns."""
     edge_weights: EdgeWeights = "uniform"
-    """Guidance graph: `uniform`, `crisscross`, `random` (sampled in every episode), the name of a bundled graph, the
-    path of a file for the map (`.json`, `.csv`, `.w`, `.npz`), or a `GuidanceGraph`."""
+    """Guidance graph: `uniform`, `crisscross`, `crisscross:ALONG` (the weight along its directions), `random` (sampled
+    in every episode), the name of a bundled graph, the path of a file for the map (`.json`, `.csv`, `.w`, `.npz`), or a
+    `GuidanceGraph`."""
     reward: str | RewardConfig | RewardFunction = "report"
     """Reward: `report`, which pays nothing for a blocked forward move (see `RewardConfig.pay_blocked_forward`),
     `progress`, a `RewardConfig`, a function from a `Transition` to rewards (B, N), or the `package.module:name` of such

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from mapf_pz._internal.arrays import Ints
 from mapf_pz.guidance import GuidanceGraph
-from mapf_pz.guidance.library import EdgeWeights, guidance_graph
+from mapf_pz.guidance.library import EdgeWeights, fits_any_map, guidance_graph
 from mapf_pz.instances.heading import Heading
 from mapf_pz.instances.instance import Grid, HeadingName, Instance, InstanceSource
 from mapf_pz.instances.place import check_reachable, place
@@ -156,8 +156,7 @@ def _common_graph(weights: EdgeWeights, source: InstanceSource) -> GuidanceGraph
     """Return the guidance graph of all maps of a source; None: each has its own."""
     if weights == "random":
         return None
-    if isinstance(weights, GuidanceGraph) or weights in ("uniform", "crisscross"):
-        # These do not depend on obstacles; edges into them are blocked when a map is laid out.
+    if fits_any_map(weights):  # edges into obstacles are blocked when a map is laid out
         return guidance_graph(weights, Grid(np.ones(source.shape, np.bool_)))
     if source.grid is None:
         raise ValueError(f"edge_weights={str(weights)!r}: a file is for one map, but the maps of the episodes differ")

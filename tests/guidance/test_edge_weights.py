@@ -56,6 +56,26 @@ def test_a_bundled_graph(folder, bundled):
         mapf_pz.EnvConfig(edge_weights="hal")
 
 
+@pytest.mark.parametrize(("name", "along"), [("crisscross", 0.5), ("crisscross:0.5", 0.5), ("crisscross:0.7", 0.7)])
+def test_crisscross_has_a_weight_along_its_directions(name, along):
+    env = mapf_pz.parallel_env(map="empty-8-8", edge_weights=name, num_agents=3)
+    env.reset(seed=0)
+    expected = GuidanceGraph.crisscross(np.ones((8, 8), bool), along=along)
+    np.testing.assert_array_equal(env.simulator.edge_weights(0), expected.move)
+    env = mapf_pz.parallel_env(source=RandomObstacles(4, 4, 0.2, 3), edge_weights=name)
+    env.reset(seed=0)
+    weights = env.simulator.edge_weights(0)
+    assert set(weights[np.isfinite(weights)]) == {np.float32(along), 1}
+
+
+@pytest.mark.parametrize("along", ["", "0", "-1", "inf", "nan", "half"])
+def test_other_weights_along_its_directions_are_refused(along):
+    with pytest.raises(
+        ValueError, match=f"^edge_weights='crisscross:{along}': expected a number greater than 0 after "
+    ):
+        mapf_pz.EnvConfig(edge_weights=f"crisscross:{along}")
+
+
 @pytest.mark.parametrize("name", guidance_names())
 def test_every_bundled_graph_has_a_card(name):
     folder = Path(str(resources.files("mapf_pz.guidance"))) / "graphs"
