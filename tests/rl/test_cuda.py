@@ -17,8 +17,8 @@ pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch fin
 ON_CUDA = dataclasses.replace(TINY, device="cuda", validation_interval=300, validation_episodes=4)
 DAGGER = {
     "algorithm": "dagger",
-    "task": changed(TINY.task, action_model="cardinal"),
-    "imitation": ImitationConfig("pibt", expert_share=0.5, segment_steps=4),
+    "task": changed(TINY.task, action_model="cardinal", channels=("view", "heuristic")),
+    "imitation": ImitationConfig("pibt", expert_share=0.5, segment_steps=4, augment=True),
 }
 
 
@@ -50,9 +50,10 @@ def test_options(tmp_path, algorithm, options):
     assert len(rows(folder)) == 3
 
 
-@pytest.mark.parametrize("shield", [False, True])
-def test_dagger_trains(tmp_path, shield):
-    fields = DAGGER | {"task": dataclasses.replace(DAGGER["task"], shield=shield)}
+@pytest.mark.parametrize(("shield", "augment"), [(False, False), (True, False), (False, True)])
+def test_dagger_trains(tmp_path, shield, augment):
+    imitation = dataclasses.replace(DAGGER["imitation"], augment=augment)
+    fields = DAGGER | {"task": dataclasses.replace(DAGGER["task"], shield=shield), "imitation": imitation}
     folder = train(dataclasses.replace(ON_CUDA, **fields), tmp_path)
     assert len(rows(folder)) == 3
     assert float(rows(folder)[-1]["buffer"]) > 0

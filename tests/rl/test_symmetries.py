@@ -112,8 +112,10 @@ def test_the_policy_learns_what_to_do_in_turned_states(augment):
     assert learned.tolist() == ([1, 2, 3, 4] if augment else [1, 1, 1, 1])
 
 
-def test_a_run_is_the_same_again(tmp_path):
-    config = imitating(dataclasses.replace(WITHOUT_ORIENTATION, agent_steps=192), augment=True)
+@pytest.mark.parametrize("precision", ["float32", "float16"])
+def test_a_run_is_the_same_again(tmp_path, precision):
+    config = dataclasses.replace(WITHOUT_ORIENTATION, agent_steps=192, observation_precision=precision)
+    config = imitating(config, augment=True)
     one, other = (load_policy(train(config, tmp_path / name)).network.state_dict() for name in ("one", "other"))
     assert all(torch.equal(one[name], other[name]) for name in one)
 
