@@ -3,8 +3,9 @@
 Policies with cardinal actions imitate LaCAM with one goal per agent, or windowed planning in lifelong episodes, on
 PRIMAL2's mazes, random maps and warehouses. They differ in whether agents exchange embeddings, in whether they act
 under the safety layer while they learn, in how often LaCAM plans again, and in whether states are turned and mirrored.
-They are evaluated with and without the layer on generated mazes and random maps that none of them has learned on. `docs/results/imitation.csv` gets the results of each run, which is not repeated
-then, and `docs/explanation/imitation.md` the tables. Runs that were stopped go on.
+They are evaluated with and without the layer on generated mazes and random maps that none of them has learned on.
+`docs/results/imitation.csv` gets the results of each run, which is not repeated then, and
+`docs/explanation/imitation.md` the tables. Runs that were stopped go on.
 """
 
 from __future__ import annotations
