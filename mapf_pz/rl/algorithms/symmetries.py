@@ -56,7 +56,7 @@ class Symmetries:
 
     @property
     def number(self) -> int:
-        """8."""
+        """The number of symmetries: 8."""
         return len(self.actions)
 
     def transform(self, which: Tensor, image: Tensor, features: Tensor | None = None) -> list[Tensor]:
