@@ -9,7 +9,7 @@ table.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,6 @@ from experiments.reproduction import Variation
 from mapf_pz.rl.presets import PRESETS
 
 PRESET = "oneshot-cardinal"
-SMALL_MAPS = replace(PRESETS[PRESET].task.mixture, height=(17, 21), width=(17, 21))
 RESULTS, PAGE = imitation.ROOT / "docs" / "results" / "candidates.csv", imitation.PAGE
 
 
@@ -49,7 +48,7 @@ def candidates() -> Iterator[Variation]:
     yield base.with_("twice the gradient steps", optimization={"num_epochs": 4})
     yield base.with_("half the learning rate", optimization={"learning_rate": 1e-3})
     yield base.with_("twice the learning rate", optimization={"learning_rate": 4e-3})
-    yield base.with_("maps of up to 21 x 21 cells", task={"mixture": SMALL_MAPS})
+    yield base.with_("maps of up to 21 x 21 cells", task={"mixture": imitation.small_maps(base.config.task.mixture)})
     yield base.with_("64 agents", env={"num_agents": 64})
     yield base.with_("expert works a third as long", imitation={"expert": "lacam:time_limit=0.033,clock=work"})
     yield base.with_("expert acts in half of the segments", imitation={"expert_share": 0.5})

@@ -69,7 +69,7 @@ def settings(preset: str) -> Iterator[Variation]:
     """Yield the settings of a preset."""
     turning = PRESETS[preset.removesuffix("-cardinal")]
     task = PRESETS[preset].task
-    task = replace(task, mixture=replace(task.mixture, height=(17, 21), width=(17, 21)))
+    task = replace(task, mixture=small_maps(task.mixture))
     config = replace(PRESETS[preset], task=task, optimization=turning.optimization, imitation=turning.imitation)
     unshielded = Variation("embeddings, no layer", config)
     together = unshielded.with_("embeddings", task={"shield": True})
@@ -82,6 +82,11 @@ def settings(preset: str) -> Iterator[Variation]:
         short = {"expert_share": 0.3, "segment_steps": 4}
         yield unshielded.with_("plans for 4 steps", optimization={"learning_rate": 1e-3}, imitation=short)
         yield Variation("augmented", PRESETS[preset])
+
+
+def small_maps(mixture: MapMixture) -> MapMixture:
+    """Return a mixture with maps of the sizes of evaluations."""
+    return replace(mixture, height=SETS["mazes"].height, width=SETS["mazes"].width)
 
 
 def main(options: Options) -> None:
