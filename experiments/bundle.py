@@ -1,7 +1,8 @@
 """Copy the policy of a training run into the package: `python -m experiments.bundle RUN NAME`.
 
 Its weights are rounded to 16 bits, so that all policies of the package together stay below 8 MB. The policy's folder
-also gets its card, and of the run's progress the rows with a validation.
+also gets its card, and of the run's progress the rows with a validation. Results of other seeds of an earlier policy
+with another configuration are removed.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from pathlib import Path
 import tyro
 from tyro.conf import Positional
 
-from experiments import cards
+from experiments import cards, seeds
 from mapf_pz.rl import load_policy
 from mapf_pz.rl.config_file import save_config
 from mapf_pz.rl.policies.folder import bundled
@@ -34,6 +35,8 @@ class Options:
 def main(options: Options) -> None:
     """Write the configuration, the rounded weights, the progress and the card."""
     policy, folder = load_policy(options.run), bundled() / options.name
+    if folder.exists():
+        seeds.forget(options.name, load_policy(folder).config, policy.config)
     folder.mkdir(exist_ok=True)
     save_config(folder, policy.config)
     save_weights(folder, policy.network.half())

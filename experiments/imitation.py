@@ -33,6 +33,8 @@ ROOT = Path(__file__).parents[1]
 RESULTS, PAGE = ROOT / "docs" / "results" / "imitation.csv", PAGES / "imitation.md"
 EXPERTS = {"oneshot-cardinal": "LaCAM", "lifelong-cardinal": "windowed planning, lifelong"}
 """The planner that each preset imitates."""
+BUNDLED = "augmented"
+"""The setting of the bundled policies, that of the presets."""
 METRICS = {"oneshot-cardinal": "CSR", "lifelong-cardinal": "avg_throughput"}
 SETS = {
     "mazes": MapMixture(maps=("primal2",), height=(17, 21), width=(17, 21)),
@@ -81,7 +83,7 @@ def settings(preset: str) -> Iterator[Variation]:
     if preset == "oneshot-cardinal":
         short = {"expert_share": 0.3, "segment_steps": 4}
         yield unshielded.with_("plans for 4 steps", optimization={"learning_rate": 1e-3}, imitation=short)
-        yield Variation("augmented", PRESETS[preset])
+    yield Variation(BUNDLED, PRESETS[preset])
 
 
 def small_maps(mixture: MapMixture) -> MapMixture:

@@ -42,7 +42,10 @@ def write_table(page: Path, name: str, lines: Iterable[str]) -> None:
     page.write_text("\n".join([before + start, *lines, "", end + after]))
 
 
-def spread(values: Sequence[float] | np.ndarray, digits: int) -> str:
-    """Format a mean, with the minimum and the maximum of several values unless they look the same."""
-    mean, low, high = (f"{value:.{digits}f}" for value in (np.mean(values), np.min(values), np.max(values)))
+def spread(values: Sequence[float] | np.ndarray, digits: int, form: str = "f") -> str:
+    """Format a mean, with the minimum and the maximum of several values unless they look the same.
+
+    `digits` are those after the decimal point, or with the form "g" the significant ones.
+    """
+    mean, low, high = (f"{value:.{digits}{form}}" for value in (np.mean(values), np.min(values), np.max(values)))
     return mean if low == high else f"{mean} ({low} to {high})"

@@ -30,6 +30,7 @@ import tyro
 
 from experiments.measured_numbers import pages as measured_pages
 from experiments.measured_numbers import without_origin
+from experiments.pages import read_rows
 from experiments.paired import paired_rows
 from experiments.tables import TABLES, Results, ResultTable, markdown
 from mapf_pz._internal.atomic import write_whole
@@ -43,6 +44,7 @@ from mapf_pz.evaluation.suite import suite_label
 
 ROOT = Path(__file__).parents[1]
 FILES = ROOT / "docs" / "results"
+SEEDS = FILES / "seeds.csv"
 RUNS = ROOT / "runs" / "results"
 TIMES = ("runtime", "step_ms", "agent_us")
 """Metrics that depend on the machine."""
@@ -216,8 +218,12 @@ def repeated(samples: Sequence[dict[str, Any]], quick: float = QUICK) -> Iterato
 
 
 def load_results(suite: str) -> Results:
-    """Return the results of a suite; raises `FileNotFoundError` if it was not measured."""
-    return json.loads((FILES / f"{suite}.json").read_text("utf-8"))
+    """Return the results of a suite, and as `seeds` those of its policies with other training seeds.
+
+    Raises `FileNotFoundError` if it was not measured.
+    """
+    others = [row for row in read_rows(SEEDS) if row["suite"] == suite]
+    return json.loads((FILES / f"{suite}.json").read_text("utf-8")) | {"seeds": others}
 
 
 def _run(policy: str, task: EvaluationTask, number: int) -> Episode:
@@ -227,14 +233,19 @@ def _run(policy: str, task: EvaluationTask, number: int) -> Episode:
 
 def _source(table: ResultTable, policies: Sequence[str]) -> dict[str, Any]:
     """Return the origin of the results of policies, which are those of the present code."""
-    commit = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True)
-    origin = {"commit": commit.stdout.strip(), "code": code_digest()}
+    origin = {"commit": commit(), "code": code_digest()}
     return {
         "command": table.command,
         "suite": suite_label(table.suite),
         "measured": {name: dict(origin) for name in policies},
         "identities": asdict(identities(table)),
     }
+
+
+def commit() -> str:
+    """Return the present commit."""
+    head = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True)
+    return head.stdout.strip()
 
 
 def _summary(episodes: Sequence[Episode], published: Sequence[Episode]) -> dict[str, Any]:

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from experiments.field import field_table
+from experiments.field import field_table, seed_means
+from experiments.pages import spread
 from mapf_pz._internal.digest import digest
 
 Results = Mapping[str, Any]
-"""The content of a results file: see `experiments.results.measure`."""
+"""The content of a results file, and the results of other training seeds: see `experiments.results.load_results`."""
 
 ONE_SHOT = ("pibt", "epibt", "lacam:anytime=False", "lacam:clock=work")
 CRISSCROSS = ("pibt:edge_weights=crisscross", "epibt:edge_weights=crisscross")
@@ -103,6 +104,21 @@ def by_agents(results: Results, metrics: Sequence[str]) -> list[list[str]]:
                 episodes = " to ".join(map(str, dict.fromkeys((numbers[0], numbers[-1]))))
                 body.append([name.format(policy), *(cells.get(count, "") for count in counts), episodes])
     return [["", *map(str, counts), "episodes"], *body]
+
+
+def seeds(results: Results, metrics: Sequence[str]) -> list[list[str]]:
+    """Return a table of the policies with several training seeds by number of agents.
+
+    Cells have the mean over the seeds, in brackets the smallest and the largest.
+    """
+    metric = metrics[0]
+    cells = list(dict.fromkeys((row["policy"], int(row["num_agents"])) for row in results["seeds"]))
+    counts = sorted({count for _, count in cells})
+    body: list[list[str]] = []
+    for policy in dict.fromkeys(policy for policy, _ in cells):
+        found = [seed_means(results, policy, count, metric) for count in counts]
+        body.append([f"**{policy}**", *(spread(values, 3, "g") for values in found), f"{len(found[0])}"])
+    return [["", *map(str, counts), "seeds"], *body]
 
 
 def paired(results: Results, metrics: Sequence[str], rows: str = "paired") -> list[list[str]]:
@@ -197,6 +213,7 @@ LAYOUTS: dict[str, Callable[[Results, Sequence[str]], list[list[str]]]] = {
     "task_intervals": partial(by_task, intervals=True),
     "policies": by_policy,
     "leaderboard": leaderboard,
+    "seeds": seeds,
     "paired": paired,
     "paired_learned": paired_learned,
 }

@@ -30,6 +30,7 @@ RESULTS = {
     "identities": {"policies": {"pibt": {"policy": "pibt"}, "mappo": None}},
     "rows": [row("pibt", 8, CSR=0.98765, SoC=1e4), row("pibt", 16, CSR=1.0), row("mappo", 16, CSR=0.5)],
     "published": [row("LaCAM", 16, CSR=0.25), row("LaCAM", 80, CSR=0.25), row("RHCR", 16, SoC=1.0)],
+    "seeds": [],
 }
 RESULTS["rows"][1]["metrics"]["CSR"] |= {"low": 0.8, "high": 1.0}
 AGENTS = """
@@ -127,7 +128,7 @@ def test_differences_have_signs_and_intervals():
 FIELD = """
 |  | maze, 16 agents | rooms, 4 agents |
 | --- | --- | --- |
-| **policy `ours+pibt`** | **0.5** | **0.75** |
+| **policy `ours+pibt`** | **0.6 (0.5 to 0.7)** | **0.75** |
 | **policy `other`** | **0.7** | **0.5** |
 | best of the published learned methods |  | 0.8 (`DDG`) |
 | best of the planners | 1 (`pibt`) | 0.25 (`pibt`) |
@@ -142,6 +143,7 @@ def test_the_table_beside_the_field():
     first = RESULTS | {"identities": trained, "rows": [row("ours+pibt", 16, CSR=0.5), *RESULTS["rows"][:2]]}
     first["rows"].append(row("other", 16, CSR=0.7))
     first["published"] = RESULTS["published"][:1]
+    first["seeds"] = [{"policy": "ours+pibt", "num_agents": "16", "metric": "CSR", "mean": "0.7"}]
     second = RESULTS | {
         "identities": trained,
         "rows": [

@@ -1,0 +1,104 @@
+"""Other training seeds of the bundled policies: which are measured, their results, and their tables."""
+
+from dataclasses import replace
+
+import pytest
+
+pytest.importorskip("torchrl")
+
+from experiments import seeds
+from experiments.pages import read_rows, write_rows
+from experiments.tables import ResultTable, markdown
+from mapf_pz.evaluation import Episode
+from mapf_pz.rl import load_policy
+from mapf_pz.rl.config_file import save_config
+from mapf_pz.rl.policies.folder import policy_folder
+
+PRESET = "oneshot-cardinal"
+OPTIONS = {"presets": (PRESET,), "suites": ("s",)}
+RESULTS = {
+    "rows": [
+        {"policy": policy, "task": "maze", "num_agents": n, "metrics": {"CSR": {"mean": mean}}}
+        for policy, n, mean in (("a", 8, 1.0), ("a", 16, 0.5), ("b", 16, 0.25))
+    ],
+    "seeds": [
+        {"policy": "a", "num_agents": n, "metric": "CSR", "mean": mean}
+        for n, mean in (("8", "1.0"), ("8", "1"), ("16", "0.75"), ("16", "0.25"))
+    ],
+}
+TABLE = """
+|  | 8 | 16 | seeds |
+| --- | --- | --- | --- |
+| **a** | 1 | 0.5 (0.25 to 0.75) | 3 |
+"""
+
+
+@pytest.fixture
+def trained(tmp_path, monkeypatch):
+    """The policy of the package is taken instead of trainings; the policies that were evaluated."""
+    config, evaluated = load_policy(PRESET).config, []
+
+    def copy(preset, seed, agent_steps, run):
+        run.mkdir(exist_ok=True, parents=True)
+        save_config(run, replace(config, seed=seed))
+        (run / "policy.safetensors").write_bytes((policy_folder(PRESET) / "policy.safetensors").read_bytes())
+
+    def evaluate(policies, suite, output, jobs, overwrite):
+        evaluated.append((dict(policies), suite))
+        solved = {PRESET: (1.0, 0.0), f"{PRESET}+pibt": (1.0, 1.0)}
+        return [Episode(name, "maze", 8, i, {"CSR": each}) for name in policies for i, each in enumerate(solved[name])]
+
+    table = ResultTable("s", ("pibt", PRESET, f"{PRESET}+pibt"))
+    monkeypatch.setattr(seeds, "TABLES", (table, ResultTable("other", ("pibt", "oneshot"))))
+    monkeypatch.setattr(seeds, "SEEDS", tmp_path / "seeds.csv")
+    monkeypatch.setattr(seeds.imitation, "trained", copy)
+    monkeypatch.setattr(seeds, "evaluate", evaluate)
+    monkeypatch.setattr(seeds, "write", lambda: None)
+    return evaluated
+
+
+def test_other_seeds_are_measured_once(tmp_path, trained):
+    bundled = load_policy(PRESET).config.seed
+    others = [seed for seed in range(3) if seed != bundled]
+    for _ in range(2):
+        seeds.main(seeds.Options(tmp_path, **OPTIONS))
+    runs = [tmp_path / f"{PRESET}-augmented-{seed}" for seed in others]
+    assert trained == [({PRESET: f"{run}", f"{PRESET}+pibt": f"{run}+pibt"}, "s") for run in runs]
+    rows = read_rows(tmp_path / "seeds.csv")
+    assert [(int(row["seed"]), row["policy"], row["mean"]) for row in rows] == [
+        (seed, name, mean) for seed in others for name, mean in ((PRESET, "0.5"), (f"{PRESET}+pibt", "1"))
+    ]
+    assert {(row["preset"], row["suite"], row["task"], row["num_agents"], row["metric"]) for row in rows} == {
+        (PRESET, "s", "maze", "8", "CSR")
+    }
+
+
+def test_runs_with_another_configuration_are_refused(tmp_path, trained, monkeypatch):
+    copy = seeds.imitation.trained
+
+    def other(preset, seed, agent_steps, run):
+        copy(preset, seed, agent_steps, run)
+        save_config(run, replace(load_policy(run).config, agent_steps=7))
+
+    monkeypatch.setattr(seeds.imitation, "trained", other)
+    with pytest.raises(SystemExit, match=r"augmented-\d: expected the configuration of the bundled policy, apart from"):
+        seeds.main(seeds.Options(tmp_path, **OPTIONS))
+    assert not trained
+
+
+def test_a_new_bundled_policy_removes_what_no_longer_belongs_beside_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(seeds, "SEEDS", tmp_path / "seeds.csv")
+    rows = [{"preset": preset, "seed": seed} for preset in (PRESET, "other") for seed in "12"]
+    config = load_policy(PRESET).config
+    for now, expected in {
+        replace(config, seed=3): rows,
+        replace(config, seed=1): rows[1:],
+        replace(config, agent_steps=7): rows[2:],
+    }.items():
+        write_rows(tmp_path / "seeds.csv", rows)
+        seeds.forget(PRESET, config, now)
+        assert read_rows(tmp_path / "seeds.csv") == expected
+
+
+def test_the_table_has_the_range_over_the_bundled_policy_and_the_other_seeds():
+    assert markdown("seeds", [RESULTS], ["CSR"]) == TABLE.strip()
