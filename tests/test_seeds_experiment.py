@@ -12,7 +12,8 @@ from experiments.tables import ResultTable, markdown
 from mapf_pz.evaluation import Episode
 from mapf_pz.rl import load_policy
 from mapf_pz.rl.config_file import save_config
-from mapf_pz.rl.policies.folder import policy_folder
+from mapf_pz.rl.policies.folder import WEIGHTS, policy_folder
+from mapf_pz.rl.training.progress import PROGRESS, read_progress
 
 PRESET = "oneshot-cardinal"
 OPTIONS = {"presets": (PRESET,), "suites": ("s",)}
@@ -41,7 +42,8 @@ def trained(tmp_path, monkeypatch):
     def copy(preset, seed, agent_steps, run):
         run.mkdir(exist_ok=True, parents=True)
         save_config(run, replace(config, seed=seed))
-        (run / "policy.safetensors").write_bytes((policy_folder(PRESET) / "policy.safetensors").read_bytes())
+        for name in (WEIGHTS, PROGRESS):
+            (run / name).write_bytes((policy_folder(PRESET) / name).read_bytes())
 
     def evaluate(policies, suite, output, jobs, overwrite):
         evaluated.append((dict(policies), suite))
@@ -50,7 +52,8 @@ def trained(tmp_path, monkeypatch):
 
     table = ResultTable("s", ("pibt", PRESET, f"{PRESET}+pibt"))
     monkeypatch.setattr(seeds, "TABLES", (table, ResultTable("other", ("pibt", "oneshot"))))
-    monkeypatch.setattr(seeds, "SEEDS", tmp_path / "seeds.csv")
+    for name, file in {"SEEDS": "seeds.csv", "CURVES": "curves.csv", "IMAGE": "curves.png"}.items():
+        monkeypatch.setattr(seeds, name, tmp_path / file)
     monkeypatch.setattr(seeds.imitation, "trained", copy)
     monkeypatch.setattr(seeds, "evaluate", evaluate)
     monkeypatch.setattr(seeds, "write", lambda: None)
@@ -71,6 +74,14 @@ def test_other_seeds_are_measured_once(tmp_path, trained):
     assert {(row["preset"], row["suite"], row["task"], row["num_agents"], row["metric"]) for row in rows} == {
         (PRESET, "s", "maze", "8", "CSR")
     }
+    last = read_progress(policy_folder(PRESET))[-1]
+    for seed in others:
+        rows = [row for row in read_rows(tmp_path / "curves.csv") if row["seed"] == str(seed)]
+        assert len(rows) > 10
+        assert (float(rows[-1]["agent_steps"]), float(rows[-1]["value"])) == pytest.approx(
+            (last["agent_steps"], last["validation_CSR"]), rel=1e-5
+        )
+    assert (tmp_path / "curves.png").stat().st_size > 10_000
 
 
 def test_runs_with_another_configuration_are_refused(tmp_path, trained, monkeypatch):
@@ -87,7 +98,9 @@ def test_runs_with_another_configuration_are_refused(tmp_path, trained, monkeypa
 
 
 def test_a_new_bundled_policy_removes_what_no_longer_belongs_beside_it(tmp_path, monkeypatch):
-    monkeypatch.setattr(seeds, "SEEDS", tmp_path / "seeds.csv")
+    files = tmp_path / "seeds.csv", tmp_path / "curves.csv"
+    for name, file in zip(("SEEDS", "CURVES"), files, strict=True):
+        monkeypatch.setattr(seeds, name, file)
     rows = [{"preset": preset, "seed": seed} for preset in (PRESET, "other") for seed in "12"]
     config = load_policy(PRESET).config
     for now, expected in {
@@ -95,9 +108,11 @@ def test_a_new_bundled_policy_removes_what_no_longer_belongs_beside_it(tmp_path,
         replace(config, seed=1): rows[1:],
         replace(config, agent_steps=7): rows[2:],
     }.items():
-        write_rows(tmp_path / "seeds.csv", rows)
+        for file in files:
+            write_rows(file, rows)
         seeds.forget(PRESET, config, now)
-        assert read_rows(tmp_path / "seeds.csv") == expected
+        for file in files:
+            assert sorted(map(str, read_rows(file))) == sorted(map(str, expected))
 
 
 def test_the_table_has_the_range_over_the_bundled_policy_and_the_other_seeds():
