@@ -16,7 +16,7 @@ Results = Mapping[str, Any]
 
 ONE_SHOT = ("pibt", "epibt", "lacam:anytime=False", "lacam:clock=work")
 CRISSCROSS = ("pibt:edge_weights=crisscross", "epibt:edge_weights=crisscross")
-"""Planners with the costs of the policies that imitate planning with them."""
+"""Planners with edge weights similar to those that the policies for lifelong episodes observe."""
 LIFELONG = ("pibt", "epibt", "windowed")
 LEARNED = ("mappo-cardinal", "mappo-cardinal+pibt")
 TURNING = ("oneshot", "oneshot+pibt")

@@ -150,7 +150,7 @@ _LIFELONG = TrainConfig(
 )
 
 # Agents exchange embeddings with those near them, and learn without the safety layer, so that they meet their own
-# conflicts. The costs of `crisscross` spread them over the aisles of a warehouse.
+# conflicts. The costs of `crisscross:0.7` spread them over the aisles of a warehouse, and cost little elsewhere.
 _LIFELONG_CARDINAL = replace(
     _LIFELONG,
     task=replace(
