@@ -35,7 +35,7 @@ EXPERTS = {"oneshot-cardinal": "LaCAM", "lifelong-cardinal": "windowed planning,
 """The planner that each preset imitates."""
 BUNDLED = "augmented"
 """The setting of the bundled policies, that of the presets."""
-WEIGHTS = {"oneshot-cardinal": "uniform", "lifelong-cardinal": "crisscross"}
+EDGE_WEIGHTS = {"oneshot-cardinal": "uniform", "lifelong-cardinal": "crisscross"}
 """The edge weights that agents observe in their costs to go, in all settings but `BUNDLED`."""
 METRICS = {"oneshot-cardinal": "CSR", "lifelong-cardinal": "avg_throughput"}
 SETS = {
@@ -73,7 +73,7 @@ def settings(preset: str) -> Iterator[Variation]:
     """Yield the settings of a preset."""
     turning = PRESETS[preset.removesuffix("-cardinal")]
     task = PRESETS[preset].task
-    task = replace(task, env=replace(task.env, edge_weights=WEIGHTS[preset]), mixture=small_maps(task.mixture))
+    task = replace(task, env=replace(task.env, edge_weights=EDGE_WEIGHTS[preset]), mixture=small_maps(task.mixture))
     config = replace(PRESETS[preset], task=task, optimization=turning.optimization, imitation=turning.imitation)
     unshielded = Variation("embeddings, no layer", config)
     together = unshielded.with_("embeddings", task={"shield": True})
