@@ -31,7 +31,7 @@ class Options:
 
     output: Path = Path("runs/candidates")
     """Folder of all runs."""
-    lengths: tuple[int, ...] = (1_500_000, 3_000_000, 6_000_000)
+    lengths: tuple[int, ...] = (1_500_000, 3_000_000)
     """Agent steps of a training in each round."""
     seed: int = 0
     """Random seed."""
@@ -45,23 +45,12 @@ def candidates() -> Iterator[Variation]:
     yield base
     yield base.with_("not augmented", imitation={"augment": False})
     yield base.with_("half the gradient steps", optimization={"num_epochs": 1})
-    yield base.with_("twice the gradient steps", optimization={"num_epochs": 4})
-    yield base.with_("half the learning rate", optimization={"learning_rate": 1e-3})
-    yield base.with_("twice the learning rate", optimization={"learning_rate": 4e-3})
     yield base.with_("maps of up to 21 x 21 cells", task={"mixture": imitation.small_maps(base.config.task.mixture)})
     yield base.with_("64 agents", env={"num_agents": 64})
     yield base.with_("expert works a third as long", imitation={"expert": "lacam:time_limit=0.033,clock=work"})
-    yield base.with_("expert acts in half of the segments", imitation={"expert_share": 0.5})
-    yield base.with_("plans for 2 steps", imitation={"segment_steps": 2})
     yield base.with_("plans for 8 steps", imitation={"segment_steps": 8})
-    yield base.with_("sampled at temperature 1", imitation={"temperature": 1.0})
-    yield base.with_("all waits at goals", imitation={"wait_share": 1.0})
-    yield base.with_("a replay buffer four times as large", imitation={"buffer_size": 1_600_000})
     yield base.with_("three rounds", model={"communication": 3})
-    yield base.with_("radius 8", model={"communication_radius": 8})
     yield base.with_("view 11 x 11", env={"view_size": (11, 11)})
-    yield base.with_("eight last actions", env={"num_last_actions": 8})
-    yield base.with_("one convolution", model={"conv_channels": (48,)})
     yield base.with_("wider layers", model={"hidden": 256, "head": (256,)})
 
 
