@@ -1,8 +1,8 @@
 """Copy the policy of a training run into the package: `python -m experiments.bundle RUN NAME`.
 
 Its weights are rounded to 16 bits, so that all policies of the package together stay below 8 MB. The policy's folder
-also gets its card, and of the run's progress the rows with a validation. Results of other seeds of an earlier policy
-with another configuration are removed.
+also gets its card, and of the run's progress the rows with a validation. Results of an earlier policy are kept among
+those of other seeds, or removed if its configuration is another one.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def main(options: Options) -> None:
     """Write the configuration, the rounded weights, the progress and the card."""
     policy, folder = load_policy(options.run), bundled() / options.name
     if folder.exists():
-        seeds.forget(options.name, load_policy(folder).config, policy.config)
+        seeds.before_bundling(options.name, policy.config)
     folder.mkdir(exist_ok=True)
     save_config(folder, policy.config)
     save_weights(folder, policy.network.half())

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from experiments import imitation
 from experiments.pages import key_of, read_rows, write_rows
 from experiments.report_runs import folder
-from experiments.results import FILES, SEEDS, commit, write
+from experiments.results import FILES, SEEDS, commit, identities, load_results, write
 from experiments.tables import TABLES, ResultTable
 from mapf_pz.evaluation import Episode, evaluate
 from mapf_pz.evaluation.reports.report import grouped
@@ -36,6 +36,8 @@ VALIDATION = {"oneshot-cardinal": "CSR", "lifelong-cardinal": "throughput"}
 """The metric of validations."""
 KEY = ("preset", "seed", "suite")
 """Columns that determine an evaluation."""
+RESULTS = (*KEY, "commit", "task", "num_agents", "policy", "metric", "mean")
+"""Columns of the results."""
 
 
 @dataclass(frozen=True)
@@ -58,26 +60,29 @@ def main(options: Options) -> None:
     """Train and evaluate the missing runs in sequence; write results after each suite, and the tables at the end."""
     for seed, preset in itertools.product(options.seeds, options.presets):
         bundled = load_policy(preset).config
-        if seed == bundled.seed:
+        tables = list(missing(preset, seed, options.suites))
+        if seed == bundled.seed or not tables:
             continue
         run = folder(options.output, f"{preset}-{imitation.BUNDLED}", seed)
         imitation.trained(PRESETS[preset], seed, PRESETS[preset].agent_steps, run)
         if not same(load_policy(run).config, bundled):
             raise SystemExit(f"{run}: expected the configuration of the bundled policy, apart from the seed")
         add_curve(preset, seed, run)
-        for table in TABLES:
-            policies = shielded(table, preset)
-            key = (preset, str(seed), table.suite)
-            found = read_rows(SEEDS)
-            if not policies or table.suite not in options.suites or key in [key_of(row, KEY) for row in found]:
-                continue
-            named = {name: name.replace(preset, str(run), 1) for name in policies}
+        for table in tables:
+            named = {name: name.replace(preset, str(run), 1) for name in shielded(table, preset)}
             episodes = evaluate(named, table.suite, run / "evaluation" / table.suite, options.jobs, overwrite=True)
-            origin = dict(zip(KEY, key, strict=True)) | {"commit": commit()[:7]}
-            found += [origin | row for row in means(episodes, imitation.METRICS[preset])]
-            write_rows(SEEDS, sorted(found, key=lambda row: key_of(row, KEY)))
+            origin = dict(zip(KEY, (preset, str(seed), table.suite), strict=True)) | {"commit": commit()[:7]}
+            add([origin | row for row in means(episodes, imitation.METRICS[preset])])
     draw()
     write()
+
+
+def missing(preset: str, seed: int, suites: Sequence[str]) -> Iterator[ResultTable]:
+    """Yield the tables with the policy of a preset and one of these suites, in which the seed is not measured."""
+    found = {key_of(row, KEY) for row in read_rows(SEEDS)}
+    for table in TABLES:
+        if table.suite in suites and shielded(table, preset) and (preset, str(seed), table.suite) not in found:
+            yield table
 
 
 def same(config: TrainConfig, other: TrainConfig) -> bool:
@@ -85,11 +90,15 @@ def same(config: TrainConfig, other: TrainConfig) -> bool:
     return replace(config, seed=other.seed) == other
 
 
-def forget(preset: str, before: TrainConfig, now: TrainConfig) -> None:
-    """Remove the results that no longer belong beside those of the bundled policy of a preset, which is replaced.
+def before_bundling(preset: str, now: TrainConfig) -> None:
+    """Update the results of other seeds before a policy with the configuration `now` replaces that of a preset.
 
-    Those are all if its configuration is another one, else those with its seed.
+    If only their seeds differ, the results of the present policy are kept beside the others, and those with the new
+    policy's seed are removed; if more differs, all are removed.
     """
+    before = load_policy(preset).config
+    if same(before, now) and before.seed != now.seed:
+        keep(preset, before.seed)
     for file in (SEEDS, CURVES):
         rows = read_rows(file)
         others = [row for row in rows if row["preset"] != preset]
@@ -97,6 +106,28 @@ def forget(preset: str, before: TrainConfig, now: TrainConfig) -> None:
             others += [row for row in rows if row["preset"] == preset and row["seed"] != str(now.seed)]
         if len(others) < len(rows):
             write_rows(file, others, list(rows[0]))
+
+
+def keep(preset: str, seed: int) -> None:
+    """Add the bundled policy's validations and results to those of other seeds."""
+    add_curve(preset, seed, policy_folder(preset))
+    add([row for table in TABLES if shielded(table, preset) for row in bundled_rows(table, preset, seed)])
+
+
+def add(rows: Sequence[Mapping[str, str]]) -> None:
+    """Add results."""
+    write_rows(SEEDS, sorted([*read_rows(SEEDS), *rows], key=lambda row: key_of(row, KEY)), RESULTS)
+
+
+def bundled_rows(table: ResultTable, preset: str, seed: int) -> Iterator[dict[str, str]]:
+    """Yield the results of the bundled policy in a table, unless they are those of an earlier one."""
+    results, now, metric = load_results(table.suite), identities(table).policies, imitation.METRICS[preset]
+    for row in results["rows"]:
+        name = row["policy"]
+        if name in shielded(table, preset) and results["identities"]["policies"][name] == now[name]:
+            origin = {"preset": preset, "seed": str(seed), "suite": table.suite}
+            origin |= {"commit": results["measured"][name]["commit"][:7]}
+            yield origin | mean_row(row["task"], row["num_agents"], name, metric, row["metrics"][metric]["mean"])
 
 
 def add_curve(preset: str, seed: int, run: Path) -> None:
@@ -139,14 +170,13 @@ def shielded(table: ResultTable, preset: str) -> list[str]:
 def means(episodes: Sequence[Episode], metric: str) -> Iterator[dict[str, str]]:
     """Yield the mean of each policy in each task."""
     for (task, num_agents, policy), values in grouped(episodes).items():
-        numbers = values[metric]
-        yield {
-            "task": task,
-            "num_agents": str(num_agents),
-            "policy": policy,
-            "metric": metric,
-            "mean": f"{np.mean(numbers):.6g}",
-        }
+        yield mean_row(task, num_agents, policy, metric, float(np.mean(values[metric])))
+
+
+def mean_row(task: str, num_agents: int, policy: str, metric: str, mean: float) -> dict[str, str]:
+    """Return the mean of a policy in a task as a row."""
+    row = {"task": task, "num_agents": num_agents, "policy": policy, "metric": metric, "mean": f"{mean:.6g}"}
+    return {name: str(value) for name, value in row.items()}
 
 
 if __name__ == "__main__":

@@ -10,12 +10,14 @@ from experiments import seeds
 from experiments.pages import read_rows, write_rows
 from experiments.tables import ResultTable, markdown
 from mapf_pz.evaluation import Episode
+from mapf_pz.evaluation.identity import Identities
 from mapf_pz.rl import load_policy
 from mapf_pz.rl.config_file import save_config
 from mapf_pz.rl.policies.folder import WEIGHTS, policy_folder
 from mapf_pz.rl.training.progress import PROGRESS, read_progress
 
 PRESET = "oneshot-cardinal"
+CURVES = ("preset", "seed", "agent_steps", "hours", "value")
 OPTIONS = {"presets": (PRESET,), "suites": ("s",)}
 RESULTS = {
     "rows": [
@@ -97,22 +99,60 @@ def test_runs_with_another_configuration_are_refused(tmp_path, trained, monkeypa
     assert not trained
 
 
-def test_a_new_bundled_policy_removes_what_no_longer_belongs_beside_it(tmp_path, monkeypatch):
-    files = tmp_path / "seeds.csv", tmp_path / "curves.csv"
-    for name, file in zip(("SEEDS", "CURVES"), files, strict=True):
-        monkeypatch.setattr(seeds, name, file)
-    rows = [{"preset": preset, "seed": seed} for preset in (PRESET, "other") for seed in "12"]
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    """Files with results of two other seeds of two presets, written by the function that is returned."""
+    found = tmp_path / "seeds.csv", tmp_path / "curves.csv"
+    monkeypatch.setattr(seeds, "SEEDS", found[0])
+    monkeypatch.setattr(seeds, "CURVES", found[1])
+    monkeypatch.setattr(seeds, "TABLES", (ResultTable("s", ("pibt", PRESET)), ResultTable("other", ("pibt",))))
+
+    def fill():
+        for file, columns in zip(found, (seeds.RESULTS, CURVES), strict=True):
+            write_rows(file, [{"preset": preset, "seed": seed} for preset in (PRESET, "x") for seed in "12"], columns)
+        return found
+
+    return fill
+
+
+def seeds_of(file):
+    return [(row["preset"], row["seed"]) for row in read_rows(file)]
+
+
+def test_a_new_bundled_policy_removes_what_no_longer_belongs_beside_it(files, monkeypatch):
     config = load_policy(PRESET).config
+    monkeypatch.setattr(seeds, "keep", lambda preset, seed: None)
+    all_of_them = [(preset, seed) for preset in (PRESET, "x") for seed in "12"]
     for now, expected in {
-        replace(config, seed=3): rows,
-        replace(config, seed=1): rows[1:],
-        replace(config, agent_steps=7): rows[2:],
+        replace(config, seed=3): all_of_them,
+        replace(config, seed=1): all_of_them[1:],
+        replace(config, agent_steps=7): all_of_them[2:],
     }.items():
-        for file in files:
-            write_rows(file, rows)
-        seeds.forget(PRESET, config, now)
-        for file in files:
-            assert sorted(map(str, read_rows(file))) == sorted(map(str, expected))
+        found = files()
+        seeds.before_bundling(PRESET, now)
+        assert [sorted(seeds_of(file)) for file in found] == [expected, expected]
+
+
+@pytest.mark.parametrize("measured", [True, False], ids=["measured", "measured before"])
+def test_the_results_of_the_bundled_policy_are_kept_when_another_seed_replaces_it(files, monkeypatch, measured):
+    config = load_policy(PRESET).config
+    identity = {"weights": "now"}
+    results = {
+        "identities": {"policies": {PRESET: identity if measured else {"weights": "before"}}},
+        "measured": {PRESET: {"commit": "0123456789"}},
+        "rows": [
+            {"policy": name, "task": "maze", "num_agents": 8, "metrics": {"CSR": {"mean": mean}}}
+            for name, mean in (("pibt", 1.0), (PRESET, 0.5))
+        ],
+    }
+    monkeypatch.setattr(seeds, "load_results", lambda suite: {"s": results}[suite])
+    monkeypatch.setattr(seeds, "identities", lambda table: Identities({PRESET: identity}, {}))
+    results_file, curves = files()
+    seeds.before_bundling(PRESET, replace(config, seed=3))
+    kept = [row for row in read_rows(results_file) if row["seed"] == str(config.seed)]
+    values = (PRESET, str(config.seed), "s", "0123456", "maze", "8", PRESET, "CSR", "0.5")
+    assert kept == [dict(zip(seeds.RESULTS, values, strict=True))] * measured
+    assert (PRESET, str(config.seed)) in seeds_of(curves)
 
 
 def test_the_table_has_the_range_over_the_bundled_policy_and_the_other_seeds():
