@@ -42,7 +42,7 @@ def test_a_policy_is_small_and_what_its_preset_makes(name):
         config = dataclasses.replace(config, initial_policy=None, **others)
     if config.imitation.expert.endswith("time_limit=0.1"):  # it was trained when time limits were not counted as work
         preset = dataclasses.replace(preset, imitation=config.imitation)
-    assert config == preset
+    assert config == dataclasses.replace(preset, seed=config.seed)  # of several seeds, the best is chosen
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if not PRESETS[name].task.shield])
