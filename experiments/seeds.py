@@ -71,8 +71,8 @@ def main(options: Options) -> None:
         for table in tables:
             named = {name: name.replace(preset, str(run), 1) for name in shielded(table, preset)}
             episodes = evaluate(named, table.suite, run / "evaluation" / table.suite, options.jobs, overwrite=True)
-            origin = dict(zip(KEY, (preset, str(seed), table.suite), strict=True)) | {"commit": commit()[:7]}
-            add([origin | row for row in means(episodes, imitation.METRICS[preset])])
+            of_run = origin(preset, seed, table.suite, commit())
+            add([of_run | row for row in means(episodes, imitation.METRICS[preset])])
     draw()
     write()
 
@@ -125,9 +125,13 @@ def bundled_rows(table: ResultTable, preset: str, seed: int) -> Iterator[dict[st
     for row in results["rows"]:
         name = row["policy"]
         if name in shielded(table, preset) and results["identities"]["policies"][name] == now[name]:
-            origin = {"preset": preset, "seed": str(seed), "suite": table.suite}
-            origin |= {"commit": results["measured"][name]["commit"][:7]}
-            yield origin | mean_row(row["task"], row["num_agents"], name, metric, row["metrics"][metric]["mean"])
+            of_run = origin(preset, seed, table.suite, results["measured"][name]["commit"])
+            yield of_run | mean_row(row["task"], row["num_agents"], name, metric, row["metrics"][metric]["mean"])
+
+
+def origin(preset: str, seed: int, suite: str, measured_at: str) -> dict[str, str]:
+    """Return the first columns of a result: the run, the suite, and the commit that measured it, shortened."""
+    return {"preset": preset, "seed": str(seed), "suite": suite, "commit": measured_at[:7]}
 
 
 def add_curve(preset: str, seed: int, run: Path) -> None:
