@@ -2,12 +2,13 @@
 
 Candidates differ from the preset in one thing. All are trained for a short time, the better half again for twice as
 long, and so on. They learn and are evaluated without the safety layer, on maps that no policy learns on.
-`docs/results/candidates.csv` gets the results, whose runs are not repeated, and `docs/explanation/imitation.md` the
-table.
+`docs/results/candidates.csv` gets the results, whose runs are not repeated, `docs/results/candidate-curves.csv` the
+progress of the trainings, and `docs/explanation/imitation.md` the table.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,9 +21,13 @@ from experiments.pages import key_of, read_rows, write_rows, write_table
 from experiments.report_runs import folder
 from experiments.reproduction import Variation
 from mapf_pz.rl.presets import PRESETS
+from mapf_pz.rl.training.progress import read_progress
 
 PRESET = "oneshot-cardinal"
-RESULTS, PAGE = imitation.ROOT / "docs" / "results" / "candidates.csv", imitation.PAGE
+FOLDER, PAGE = imitation.ROOT / "docs" / "results", imitation.PAGE
+RESULTS, CURVES = FOLDER / "candidates.csv", FOLDER / "candidate-curves.csv"
+MEASURES = ("loss", "agreement", "validation_CSR")
+"""What is kept of the progress of a training."""
 
 
 @dataclass(frozen=True)
@@ -67,12 +72,21 @@ def main(options: Options) -> None:
                 measured |= imitation.measured(PRESET, [str(run)], run, options.episodes)
                 found.append(dict(zip(KEY, key, strict=True)) | measured)
                 write_rows(RESULTS, found)
+                write_rows(CURVES, [*read_rows(CURVES), *curve(key, run)])
         alive = better_half(alive, [row for row in found if row["agent_steps"] == str(agent_steps)])
     write()
 
 
 KEY = ("candidate", "seed", "agent_steps")
 """Columns that determine a run."""
+
+
+def curve(key: Sequence[str], run: Path) -> Iterator[dict[str, str]]:
+    """Yield a run's progress: agent steps so far, hours, and `MEASURES`; updates without a validation lack its CSR."""
+    for row in read_progress(run):
+        so_far = {"agent_steps_so_far": f"{row['agent_steps']:.0f}", "hours": f"{row['seconds'] / 3600:.3f}"}
+        numbers = {name: f"{row[name]:.3f}" for name in MEASURES if not math.isnan(row[name])}
+        yield dict(zip(KEY, key, strict=True)) | so_far | dict.fromkeys(MEASURES, "") | numbers
 
 
 def score(row: Mapping[str, str]) -> float:

@@ -1,8 +1,12 @@
 """The search for better settings of imitation."""
 
+import math
+
 import pytest
 
 from experiments import candidates, imitation
+from experiments.pages import read_rows
+from mapf_pz.rl.training.progress import write_progress
 
 NAMES = [candidate.name for candidate in candidates.candidates()]
 
@@ -14,6 +18,9 @@ def runs(tmp_path, monkeypatch):
 
     def trained(config, seed, agent_steps, run):
         runs.append((run.name, seed, agent_steps))
+        run.mkdir()
+        row = {"agent_steps": agent_steps / 2, "seconds": 180, "loss": 0.5, "agreement": 0.75}
+        write_progress(run, [row | {"validation_CSR": math.nan}, row | {"validation_CSR": 0.25}])
         return {"hours": "0.10"}
 
     def measured(preset, policies, output, episodes):
@@ -23,6 +30,7 @@ def runs(tmp_path, monkeypatch):
     monkeypatch.setattr(imitation, "trained", trained)
     monkeypatch.setattr(imitation, "measured", measured)
     monkeypatch.setattr(candidates, "RESULTS", tmp_path / "candidates.csv")
+    monkeypatch.setattr(candidates, "CURVES", tmp_path / "candidate-curves.csv")
     monkeypatch.setattr(candidates, "write_table", lambda page, name, lines: tables.append(list(lines)))
     kept = list(candidates.candidates())[5:]
     monkeypatch.setattr(candidates, "candidates", lambda: iter(kept))
@@ -46,6 +54,15 @@ def test_the_better_half_is_trained_for_twice_as_long(runs):
     )
     assert lines[2] == "| wider layers | 0.0001 | 0.10 | 0.09 | 0.09 | 0.09 | 0.09 | 0.090 |"
     assert lines[-1].startswith("| view 11 x 11 | 0.0004 |")
+
+
+def test_the_progress_of_each_training_is_kept(runs):
+    *_, output = runs
+    rows = read_rows(output / "candidate-curves.csv")
+    assert len(rows) == 2 * 10
+    last = {"candidate": "wider layers", "seed": "0", "agent_steps": "400", "agent_steps_so_far": "200"}
+    last |= {"hours": "0.050", "loss": "0.500", "agreement": "0.750"}
+    assert rows[-2:] == [last | {"validation_CSR": ""}, last | {"validation_CSR": "0.250"}]
 
 
 def test_runs_are_not_repeated(runs):
