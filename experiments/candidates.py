@@ -9,7 +9,7 @@ progress of the trainings, and `docs/explanation/imitation.md` the table.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +17,7 @@ import numpy as np
 import tyro
 
 from experiments import imitation
-from experiments.pages import key_of, read_rows, write_rows, write_table
+from experiments.pages import key_of, read_rows, spread, write_rows, write_table
 from experiments.report_runs import folder
 from experiments.reproduction import Variation
 from mapf_pz.rl.presets import PRESETS
@@ -28,20 +28,6 @@ FOLDER, PAGE = imitation.ROOT / "docs" / "results", imitation.PAGE
 RESULTS, CURVES = FOLDER / "candidates.csv", FOLDER / "candidate-curves.csv"
 MEASURES = ("loss", "agreement", "validation_CSR")
 """What is kept of the progress of a training."""
-
-
-@dataclass(frozen=True)
-class Options:
-    """Options of the search."""
-
-    output: Path = Path("runs/candidates")
-    """Folder of all runs."""
-    lengths: tuple[int, ...] = (1_500_000, 3_000_000)
-    """Agent steps of a training in each round."""
-    seed: int = 0
-    """Random seed."""
-    episodes: int = 64
-    """Number of episodes on each set with each number of agents."""
 
 
 def candidates() -> Iterator[Variation]:
@@ -59,10 +45,26 @@ def candidates() -> Iterator[Variation]:
     yield base.with_("wider layers", model={"hidden": 256, "head": (256,)})
 
 
+@dataclass(frozen=True)
+class Options:
+    """Options of the search."""
+
+    output: Path = Path("runs/candidates")
+    """Folder of all runs."""
+    candidates: tuple[str, ...] = tuple(candidate.name for candidate in candidates())
+    """Names of candidates."""
+    lengths: tuple[int, ...] = (1_500_000, 3_000_000)
+    """Agent steps of a training in each round."""
+    seed: int = 0
+    """Random seed."""
+    episodes: int = 64
+    """Number of episodes on each set with each number of agents."""
+
+
 def main(options: Options) -> None:
     """Train and evaluate the missing runs in sequence; write the results after each, and the table at the end."""
     found = read_rows(RESULTS)
-    alive = list(candidates())
+    alive = [candidate for candidate in candidates() if candidate.name in options.candidates]
     for agent_steps in options.lengths:
         for candidate in alive:
             key = (candidate.name, str(options.seed), str(agent_steps))
@@ -73,7 +75,8 @@ def main(options: Options) -> None:
                 found.append(dict(zip(KEY, key, strict=True)) | measured)
                 write_rows(RESULTS, found)
                 write_rows(CURVES, [*read_rows(CURVES), *curve(key, run)])
-        alive = better_half(alive, [row for row in found if row["agent_steps"] == str(agent_steps)])
+        of_round = {"seed": str(options.seed), "agent_steps": str(agent_steps)}
+        alive = better_half(alive, [row for row in found if row.items() >= of_round.items()])
     write()
 
 
@@ -89,14 +92,14 @@ def curve(key: Sequence[str], run: Path) -> Iterator[dict[str, str]]:
         yield dict(zip(KEY, key, strict=True)) | so_far | dict.fromkeys(MEASURES, "") | numbers
 
 
-def score(row: Mapping[str, str]) -> float:
-    """Return the mean over all sets and numbers of agents."""
-    return float(np.mean([float(row[column]) for column in imitation.measures()]))
+def score(rows: Iterable[Mapping[str, str]]) -> float:
+    """Return the mean over runs, all sets and numbers of agents."""
+    return float(np.mean([float(row[column]) for row in rows for column in imitation.measures()]))
 
 
 def better_half(alive: Sequence[Variation], rows: Sequence[Mapping[str, str]]) -> list[Variation]:
     """Return the better half of the candidates, those of the highest scores, in their order."""
-    scores = {row["candidate"]: score(row) for row in rows}
+    scores = {row["candidate"]: score([row]) for row in rows}
     best = sorted(alive, key=lambda candidate: -scores[candidate.name])[: -(-len(alive) // 2)]
     return [candidate for candidate in alive if candidate in best]
 
@@ -107,14 +110,20 @@ def write() -> None:
 
 
 def table(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
-    """Yield the results as Markdown: a row for each candidate and length, of each length the best first."""
+    """Yield the results as Markdown: a row for each candidate and length, of each length the best first.
+
+    Cells have the mean over seeds, in brackets the smallest and the largest.
+    """
     measures = imitation.measures()
-    yield f"| candidate | million agent steps | hours | {' | '.join(measures)} | mean |"
-    yield f"| {' | '.join(['---'] * (4 + len(measures)))} |"
-    for row in sorted(rows, key=lambda row: (int(row["agent_steps"]), -score(row))):
-        cells = [f"{float(row[measure]):.2f}" for measure in measures]
-        start = f"| {row['candidate']} | {int(row['agent_steps']) / 1e6:g} | {row['hours']} |"
-        yield f"{start} {' | '.join(cells)} | {score(row):.3f} |"
+    yield f"| candidate | seeds | million agent steps | hours | {' | '.join(measures)} | mean |"
+    yield f"| {' | '.join(['---'] * (5 + len(measures)))} |"
+    of_setting: dict[tuple[int, str], list[Mapping[str, str]]] = {}
+    for row in rows:
+        of_setting.setdefault((int(row["agent_steps"]), row["candidate"]), []).append(row)
+    for (steps, name), runs in sorted(of_setting.items(), key=lambda item: (item[0][0], -score(item[1]))):
+        cells = [spread([float(row[column]) for row in runs], 2) for column in ("hours", *measures)]
+        means = spread([score([row]) for row in runs], 3)
+        yield f"| {name} | {len(runs)} | {steps / 1e6:g} | {' | '.join(cells)} | {means} |"
 
 
 if __name__ == "__main__":

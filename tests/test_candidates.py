@@ -13,7 +13,7 @@ NAMES = [candidate.name for candidate in candidates.candidates()]
 
 @pytest.fixture
 def runs(tmp_path, monkeypatch):
-    """Later candidates are better; the runs that were trained."""
+    """Later candidates are better, with seed 1 worse; the runs that were trained."""
     runs, tables = [], []
 
     def trained(config, seed, agent_steps, run):
@@ -25,7 +25,7 @@ def runs(tmp_path, monkeypatch):
 
     def measured(preset, policies, output, episodes):
         best = max(NAMES.index(name) for name in NAMES if policies[0].split("/")[-1].startswith(name.replace(" ", "-")))
-        return dict.fromkeys(imitation.measures(), f"{best / 100:.3f}")
+        return dict.fromkeys(imitation.measures(), f"{(-best if output.name.endswith('-1') else best) / 100:.3f}")
 
     monkeypatch.setattr(imitation, "trained", trained)
     monkeypatch.setattr(imitation, "measured", measured)
@@ -49,11 +49,10 @@ def test_the_better_half_is_trained_for_twice_as_long(runs):
         "wider-layers-400-0",
     ]
     lines = tables[-1]
-    assert (
-        lines[0] == "| candidate | million agent steps | hours | mazes 32 | mazes 64 | random 32 | random 64 | mean |"
-    )
-    assert lines[2] == "| wider layers | 0.0001 | 0.10 | 0.09 | 0.09 | 0.09 | 0.09 | 0.090 |"
-    assert lines[-1].startswith("| view 11 x 11 | 0.0004 |")
+    columns = "mazes 32 | mazes 64 | random 32 | random 64 | mean |"
+    assert lines[0] == f"| candidate | seeds | million agent steps | hours | {columns}"
+    assert lines[2] == "| wider layers | 1 | 0.0001 | 0.10 | 0.09 | 0.09 | 0.09 | 0.09 | 0.090 |"
+    assert lines[-1].startswith("| view 11 x 11 | 1 | 0.0004 |")
 
 
 def test_the_progress_of_each_training_is_kept(runs):
@@ -70,6 +69,32 @@ def test_runs_are_not_repeated(runs):
     candidates.main(candidates.Options(output, lengths=(100, 200, 400)))
     assert len(trained) == 10
     assert tables[0] == tables[1]
+
+
+def test_another_seed_is_another_search(runs):
+    trained, tables, output = runs
+    some = ("64 agents", "plans for 8 steps", "wider layers")
+    candidates.main(candidates.Options(output, some, (200, 800), seed=1))
+    assert trained[10:] == [
+        ("plans-for-8-steps-200-1", 1, 200),
+        ("wider-layers-200-1", 1, 200),
+        ("plans-for-8-steps-800-1", 1, 800),
+    ]
+    assert tables[-1][-1].startswith("| plans for 8 steps | 1 | 0.0008 |")
+    assert any(line.startswith("| wider layers | 2 | 0.0002 |") for line in tables[-1])
+    candidates.main(candidates.Options(output, lengths=(100, 200, 400)))
+    assert len(trained) == 13
+
+
+def test_cells_have_the_range_over_seeds():
+    rows = [
+        {"candidate": "preset", "seed": seed, "agent_steps": "400", "hours": "0.10"}
+        | dict.fromkeys(imitation.measures(), value)
+        for seed, value in (("0", "0.500"), ("1", "0.700"))
+    ]
+    *_, line = candidates.table(rows)
+    assert line.startswith("| preset | 2 | 0.0004 | 0.10 | 0.60 (0.50 to 0.70) |")
+    assert line.endswith("| 0.600 (0.500 to 0.700) |")
 
 
 def test_candidates_differ_from_the_base_in_one_part():
