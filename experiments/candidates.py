@@ -9,7 +9,7 @@ progress of the trainings, and `docs/explanation/imitation.md` the table.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,13 +20,15 @@ from experiments import imitation
 from experiments.pages import key_of, read_rows, spread, write_rows, write_table
 from experiments.report_runs import folder
 from experiments.reproduction import Variation
+from experiments.results import FILES
 from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.training.progress import read_progress
 
 PRESET = "oneshot-cardinal"
-FOLDER, PAGE = imitation.ROOT / "docs" / "results", imitation.PAGE
-RESULTS, CURVES = FOLDER / "candidates.csv", FOLDER / "candidate-curves.csv"
-MEASURES = ("loss", "agreement", "validation_CSR")
+RESULTS, CURVES, PAGE = FILES / "candidates.csv", FILES / "candidate-curves.csv", imitation.PAGE
+KEY = ("candidate", "seed", "agent_steps")
+"""Columns that determine a run."""
+PROGRESS = ("loss", "agreement", "validation_CSR")
 """What is kept of the progress of a training."""
 
 
@@ -66,40 +68,36 @@ def main(options: Options) -> None:
     found = read_rows(RESULTS)
     alive = [candidate for candidate in candidates() if candidate.name in options.candidates]
     for agent_steps in options.lengths:
+        of_round = (str(options.seed), str(agent_steps))
         for candidate in alive:
-            key = (candidate.name, str(options.seed), str(agent_steps))
+            key = (candidate.name, *of_round)
             if key not in [key_of(row, KEY) for row in found]:
                 run = folder(options.output, f"{candidate.name}-{agent_steps}", options.seed)
                 measured = imitation.trained(candidate.config, options.seed, agent_steps, run)
                 measured |= imitation.measured(PRESET, [str(run)], run, options.episodes)
-                found.append(dict(zip(KEY, key, strict=True)) | measured)
+                of_run = dict(zip(KEY, key, strict=True))
+                found.append(of_run | measured)
                 write_rows(RESULTS, found)
-                write_rows(CURVES, [*read_rows(CURVES), *curve(key, run)])
-        of_round = {"seed": str(options.seed), "agent_steps": str(agent_steps)}
-        alive = better_half(alive, [row for row in found if row.items() >= of_round.items()])
+                write_rows(CURVES, [*read_rows(CURVES), *(of_run | row for row in curve(run))])
+        alive = better_half(alive, [row for row in found if key_of(row, KEY[1:]) == of_round])
     write()
 
 
-KEY = ("candidate", "seed", "agent_steps")
-"""Columns that determine a run."""
-
-
-def curve(key: Sequence[str], run: Path) -> Iterator[dict[str, str]]:
-    """Yield a run's progress: agent steps so far, hours, and `MEASURES`; updates without a validation lack its CSR."""
+def curve(run: Path) -> Iterator[dict[str, str]]:
+    """Yield a run's progress: agent steps so far, hours, and `PROGRESS`; updates without a validation lack its CSR."""
     for row in read_progress(run):
         so_far = {"agent_steps_so_far": f"{row['agent_steps']:.0f}", "hours": f"{row['seconds'] / 3600:.3f}"}
-        numbers = {name: f"{row[name]:.3f}" for name in MEASURES if not math.isnan(row[name])}
-        yield dict(zip(KEY, key, strict=True)) | so_far | dict.fromkeys(MEASURES, "") | numbers
+        yield so_far | {name: "" if math.isnan(row[name]) else f"{row[name]:.3f}" for name in PROGRESS}
 
 
-def score(rows: Iterable[Mapping[str, str]]) -> float:
-    """Return the mean over runs, all sets and numbers of agents."""
-    return float(np.mean([float(row[column]) for row in rows for column in imitation.measures()]))
+def score(row: Mapping[str, str]) -> float:
+    """Return the mean over all sets and numbers of agents."""
+    return float(np.mean([float(row[column]) for column in imitation.measures()]))
 
 
 def better_half(alive: Sequence[Variation], rows: Sequence[Mapping[str, str]]) -> list[Variation]:
     """Return the better half of the candidates, those of the highest scores, in their order."""
-    scores = {row["candidate"]: score([row]) for row in rows}
+    scores = {row["candidate"]: score(row) for row in rows}
     best = sorted(alive, key=lambda candidate: -scores[candidate.name])[: -(-len(alive) // 2)]
     return [candidate for candidate in alive if candidate in best]
 
@@ -117,13 +115,15 @@ def table(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
     measures = imitation.measures()
     yield f"| candidate | seeds | million agent steps | hours | {' | '.join(measures)} | mean |"
     yield f"| {' | '.join(['---'] * (5 + len(measures)))} |"
-    of_setting: dict[tuple[int, str], list[Mapping[str, str]]] = {}
+    groups: dict[tuple[int, str], list[Mapping[str, str]]] = {}
     for row in rows:
-        of_setting.setdefault((int(row["agent_steps"]), row["candidate"]), []).append(row)
-    for (steps, name), runs in sorted(of_setting.items(), key=lambda item: (item[0][0], -score(item[1]))):
+        groups.setdefault((int(row["agent_steps"]), row["candidate"]), []).append(row)
+    scores = {group: [score(row) for row in runs] for group, runs in groups.items()}
+    for group in sorted(groups, key=lambda group: (group[0], -np.mean(scores[group]))):
+        (steps, name), runs = group, groups[group]
         cells = [spread([float(row[column]) for row in runs], 2) for column in ("hours", *measures)]
-        means = spread([score([row]) for row in runs], 3)
-        yield f"| {name} | {len(runs)} | {steps / 1e6:g} | {' | '.join(cells)} | {means} |"
+        mean = spread(scores[group], 3)
+        yield f"| {name} | {len(runs)} | {steps / 1e6:g} | {' | '.join(cells)} | {mean} |"
 
 
 if __name__ == "__main__":
