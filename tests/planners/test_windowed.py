@@ -1,4 +1,5 @@
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -6,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mapf_pz
-from mapf_pz.instances import RandomObstacles
+from mapf_pz.instances import RandomObstacles, Scenario
 from mapf_pz.planners import PIBT, WindowedLNS
 from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.problem import problem_of
@@ -17,17 +18,23 @@ from mapf_pz.planners.windowed.walk import walk
 from mapf_pz.simulator import Simulator
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.kernels.cost_lookup import cost_at, num_headings
+from mapf_pz.simulator.source import sample_instance
 
 WAIT = 4
 WEIGHTS = ["uniform", "random", "crisscross"]
 
 
-def simulator_of(model, weights, seed, num_agents=8):
+def simulator_of(model, weights, seed, num_agents=8, num_at_goals=0):
+    """Return a simulator in which the first agents start on their goals."""
     config = EnvConfig(
         source=RandomObstacles(6, 6, 0.2, num_agents), action_model=model, edge_weights=weights, on_target="restart"
     )
     simulator = Simulator(config)
-    simulator.reset(seeds={0: seed})
+    instance = sample_instance(config, seed)
+    goals = instance.scenario.goals.copy()
+    goals[:num_at_goals] = instance.scenario.starts[:num_at_goals]
+    instance = replace(instance, scenario=Scenario(instance.scenario.starts, goals))
+    simulator.reset(seeds={0: seed}, instances={0: instance})
     return simulator
 
 
@@ -49,10 +56,10 @@ def collisions(used, t, here, there):
 def cost_of(view, i, passing, path):
     """Return the cost of a path of cells and headings, and the number of steps until it counts."""
     goal, cost = view.agents[i]["goal"], 0.0
-    for (here, heading), (there, after) in itertools.pairwise(path):
-        if here == goal and passing:
+    for t, ((here, heading), (there, after)) in enumerate(itertools.pairwise(path)):
+        if here == goal and passing and t > 0:
             return cost
-        if (here, heading) == (there, after) and here == goal:
+        if (here, heading) == (there, after) and here == goal and not passing:
             continue
         cost += next(price for price, *state in moves(view, here, heading) if state == [there, after])
     here, heading = path[-1]
@@ -63,7 +70,7 @@ def cheapest(view, i, passing, price, paths):
     """Return the lowest cost of a path of agent i, by dynamic programming over steps."""
     goal, headings = view.agents[i]["goal"], num_headings(view.to_go)
     start = view.agents[i]["cell"], view.agents[i]["heading"] % headings
-    costs = {(*start, bool(passing and start[0] == goal)): 0.0}
+    costs = {(*start, False): 0.0}
     for t in range(1, paths.cell.shape[1]):
         following = {}
         for (here, heading, passed), cost in costs.items():
@@ -71,7 +78,7 @@ def cheapest(view, i, passing, price, paths):
                 others = collisions(paths.used, t, here, there)
                 if any(paths.fixed[other] for other in others):
                     continue
-                rests = here == goal and (here, heading) == (there, after)
+                rests = here == goal and (here, heading) == (there, after) and not passing
                 total = cost + (0 if passed or rests else step_cost) + price * len(others)
                 state = there, after, bool(passed or (passing and there == goal))
                 following[state] = min(total, following.get(state, np.inf))
@@ -93,9 +100,10 @@ def cheapest(view, i, passing, price, paths):
     passing=st.booleans(),
     price=st.sampled_from([0.5, 2.0]),
     window=st.integers(1, 7),
+    num_at_goals=st.sampled_from([0, 4]),
 )
-def test_paths_are_cheapest(model, seed, weights, passing, price, window):
-    view = simulator_of(model, weights, seed).planning_view()
+def test_paths_are_cheapest(model, seed, weights, passing, price, window, num_at_goals):
+    view = simulator_of(model, weights, seed, num_at_goals=num_at_goals).planning_view()
     paths, scratch = allocate_paths(view, window), allocate_search(window, num_headings(view.to_go))
     neighborhood = allocate_neighborhood(window, 1 + seed)
     continue_paths(view, passing, paths)
@@ -122,9 +130,9 @@ def test_paths_are_cheapest(model, seed, weights, passing, price, window):
 
 @pytest.mark.parametrize("model", ["cardinal", "rotate"])
 @settings(max_examples=15)
-@given(seed=st.integers(0, 2**31), weights=st.sampled_from(WEIGHTS))
-def test_improvement_lowers_the_sum_of_costs_and_keeps_paths_apart(model, seed, weights):
-    view = simulator_of(model, weights, seed, num_agents=14).planning_view()
+@given(seed=st.integers(0, 2**31), weights=st.sampled_from(WEIGHTS), num_at_goals=st.sampled_from([0, 5]))
+def test_improvement_lowers_the_sum_of_costs_and_keeps_paths_apart(model, seed, weights, num_at_goals):
+    view = simulator_of(model, weights, seed, num_agents=14, num_at_goals=num_at_goals).planning_view()
     paths, scratch = allocate_paths(view, 8), allocate_search(8, num_headings(view.to_go))
     neighborhood = allocate_neighborhood(8, 1 + seed)
     continue_paths(view, True, paths)
@@ -135,6 +143,7 @@ def test_improvement_lowers_the_sum_of_costs_and_keeps_paths_apart(model, seed, 
         for i in range(14):
             path = list(zip(paths.cell[i].tolist(), paths.heading[i].tolist(), strict=True))
             assert paths.cost[i] == pytest.approx(cost_of(view, i, True, path), abs=1e-3)
+            assert paths.least[i] <= paths.cost[i] + 1e-3
         used = np.full_like(paths.used, -1)
         for t, cells in enumerate(paths.cell.T):
             assert len(np.unique(cells)) == 14
@@ -167,6 +176,30 @@ def test_no_move_is_blocked(model, seed, weights, on_target, num_agents, time_li
     while env.agents:
         observations, _, _, _, infos = env.step(planner.act(observations))
         assert not any(info["blocked"] for info in infos.values())
+
+
+LANE = np.ones((1, 8), np.bool_)
+
+
+@pytest.mark.parametrize("model", ["cardinal", "rotate"])
+@pytest.mark.parametrize("weights", ["uniform", "crisscross"])
+@pytest.mark.parametrize("start", [0, 2])
+def test_an_agent_waits_where_it_must_arrive_again(model, weights, start):
+    goals = np.array([[[0, 2], [0, 2]]])
+    env = mapf_pz.parallel_env(
+        map=LANE,
+        scenario=Scenario(np.array([[0, start]]), goals),
+        initial_heading="east",
+        action_model=model,
+        edge_weights=weights,
+        on_target="restart",
+        max_steps=30,
+    )
+    observations, infos = env.reset(seed=0)
+    planner = WindowedLNS(env)
+    while env.agents:
+        observations, _, _, _, infos = env.step(planner.act(observations))
+    assert infos["agent_0"]["arrivals"] == (30 if start == 2 else 29)
 
 
 @pytest.mark.parametrize("model", ["cardinal", "rotate"])

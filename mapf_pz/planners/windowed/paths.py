@@ -22,7 +22,7 @@ class Paths(NamedTuple):
     cell: Array  # (N, T + 1) int32: the cells, starting with the current one; -1: no path yet
     heading: Array  # (N, T + 1) int32: the headings; 0 for cardinal agents
     cost: Array  # (N,) float32: cost of the path and cost to go from its end; up to its goal if the agent passes it
-    least: Array  # (N,) float32: cost to go from the start of the path, a lower bound of `cost`
+    least: Array  # (N,) float32: a lower bound of `cost`: the cost of the best path of the agent if it were alone
     used: Array  # (T + 1, C + 1) int32: the agent on each cell after each step; -1: none
     fixed: Array  # (N,) bool: agents with whose paths no other path may collide, even for a short time
 
@@ -62,7 +62,7 @@ def continue_paths(planning_view: PlanningView, passing: bool, paths: Paths) -> 
             paths.cell[i], paths.heading[i] = agents[i].cell, facing(planning_view, agents[i])
         if agents[i].active:
             occupy(paths, i)
-            paths.least[i] = to_go(planning_view, agents[i], agents[i].cell, agents[i].heading)
+            paths.least[i] = _least_cost(planning_view, agents[i], passing)
             paths.cost[i] = cost_of_path(planning_view, i, passing, paths)
 
 
@@ -73,19 +73,36 @@ def facing(planning_view: PlanningView, agent: Array) -> int:
 
 
 @jit
+def _least_cost(planning_view: PlanningView, agent: Array, passing: bool) -> np.float32:
+    """Return the cost of the best path of an agent if it were alone.
+
+    An arrival takes a step. So an agent that is on a goal it has to pass must wait there, turn, or leave and return.
+    """
+    if not passing or agent.cell != agent.goal:
+        return to_go(planning_view, agent, agent.cell, agent.heading)
+    least = planning_view.weight[WAIT_WEIGHT, agent.cell]
+    for direction in range(4):
+        if num_headings(planning_view.to_go) == 1 or direction == agent.heading:
+            there = planning_view.leads_to[direction, agent.cell]
+            cost = planning_view.weight[direction, agent.cell] + to_go(planning_view, agent, there, agent.heading)
+            least = min(least, cost)
+    return least
+
+
+@jit
 def cost_of_path(planning_view: PlanningView, i: int, passing: bool, paths: Paths) -> float:
     """Return the cost of agent i's path, as in `Paths.cost`."""
     agent, weight, last = planning_view.agents[i], planning_view.weight, paths.cell.shape[1] - 1
     cell, heading, cost = paths.cell[i], paths.heading[i], 0.0
     for t in range(last):
         here, there = cell[t], cell[t + 1]
-        if passing and here == agent.goal:
+        if passing and here == agent.goal and t > 0:
             return cost
         if here != there:
             for direction in range(4):
                 if planning_view.leads_to[direction, here] == there:
                     cost += weight[direction, here]
-        elif here != agent.goal or heading[t] != heading[t + 1]:
+        elif passing or here != agent.goal or heading[t] != heading[t + 1]:
             cost += weight[WAIT_WEIGHT, here]
     return cost + to_go(planning_view, agent, cell[last], heading[last])
 

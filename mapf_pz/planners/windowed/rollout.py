@@ -68,7 +68,7 @@ def roll_out(planning_view: PlanningView, passing: bool, random: Array, rollout:
             paths.cell[i, t], paths.heading[i, t] = agents[i].cell, facing(planning_view, agents[i])
             if agents[i].active:
                 rollout.occupant[agents[i].cell] = i
-            if passing and agents[i].cell == agents[i].goal:
+            if passing and t > 0 and agents[i].cell == agents[i].goal:
                 agents[i].goal = planning_view.agents[draw_below(random, agents.size)].goal
     total = 0.0
     for i in range(agents.size):

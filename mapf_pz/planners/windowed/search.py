@@ -87,7 +87,8 @@ def find_path(
     layer, shift = side * side * 2 * headings, (1, side, -1, -side, 0)
     scratch.count[0] += 1
     number = scratch.count[0]
-    state = 2 * (headings * (side * last + last) + facing(planning_view, agent)) + (passing and agent.cell == goal)
+    # An agent that is on its goal has not passed it yet: an arrival takes a step, of which waiting is one.
+    state = 2 * (headings * (side * last + last) + facing(planning_view, agent))
     states[state].seen, states[state].cost, states[state].parent = number, 0.0, NONE
     states[state].cell = agent.cell
     size = _push(key, open, 0, 0.0, state)
@@ -107,7 +108,8 @@ def find_path(
             direction, turned = _act(headings, heading, (k + rotation) & 3 if k < 4 else 4)
             there = here if direction == WAIT_WEIGHT else leads_to[direction, here]
             cost = weight[direction, here]
-            if cost < np.inf and (passed or (here == goal and direction == WAIT_WEIGHT and turned == heading)):
+            stays = here == goal and direction == WAIT_WEIGHT and turned == heading
+            if cost < np.inf and (passed or (stays and not passing)):
                 cost = np.float32(0.0)
             cost = np.float32(
                 cost + states[state].cost + _price_of_collisions(used, fixed, price, step + 1, here, there)
