@@ -6,19 +6,30 @@ last `num_frames` steps, oldest first; in each, those of `num_neighbors` neighbo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from itertools import accumulate
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
 
-from mapf_pz._internal.arrays import Floats
+from mapf_pz._internal.arrays import Bools, Floats
 from mapf_pz.simulator.actions import Action, CardinalAction
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.kernels.observation.channels import channel_of, image_planes
-from mapf_pz.simulator.kernels.observation.features import feature_of
+from mapf_pz.simulator.kernels.observation.features import FEATURES, feature_of
 from mapf_pz.simulator.kernels.observation.inputs import ObservationInputs
 from mapf_pz.simulator.kernels.observation.layers import ViewShape, make_view_shape
+
+
+class UserPart(NamedTuple):
+    """A channel or feature that is not built in, its place in the agent's own observation, and its bounds."""
+
+    name: str
+    in_image: bool
+    at: slice
+    low: float
+    high: float
 
 
 class ObservationLayout:
@@ -31,6 +42,7 @@ class ObservationLayout:
         self.channels = tuple(map(channel_of, config.channels))
         self.features = tuple(map(feature_of, config.features))
         self._sizes = [feature.size(self.num_actions, config.num_last_actions) for feature in self.features]
+        self._user_parts = tuple(self._find_user_parts())
         self.planes = image_planes(self.channels)
         """Where each channel is drawn in the agent's own image."""
         self.num_own_planes = sum(channel.planes for channel in self.channels)
@@ -39,6 +51,17 @@ class ObservationLayout:
         """F, the features of the agent's own observation."""
         self.num_features = config.num_frames * (1 + config.num_neighbors) * self.num_own_features
         """Number of features of the whole observation."""
+
+    def _find_user_parts(self) -> Iterator[UserPart]:
+        ends = accumulate(channel.planes for channel in self.channels)
+        for channel, end in zip(self.channels, ends, strict=True):
+            if channel.draw is not None:
+                name = f"channel {getattr(channel.draw, '__name__', channel.draw)}"
+                yield UserPart(name, True, slice(end - channel.planes, end), channel.low, channel.high)
+        for feature, size, end in zip(self.features, self._sizes, accumulate(self._sizes), strict=True):
+            if feature not in FEATURES.values():
+                name = f"feature {getattr(feature.write, '__name__', feature.write)}"
+                yield UserPart(name, False, slice(end - size, end), -1, 1)
 
     @property
     def image_shape(self) -> tuple[int, int, int]:
@@ -125,6 +148,22 @@ class ObservationLayout:
         for feature, size in zip(self.features, self._sizes, strict=True):
             feature.write(inputs, features, at)
             at += size
+
+    def check_user_parts(self, image: Floats, features: Floats, active: Bools) -> None:
+        """Check that channels and features of users are within their bounds.
+
+        Args:
+            image: (B, N, K, h, w) float32: all agents' own images.
+            features: (B, N, F) float32: all agents' own features.
+            active: (B, N) bool: False for agents that have disappeared, which are not checked.
+
+        Raises `ValueError` for a number outside of the bounds, or one that is not a number.
+        """
+        for part in self._user_parts:
+            values = image[:, :, part.at][active] if part.in_image else features[:, :, part.at][active]
+            if not ((values >= part.low) & (values <= part.high)).all():
+                expected = f"numbers from {part.low:g} to {part.high:g}"
+                raise ValueError(f"{part.name}: expected {expected}, got {values.min():g} to {values.max():g}")
 
 
 def _numbered(parts: Sequence[object], sizes: Sequence[int], unnamed: str) -> tuple[str, ...]:

@@ -85,6 +85,7 @@ class Observer:
         own_image, own_features = self._own if self._num_neighbors else (image, features)
         self._images.write(own_image)
         self._layout.write_features(inputs, own_features)
+        self._layout.check_user_parts(own_image, own_features, inputs.state.agents["was_active"])
         if not self._num_neighbors:
             return
         agents, width = inputs.state.agents, inputs.world.width

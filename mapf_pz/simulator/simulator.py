@@ -107,6 +107,7 @@ class Simulator:
             self.world,
             self.tables.arrays,
             self.state,
+            has_distances=self.layout.needs_cost_to_go,
             cardinal=config.action_model == "cardinal",
             max_steps=config.max_steps,
             num_threads=self._num_threads,

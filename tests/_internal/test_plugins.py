@@ -12,6 +12,8 @@ from torch import nn
 import mapf_pz
 from mapf_pz import Channel, EnvConfig, Feature
 from mapf_pz.commands.main import main
+from mapf_pz.instances import Scenario
+from mapf_pz.planners import PIBT
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.algorithms.ppo import MAPPO
 from mapf_pz.rl.config_file import load_config
@@ -39,6 +41,18 @@ def write_distance(inputs, values, at):
     b, n = np.indices(inputs.active.shape)
     width = inputs.world.width
     values[..., at] = inputs.cost_to_go[b, n, inputs.positions[..., 0] * width + inputs.positions[..., 1]] / 100
+
+
+def write_rows(inputs, values, at):
+    values[..., at] = inputs.positions[..., 0]
+
+
+def write_nan(inputs, values, at):
+    values[..., at] = np.nan
+
+
+def write_two_if_gone(inputs, values, at):
+    values[..., at] = np.where(inputs.state.agents["was_active"], 0, 2)
 
 
 rows = Channel(draw_rows, planes=2, high=9)
@@ -101,6 +115,44 @@ def test_custom_channel_feature_and_reward_in_an_environment(by):
         for i, agent in enumerate(env.agents):
             gain = before[agent] - observations[agent]["features"][0] * 100  # over headings, as the reward's is not
             assert rewards[agent] >= (tuple(env.positions[i]) != positions[agent]) + min(gain, 0) / 8 - 0.3
+
+
+@pytest.mark.parametrize("others", [(), ("action_advantage",)])
+def test_a_feature_that_does_not_declare_that_it_reads_the_cost_to_go(others):
+    """Without the declaration, it would read memory that was never written."""
+    undeclared = replace(distance, needs_cost_to_go=False)
+    env = mapf_pz.parallel_env(**STATIC, features=(undeclared, *others))
+    if others:  # which have the cost to go computed
+        assert env.observation_space("agent_0").contains(env.reset(seed=0)[0]["agent_0"])
+        return
+    with pytest.raises(RuntimeError, match=r"^cost_to_go: expected needs_cost_to_go=True in the Channel or Feature"):
+        env.reset(seed=0)
+
+
+@pytest.mark.parametrize(
+    ("part", "message"),
+    [
+        ({"channels": ("view", Channel(draw_rows, planes=2))}, "channel draw_rows: expected numbers from 0 to 1, got"),
+        ({"features": (Feature(write_rows),)}, "feature write_rows: expected numbers from -1 to 1, got"),
+        ({"features": ("location", Feature(write_nan))}, "feature write_nan: expected numbers from -1 to 1, got nan"),
+    ],
+)
+@pytest.mark.parametrize("stacked", [{}, {"num_frames": 2, "num_neighbors": 1}])
+def test_parts_of_users_that_leave_their_bounds(part, message, stacked):
+    starts = [[0, 0], [0, 3], [2, 0]]
+    env = mapf_pz.parallel_env(**STATIC, **part, **stacked, scenario=Scenario(starts, starts[::-1]))
+    with pytest.raises(ValueError, match=message):
+        env.reset(seed=0)
+
+
+def test_agents_that_have_disappeared_may_leave_the_bounds():
+    part = Feature(write_two_if_gone)
+    env = mapf_pz.parallel_env(**STATIC, features=(part,), on_target="finish", action_model="cardinal")
+    planner = PIBT(env)
+    observations, _ = env.reset(seed=0)
+    while env.agents:
+        observations, *_ = env.step(planner.act(observations))
+    assert env.metrics()["CSR"] == 1
 
 
 def test_a_batch_draws_what_single_environments_draw():

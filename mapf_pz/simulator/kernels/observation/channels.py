@@ -36,7 +36,7 @@ class Channel:
     high: float = 1
     """The largest value."""
     needs_cost_to_go: bool = False
-    """Whether `draw` reads the cost to go, which is then computed before."""
+    """Whether `draw` reads the cost to go, which is then computed before; without it, reading is an error."""
     layer: int | None = None
     """The layer of the map that it shows, for built-in channels that show one."""
     lookup: str = ""

@@ -13,7 +13,7 @@ from numba import prange
 
 from mapf_pz._internal.jit import Array, BatchKernel, inlined, jit
 from mapf_pz.simulator.kernels.cost_lookup import ALL_EXCESS, LEAST_BIT, cost_at, least_cost_at, next_cell
-from mapf_pz.simulator.kernels.observation.inputs import NO_OTHERS, ObservationInputs
+from mapf_pz.simulator.kernels.observation.inputs import NO_DISTANCES, NO_OTHERS, ObservationInputs
 from mapf_pz.simulator.kernels.state import CostToGo
 
 
@@ -35,7 +35,8 @@ def draw_lookups(inputs: ObservationInputs, planes: LookupPlanes, image: Array) 
     others = inputs.others if shows_others else NO_OTHERS
     # Single arrays, since a named tuple takes longer to pass to a kernel.
     geometry = (shape.height, shape.width, layers.place, layers.stride, *inputs.origins)
-    tables = (world.leads_to, world.weight, world.mean_weight, *inputs.distances, state.map, state.agents)
+    distances = inputs.distances if inputs.has_distances else NO_DISTANCES
+    tables = (world.leads_to, world.weight, world.mean_weight, *distances, state.map, state.agents)
     _draw_lookups(inputs.num_threads, *geometry, inputs.cells, *others, *tables, *planes, image)
 
 

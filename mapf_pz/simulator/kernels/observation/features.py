@@ -143,7 +143,7 @@ class Feature:
     length: int | Callable[[int, int], int] = 1
     """How many numbers it is, or a function that returns it for A actions and `num_last_actions`."""
     needs_cost_to_go: bool = False
-    """Whether `write` reads the cost to go, which is then computed before."""
+    """Whether `write` reads the cost to go, which is then computed before; without it, reading is an error."""
 
     def size(self, num_actions: int, num_last_actions: int) -> int:
         """Return how many numbers it is in an environment."""

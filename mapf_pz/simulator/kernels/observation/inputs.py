@@ -23,6 +23,12 @@ class OthersInView(NamedTuple):
     agents: Array  # (B, N, M) uint32: their indices
 
 
+NO_DISTANCES = Distances(
+    slot=np.zeros((0, 0), np.int32),
+    packed=np.zeros((0, 0), np.uint32),
+    exact=np.zeros((0, 0, 0), np.float32),
+    least=np.zeros((0, 0), np.float32),
+)
 NO_OTHERS = OthersInView(np.zeros((0, 0), np.int32), *np.zeros((2, 0, 0, 0), np.uint32))
 """Empty arrays of the same types, for kernels that do not read them."""
 
@@ -43,6 +49,7 @@ class ObservationInputs:
         distances: Distances,
         state: State,
         *,
+        has_distances: bool,
         cardinal: bool,
         max_steps: int,
         num_threads: int,
@@ -54,7 +61,9 @@ class ObservationInputs:
         self.origins = origins
         self.geometry: Fields = (tuple(view_shape), rows, columns, tuple(layers), *origins)
         self.world = world
-        self.distances = distances
+        self._distances = distances
+        self.has_distances = has_distances
+        """Whether a channel or feature declares `needs_cost_to_go`."""
         self.state = state
         self.cardinal = cardinal
         self.max_steps = max_steps
@@ -114,10 +123,22 @@ class ObservationInputs:
         return self.state.occupant
 
     @property
+    def distances(self) -> Distances:
+        """The cost to go, as kernels read it. Raises `RuntimeError` if no channel or feature declares that it reads it.
+
+        Without the declaration, it would not have been computed.
+        """
+        if not self.has_distances:
+            raise RuntimeError(
+                "cost_to_go: expected needs_cost_to_go=True in the Channel or Feature that reads it, got False"
+            )
+        return self._distances
+
+    @property
     def cost_to_go(self) -> Array:
         """(B, N, C + 1) float32: the least cost from each cell to the agent's goal; `inf` where there is no path.
 
-        Only for channels and features that declare `needs_cost_to_go`.
+        Raises `RuntimeError` as `distances` does.
         """
         slot, *to_go = self.distances
         tables = slot[self.state.map[:, None], self.state.agents["goal"]]
