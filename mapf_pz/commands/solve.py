@@ -12,12 +12,12 @@ from tyro.conf import Positional
 
 from mapf_pz._internal.parallel import use_one_thread
 from mapf_pz.commands.env_flags import EnvKeywords
-from mapf_pz.evaluation.solver import costs_text, solver_of
+from mapf_pz.evaluation.solver import PolicySolver, costs_text, no_plan_text, solver_of
 from mapf_pz.evaluation.tracker import known_cost
 from mapf_pz.instances import load_problem
 from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.instances.library import scenario_name
-from mapf_pz.planners import planner_of, validate, write_trace
+from mapf_pz.planners import Planner, planner_of, validate, write_trace
 from mapf_pz.planners.base import lower_bound
 from mapf_pz.planners.plans.files import PlanMetadata, check_format, write_plan
 from mapf_pz.planners.plans.plan import Plan
@@ -106,7 +106,7 @@ def solve(options: SolveOptions) -> None:
     seconds = solver.trace.seconds
     metadata = PlanMetadata(_scenario_name(env), options.planner, seconds)
     if plan is None or plan.away(instance).any():
-        _report_unsolved(plan, instance, options, metadata)
+        _report_unsolved(solver, plan, instance, options, metadata)
     bound = plan.sum_of_costs if solver.optimal else lower_bound(instance, env.distance_bytes)
     _write(plan, instance, options.output, replace(metadata, lower_bound=bound))
     if options.trace is not None:
@@ -119,11 +119,17 @@ def solve(options: SolveOptions) -> None:
         print(f"MAPF tracker: {ratio:.3f} times the best known cost {known.best}, lower bound {known.lower}")
 
 
-def _report_unsolved(plan: Plan | None, instance: Instance, options: SolveOptions, metadata: PlanMetadata) -> NoReturn:
+def _report_unsolved(
+    solver: Planner | PolicySolver,
+    plan: Plan | None,
+    instance: Instance,
+    options: SolveOptions,
+    metadata: PlanMetadata,
+) -> NoReturn:
     """Raise `RuntimeError` with the agents that are not at their goals; with `partial`, write the steps before."""
     limits = f"{options.time_limit:g} seconds and {options.env.config().max_steps} steps"
-    if plan is None:
-        raise RuntimeError(f"{options.planner} found no plan for {instance.num_agents} agents within {limits}")
+    if plan is None or (solver.unsolvable and not options.partial):
+        raise RuntimeError(no_plan_text(options.planner, solver, instance, limits))
     away = np.flatnonzero(plan.away(instance)).tolist()
     written = "not written without --partial"
     if options.partial:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from mapf_pz.editor.task import Outcome, Task, agents_away, plan_message
-from mapf_pz.evaluation.solver import solver_of
+from mapf_pz.evaluation.solver import no_plan_text, solver_of
 from mapf_pz.planners import Plan, record_plan
 from mapf_pz.planners.base import lower_bound
 from mapf_pz.planners.plans.files import format_plan
@@ -30,7 +30,7 @@ class PlannedPaths:
         seconds = self._solver.trace.seconds
         if plan is None:
             limits = f"{task.time_limit:g} seconds and {task.max_steps} steps"
-            raise RuntimeError(f"{task.solver} found no plan for {task.instance.num_agents} agents within {limits}")
+            raise RuntimeError(no_plan_text(task.solver, self._solver, task.instance, limits))
         self._plan = plan
         bound = plan.sum_of_costs if self._solver.optimal else lower_bound(task.instance)
         message = plan_message(plan, task.instance, bound)

@@ -10,9 +10,10 @@ from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.guidance.library import EdgeWeights
 from mapf_pz.instances.instance import Instance
 from mapf_pz.instances.sources import InstanceList
-from mapf_pz.planners import PLANNERS, Plan, Planner, Trace, planner_of
+from mapf_pz.planners import PLANNERS, Plan, Planner, Trace, base, planner_of
 from mapf_pz.planners.base import Steps, action_model_of
 from mapf_pz.planners.deadline import Deadline
+from mapf_pz.planners.problem import obstruction, problem_of
 from mapf_pz.simulator.config import EnvConfig, OnTarget
 
 
@@ -51,11 +52,24 @@ def instance_keywords(
 
 def costs_text(plan: Plan, bound: int) -> str:
     """Return the costs of a plan in one line, with their ratio to a lower bound of the sum of costs."""
-    ratio = plan.sum_of_costs / bound if bound else 1.0
     return (
         f"{plan.num_agents} agents, sum of costs {plan.sum_of_costs}, makespan {plan.makespan}, "
-        f"{ratio:.3f} times the lower bound {bound}"
+        f"{plan.sum_of_costs / bound:.3f} times the lower bound {bound}"
     )
+
+
+def no_plan_text(name: str, solver: Planner | PolicySolver, instance: Instance, limits: str) -> str:
+    """Return in one line that `solver` has found no plan, and whether there is none.
+
+    Args:
+        name: the solver's name.
+        solver: the solver, which has just tried.
+        instance: the instance.
+        limits: the limits, such as `3 seconds and 1000 steps`.
+    """
+    if solver.unsolvable:
+        return f"{name}: the instance has no plan: {solver.unsolvable}"
+    return f"{name} found no plan for {instance.num_agents} agents within {limits}"
 
 
 class PolicySolver:
@@ -70,6 +84,8 @@ class PolicySolver:
         self._factory = policy_factory(name, seed, trust_remote_code=trust_remote_code)
         self.trace = Trace(time.perf_counter)
         """The solution of the latest call of `solve`."""
+        self.unsolvable: str | None = None
+        """Why the instance of the latest call of `solve` has no plan at all; None: not proved."""
 
     def solve(
         self,
@@ -98,7 +114,10 @@ class PolicySolver:
         compile_policy(env, policy, self._seed)
         self.trace = Trace(time.perf_counter)
         plan = _run_episode(env, policy, self._seed, Deadline(time_limit, time.perf_counter))
+        self.unsolvable = None
         if plan.away(instance).any():
+            simulator = base.simulator_of(instance, max_steps, edge_weights, self._seed, distance_bytes)
+            self.unsolvable = obstruction(problem_of(simulator))
             return plan if partial else None
         self.trace.add(plan.sum_of_costs)
         return plan

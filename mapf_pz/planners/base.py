@@ -17,7 +17,7 @@ from mapf_pz.instances.instance import ActionModel, Grid, Instance, Scenario
 from mapf_pz.instances.sources import InstanceList
 from mapf_pz.planners.deadline import Clock, Deadline, WorkClock
 from mapf_pz.planners.plans.plan import Plan
-from mapf_pz.planners.problem import Path, Problem, problem_of
+from mapf_pz.planners.problem import Path, Problem, obstruction, problem_of
 from mapf_pz.planners.trace import Trace
 from mapf_pz.simulator.actions import wait_action
 from mapf_pz.simulator.config import EnvConfig
@@ -53,6 +53,8 @@ class Planner(ABC):
         self._seed = seed
         self.trace = Trace(self.clock)
         """The solutions of the latest call of `solve`, or of the latest plan of whole paths in an episode."""
+        self.unsolvable: str | None = None
+        """Why the instance of the latest call of `solve` has no plan at all; None: not proved."""
         self._compiled: set[ActionModel] = set()
         self.reset_states()
 
@@ -64,7 +66,9 @@ class Planner(ABC):
         """
         if action_model not in self._compiled:
             compile_tables()
-            self._call_kernels(_simulator_of_corridors(action_model))
+            simulator = _simulator_of_corridors(action_model)
+            obstruction(problem_of(simulator))
+            self._call_kernels(simulator)
             self._compiled.add(action_model)
             self.reset_states()
 
@@ -103,6 +107,8 @@ class Planner(ABC):
     ) -> Plan | None:
         """Return a plan that brings all agents to their goals, or None if none was found.
 
+        Then `unsolvable` tells whether there is none.
+
         Args:
             instance: an instance with one goal for each agent; with headings for rotating agents, without headings for
                 cardinal agents.
@@ -117,7 +123,9 @@ class Planner(ABC):
         deadline = Deadline(time_limit, self.clock)
         self.reset_states()
         self.trace = Trace(self.clock)
-        plan = self._solve(simulator_of(instance, max_steps, edge_weights, self._seed, distance_bytes), deadline)
+        simulator = simulator_of(instance, max_steps, edge_weights, self._seed, distance_bytes)
+        self.unsolvable = obstruction(problem_of(simulator))
+        plan = None if self.unsolvable and not partial else self._solve(simulator, deadline)
         finished = plan is not None and not plan.away(instance).any()
         if plan is not None and finished:
             self.trace.add(plan.sum_of_costs)
@@ -214,10 +222,9 @@ class PlanFollower(Planner):
             self._actions[:, active] = path.actions(simulator.leads_to(b))
 
     def _solve(self, simulator: Simulator, deadline: Deadline) -> Plan | None:
-        problem = problem_of(simulator)
-        if len(np.unique(problem.goals)) < len(problem.goals):
-            return None  # agents with the same goal cannot all be there
-        path = self.plan(problem, deadline.seconds_left)
+        if self.unsolvable:
+            return None
+        path = self.plan(problem_of(simulator), deadline.seconds_left)
         if path is None or len(path.cells) > simulator.config.max_steps + 1:
             return None
         return Plan(simulator.coordinates(path.cells), path.headings)
@@ -272,9 +279,9 @@ def simulator_of(
 
 
 def lower_bound(instance: Instance, distance_bytes: int | None = None) -> int:
-    """Return the sum of the shortest path lengths of agents with one goal each."""
+    """Return the sum of the costs of agents with one goal each if they were alone, as in `Plan.costs`."""
     simulator = simulator_of(instance, max_steps=1, edge_weights="uniform", seed=0, distance_bytes=distance_bytes)
-    return int(simulator.cost_to_go()[0].sum())
+    return int(np.maximum(simulator.cost_to_go()[0], 1).sum())
 
 
 def _simulator_of_corridors(action_model: ActionModel) -> Simulator:

@@ -8,6 +8,7 @@ import numpy as np
 
 from mapf_pz._internal.arrays import Floats, Ints
 from mapf_pz._internal.jit import Array
+from mapf_pz.planners.plans.plan import costs_of
 from mapf_pz.simulator.actions import Action, CardinalAction
 from mapf_pz.simulator.kernels.cost_lookup import costs_at
 from mapf_pz.simulator.kernels.state import CostToGo
@@ -25,11 +26,25 @@ class Problem(NamedTuple):
     headings: Array  # (N,) int32: at the start; 0 for cardinal agents
     goals: Array  # (N,) int32: cells
     width: int  # number of columns of the map
+    disappear: bool  # whether agents leave the map after the step in which they arrive; otherwise they stay
 
 
 def starting_costs(problem: Problem) -> Floats:
     """Return the cost to go (N,) float32 of each agent at its start; inf: it cannot reach its goal."""
     return costs_at(problem.to_go, problem.table, problem.starts, problem.headings)
+
+
+def obstruction(problem: Problem) -> str | None:
+    """Return why the problem has no solution, if that is plain without a search, else None."""
+    unreachable = np.flatnonzero(np.isinf(starting_costs(problem)))
+    if len(unreachable):
+        return f"agent {unreachable[0]} cannot reach its goal"
+    by_goal = np.argsort(problem.goals, kind="stable")
+    same = np.flatnonzero(np.diff(problem.goals[by_goal]) == 0)
+    if len(same) and not problem.disappear:
+        one, other = by_goal[same[0]], by_goal[same[0] + 1]
+        return f"agents {one} and {other} have the same goal"
+    return None
 
 
 class Path(NamedTuple):
@@ -40,10 +55,8 @@ class Path(NamedTuple):
 
     @property
     def sum_of_costs(self) -> int:
-        """Sum over the agents of the step after which each stays on its last cell."""
-        away = self.cells != self.cells[-1]
-        steps = np.arange(1, len(self.cells) + 1)[:, None]
-        return int(np.where(away, steps, 0).max(axis=0).sum())
+        """Sum of the agents' costs, as in `Plan.costs`."""
+        return int(costs_of(self.cells != self.cells[-1]).sum())
 
     def actions(self, leads_to: Ints) -> Ints:
         """Return the actions (T, N) int64 that follow these paths, on the map of `leads_to` (4, C + 1)."""
@@ -77,4 +90,5 @@ def problem_of(simulator: Simulator, b: int = 0) -> Problem:
         headings=np.zeros(len(agents), np.int32) if cardinal else agents["heading"].copy(),
         goals=agents["goal"].copy(),
         width=simulator.shape[1],
+        disappear=simulator.config.on_target == "finish",
     )

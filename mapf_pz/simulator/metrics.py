@@ -41,10 +41,11 @@ def episode_metrics(record: EpisodeRecord) -> dict[str, float]:
     """Return the metrics as if the episode ended now.
 
     `CSR`: 1 if all agents are at their goals (`finish`: have reached them), else 0. `ISR`: the fraction of agents that
-    are. `SoC`: the sum over agents of the step since which they have been at their goals, or of all steps for agents
-    that are not; `makespan`: the maximum of these. `ep_length`: number of steps taken (`finish`: mean step of arrival).
-    `SoC_ratio`: SoC divided by the sum of the agents' shortest paths. `avg_throughput`: goals reached, divided by the
-    maximum number of steps (`restart` only).
+    are. `SoC`: the sum over agents of the step since which they have been at their goals, at least 1, or of all steps
+    for agents that are not; `makespan`: the maximum of these. `ep_length`: number of steps taken (`finish`: mean step
+    of arrival). `SoC_ratio`: SoC divided by its value if each agent were alone: the sum of the shortest paths, each of
+    which counts as at least 1. `avg_throughput`: goals reached, divided by the maximum number of steps (`restart`
+    only).
 
     `exhausted_agents` (`restart` only; not in POGEMA): number of agents that reached the end of their instance's goal
     sequence and started it over. If it is not 0, the throughput is not that of the instance.
@@ -57,7 +58,7 @@ def episode_metrics(record: EpisodeRecord) -> dict[str, float]:
         }
     solved = record.resting_since >= 0
     costs = np.where(solved, record.resting_since, record.num_steps)
-    bound = int(np.maximum(record.shortest, 0).sum())
+    bound = int(np.maximum(record.shortest, 1)[record.shortest >= 0].sum())
     return {
         "CSR": float(solved.all()),
         "ISR": float(solved.mean()),

@@ -3,8 +3,9 @@ import pytest
 
 import mapf_pz
 from mapf_pz.commands.main import main
+from mapf_pz.evaluation import rollout
 from mapf_pz.instances import load_instance
-from mapf_pz.planners import PLANNERS, Plan, Planner
+from mapf_pz.planners import CBS, PLANNERS, Plan, Planner
 from mapf_pz.planners.base import lower_bound
 from mapf_pz.simulator.actions import wait_action
 from mapf_pz.simulator.config import EnvConfig
@@ -77,7 +78,7 @@ def test_an_instance_is_that_of_the_environment():
 def test_lower_bound():
     assert lower_bound(drawn("a.B\n##.\nA.b", headings=[0, 0])) == 6 + 2 + 2 + 1
     assert lower_bound(drawn("a.B\n##.\nA.b")) == 6 + 2
-    assert lower_bound(drawn("a.")) == 0
+    assert lower_bound(drawn("a.")) == 1  # an arrival takes a step
 
 
 class Idle(Planner):
@@ -96,6 +97,33 @@ class Idle(Planner):
 def idle(monkeypatch):
     monkeypatch.setitem(PLANNERS, "idle", Idle)
     return Idle
+
+
+def test_an_agent_that_stays_at_its_goal_costs_the_same_everywhere(capsys, tmp_path):
+    """It costs 1, as in POGEMA, in plans, in the environment, and in the lower bound."""
+    map, scenario = tmp_path / "free.map", tmp_path / "free.scen"
+    map.write_text("type octile\nheight 3\nwidth 8\nmap\n" + "........\n" * 3)
+    scenario.write_text("version 1\n0\tfree.map\t8\t3\t0\t0\t0\t0\t0\n0\tfree.map\t8\t3\t0\t2\t5\t2\t5\n")
+    words = [tmp_path / "plan.txt", "--map", map, "--scenario", scenario, "--num-agents", 2, "--planner", "cbs"]
+    status, out, _ = run(capsys, "solve", *words, "--action-model", "cardinal")
+    assert status == 0
+    assert "2 agents, sum of costs 6, makespan 5, 1.000 times the lower bound 6" in out[0]
+    env = mapf_pz.parallel_env(map=str(map), scenario=str(scenario), num_agents=2, action_model="cardinal")
+    metrics = rollout(env, CBS(env), seed=0).metrics
+    assert (metrics["SoC"], metrics["makespan"], metrics["SoC_ratio"]) == (6, 5, 1)
+
+
+@pytest.mark.parametrize("planner", ["pibt", "lacam", "mappo-cardinal"])
+def test_a_plan_that_does_not_exist(capsys, tmp_path, planner):
+    map, scenario = tmp_path / "lane.map", tmp_path / "lane.scen"
+    map.write_text("type octile\nheight 1\nwidth 4\nmap\n....\n")
+    scenario.write_text("version 1\n0\tlane.map\t4\t1\t0\t0\t3\t0\t3\n0\tlane.map\t4\t1\t1\t0\t3\t0\t2\n")
+    words = [tmp_path / "plan.txt", "--map", map, "--scenario", scenario, "--num-agents", 2, "--planner", planner]
+    limits = ["--time-limit", 600, "--max-steps", 9]
+    reason = "the instance has no plan: agents 0 and 1 have the same goal"
+    error = f"mapf-pz solve: {planner}: {reason}"
+    assert run(capsys, "solve", *words, "--action-model", "cardinal", *limits) == (1, [], [error])
+    assert not (tmp_path / "plan.txt").exists()
 
 
 def test_no_plan(capsys, tmp_path, idle):

@@ -8,11 +8,12 @@ import numpy as np
 STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0))
 
 
-def lowest_cost(instance):
+def lowest_cost(instance, disappear=False):
     """Return the lowest sum of costs, or None if there is no solution.
 
     It is the least cost of a path in the graph of the states of all agents together, by Dijkstra's algorithm. An agent
-    at its goal may end, and then stays there without cost; each other agent costs 1 in each step.
+    at its goal may end, and then stays there without cost; each other agent costs 1 in each step. An agent that never
+    moves costs 1. With `disappear`, an agent that is at its goal after a step ends, and is gone from the next step on.
     """
     free = {tuple(cell) for cell in np.argwhere(instance.grid.free).tolist()}
     goals = [tuple(goal) for goal in instance.scenario.goals.tolist()]
@@ -35,13 +36,14 @@ def lowest_cost(instance):
     def endings(states):
         """Yield the states with any of the agents at their goals ended."""
         choices = [
-            [state, (*state[:2], True)] if state[0] == goal and not state[2] else [state]
+            [state, (*state[:2], True)][disappear:] if state[0] == goal and not state[2] else [state]
             for state, goal in zip(states, goals, strict=True)
         ]
         yield from product(*choices)
 
-    first = [(start, heading, False) for start, heading in zip(starts, headings, strict=True)]
-    queue = [(0, number, states) for number, states in enumerate(endings(first))]
+    first = tuple((start, heading, False) for start, heading in zip(starts, headings, strict=True))
+    beginnings = [first] if disappear else endings(first)
+    queue = [(sum(ended for *_, ended in states), number, states) for number, states in enumerate(beginnings)]
     count, done = len(queue), set()
     while queue:
         cost, _, states = heapq.heappop(queue)
@@ -52,7 +54,9 @@ def lowest_cost(instance):
         done.add(states)
         cost += sum(not ended for *_, ended in states)
         for after in product(*(options(agent, state) for agent, state in enumerate(states))):
-            moves = [(state[0], then[0]) for state, then in zip(states, after, strict=True)]
+            moves = [
+                (state[0], then[0]) for state, then in zip(states, after, strict=True) if not (disappear and state[2])
+            ]
             cells = {end for _, end in moves}
             if len(cells) == len(moves) and not any((b, a) in moves for a, b in moves if a != b):
                 for ended in endings(after):

@@ -42,7 +42,7 @@ def test_the_cost_is_the_lowest(model, size, num_agents, seed):
 @pytest.mark.parametrize(
     ("text", "cost"),
     [
-        ("a", 0),
+        ("a", 1),
         ("aA bB", 2),
         (".b. a.A .B.", 2 + 2 + 1),  # one waits
         ("a.b.A ##.##", 4 + 3),  # b leaves its goal for a

@@ -77,14 +77,14 @@ def test_it_visits_all_configurations_with_minimal_capacity(text):
     given, agents = problem(instance), instance.num_agents
     nodes, constraints = core.allocate_nodes(1, agents), core.allocate_constraints(1)
     scratch, counters = allocate_scratch(agents, instance.grid.free.size, seed=1), np.zeros(4, np.int64)
-    core.start(given, np.arange(agents, dtype=np.int32)[::-1], nodes, constraints, scratch, counters)
-    while core.search(given, 10**5, nodes, constraints, scratch, counters) == core.FULL:
+    core.start(given, given.goals, np.arange(agents, dtype=np.int32)[::-1], nodes, constraints, scratch, counters)
+    while core.search(given, given.goals, 10**5, nodes, constraints, scratch, counters) == core.FULL:
         if counters[core.NUM_NODES] == len(nodes.parent):
             nodes = nodes._make(np.concatenate([array, np.zeros_like(array)]) for array in nodes)
             refill_slots(nodes, counters[core.NUM_NODES])
         else:
             constraints = constraints._make(np.append(array, np.int32(0)) for array in constraints)
-    assert core.search(given, 1, nodes, constraints, scratch, counters) == core.EXHAUSTED
+    assert core.search(given, given.goals, 1, nodes, constraints, scratch, counters) == core.EXHAUSTED
     rows, cols = np.divmod(nodes.rows[: counters[core.NUM_NODES]], instance.grid.shape[1])
     seen = [tuple(zip(*cells, strict=True)) for cells in zip(rows.tolist(), cols.tolist(), strict=True)]
     assert sorted(seen) == sorted(reachable(instance))

@@ -33,7 +33,7 @@ class Chooser:
         agents, cells = len(given.goals), given.leads_to.shape[1] - 1
         self.problem, self.agents, self.cells = sipp_problem(given), agents, cells
         self.reservations = allocate_reservations(agents, cells, 100)
-        read_path(self.reservations, np.array([given.starts] if rows is None else rows, np.int32))
+        read_path(self.reservations, np.array([given.starts] if rows is None else rows, np.int32), False)
 
     def forget(self, agent):
         """Leave an agent without a path."""

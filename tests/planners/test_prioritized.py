@@ -94,7 +94,7 @@ def test_the_earliest_arrival_among_others(model, weights, seed, size, steps, cr
     headings_count = num_headings(problem.to_go)
     reservations = allocate_reservations(6, size * size, 300)
     scratch = allocate_scratch(len(reservations.visits), headings_count, 300)
-    read_path(reservations, others)
+    read_path(reservations, others, False)
     for rotation in range(4):
         first = find_path(sipp, 5, NEVER, rotation, reservations, scratch)
         assert (first == NONE) == (expected is None)
@@ -158,7 +158,7 @@ def test_it_waits_for_a_long_time(headings):
     instance = drawn(f"BA{'.' * 98}b #a{'#' * 99}", headings)
     plan = first_solution(instance)
     assert plan is not None
-    assert plan.arrivals.tolist() == [100, 100]  # a moves as b leaves its goal
+    assert plan.costs.tolist() == [100, 100]  # a moves as b leaves its goal
 
 
 @pytest.mark.parametrize(("headings", "cost"), [(None, 4), ([0], 4), ([2], 6), ([1], 5)])
@@ -179,14 +179,14 @@ def test_a_passing_bay_lets_two_pass(headings):
 def test_it_waits_for_a_crossing_agent():
     plan = first_solution(drawn("##b## ##.## a...A ##.## ##.## ##B##"))
     assert plan is not None
-    assert plan.arrivals.tolist() == [5, 5]  # both would be at the crossing after 2 steps; b has farther to go
+    assert plan.costs.tolist() == [5, 5]  # both would be at the crossing after 2 steps; b has farther to go
 
 
 def test_it_arrives_after_an_agent_that_crosses_its_goal():
     instance = drawn("b.A.B ##a##")
     plan = first_solution(instance)
     assert plan is not None
-    assert plan.arrivals.tolist() == [3, 4]
+    assert plan.costs.tolist() == [3, 4]
     assert validate(instance, plan) is None
 
 
@@ -194,7 +194,7 @@ def test_an_agent_at_its_goal_makes_way():
     instance = drawn("b.a.B ##.##")
     plan = first_solution(instance)
     assert plan is not None
-    assert plan.arrivals.tolist() == [3, 4]
+    assert plan.costs.tolist() == [3, 4]
 
 
 def test_a_corridor_that_is_too_narrow_has_no_plan():

@@ -22,8 +22,8 @@ def path_lengths(grid: Grid, starts: Ints, goals: Ints) -> Ints:
 
 
 def least_costs(instance: Instance) -> Ints:
-    """Return the number of steps (N,) that each agent needs to its first goal if it is alone on the map."""
-    return path_lengths(instance.grid, instance.start_cells, instance.goal_cells[:, 0])
+    """Return the cost (N,) of each agent to its first goal if it is alone on the map: an arrival takes a step."""
+    return np.maximum(path_lengths(instance.grid, instance.start_cells, instance.goal_cells[:, 0]), 1)
 
 
 def most_goals(instance: Instance, num_steps: int) -> Ints:

@@ -10,11 +10,12 @@ shortest paths with this conflict, so that to avoid it raises their cost."""
 
 
 @jit
-def find_conflicts(cells: Array, widths: Array, conflicts: Array) -> int:
+def find_conflicts(cells: Array, last: Array, widths: Array, conflicts: Array) -> int:
     """Return the number of conflicts, of which the first K are written.
 
     Args:
         cells: (L, N) int32: the cell of each agent after each step.
+        last: (N,) int32: the last step after which each agent is on the map.
         widths: (L, N) int32: the number of cells that each agent's shortest paths can be on after each step.
         conflicts: (K, 5) int32: the conflicts, by step.
     """
@@ -22,7 +23,11 @@ def find_conflicts(cells: Array, widths: Array, conflicts: Array) -> int:
     num_agents = cells.shape[1]
     for step in range(cells.shape[0]):
         for i in range(num_agents):
+            if step > last[i]:
+                continue
             for j in range(i + 1, num_agents):
+                if step > last[j]:
+                    continue
                 swap = step > 0 and cells[step, i] == cells[step - 1, j] and cells[step, j] == cells[step - 1, i]
                 if cells[step, i] != cells[step, j] and not (swap and cells[step, i] != cells[step - 1, i]):
                     continue

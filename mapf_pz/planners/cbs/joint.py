@@ -1,9 +1,9 @@
 """The shortest paths of a group of agents together under constraints: A* over their joint states.
 
 A joint state is the state of each agent (see `cbs.paths`), which agents have ended at their goals, where they stay,
-and the time until the last constraint. Each agent that has not ended costs 1 a step; the heuristic is the sum of the
-agents' distances to their goals. The number of joint states grows exponentially with the number of agents, but is
-finite, so the search also ends if there is no solution.
+and the time until the last constraint. Each agent that has not ended costs 1 a step, and each agent costs 1 in the
+first step; the heuristic is the sum of the agents' distances to their goals. The number of joint states grows
+exponentially with the number of agents, but is finite, so the search also ends if there is no solution.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from mapf_pz._internal.arrays import Ints
 from mapf_pz._internal.jit import Array, inlined, jit
-from mapf_pz.planners.cbs.paths import ANY, UNREACHED, is_forbidden, next_state
+from mapf_pz.planners.cbs.paths import UNREACHED, is_forbidden, last_on_goal, next_state
 from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.hashing import EMPTY, find_slot, hash_row, refill_slots
 
@@ -38,6 +38,7 @@ class Group(NamedTuple):
     starts: Array  # (G,) int32: states
     goals: Array  # (G,) int32: cells
     distance: Array  # (G, C * D) int32: number of steps to each agent's goal; UNREACHED: unreachable
+    disappear: bool  # as in `Problem`
 
 
 class Nodes(NamedTuple):
@@ -77,10 +78,12 @@ class JointSearch:
         self._group, self._constraints = group, constraints
         last_step = int(constraints[-1, 0]) if len(constraints) else 0
         self._first_step = np.searchsorted(constraints[:, 0], np.arange(last_step + 3)).astype(np.int32)
-        on_goal = (constraints[:, 1] == ANY) & (constraints[:, 2] == group.goals[:, None])  # (G, K)
-        self._first_end = np.where(on_goal, constraints[:, 0], 0).max(axis=1, initial=0).astype(np.int32)
+        steps = [last_on_goal(constraints, goal, group.disappear) for goal in group.goals.tolist()]
+        self._first_end = np.array(steps, np.int32)
         self._nodes = _allocate(_FIRST_NODES, len(group.goals))
         self._counters = np.array([1, 0, EMPTY], np.int64)
+        self.is_exhausted = False
+        """Whether `run` has found that there is no solution."""
         self._nodes.rows[0, :-2] = group.starts
         self._nodes.key[0] = hash_row(self._nodes.rows[0])
         self._nodes.parent[0] = self._nodes.after[0] = EMPTY
@@ -95,6 +98,7 @@ class JointSearch:
                 return None
             steps = self._first_step, self._first_end
             status = _expand(self._group, self._constraints, *steps, expansions, self._nodes, self._counters)
+        self.is_exhausted = status == EXHAUSTED
         if status != SOLVED:
             return None
         chain = [int(self._counters[SOLUTION])]
@@ -178,7 +182,7 @@ def _expand(
             choice[agent] += 1
             if choice[agent] > num_actions:
                 agent -= 1
-            elif _choose(group, constraints, at, first_end, before, agent, choice[agent], row):
+            elif _choose(group, constraints, at, first_end, before, node == 0, agent, choice[agent], row):
                 if agent == num_agents - 1:
                     _open(group, node, row, nodes, counters)
                 else:
@@ -203,6 +207,7 @@ def _choose(
     at: tuple[int, int],
     first_end: Array,
     before: Array,
+    is_first: bool,
     agent: int,
     action: int,
     row: Array,
@@ -210,7 +215,7 @@ def _choose(
     """Write the agent's state after an action to `row`, and whether it has ended; return whether this is allowed.
 
     The first action is to end, or to have ended. The agents with lower indices have chosen; `at` are the numbers of the
-    first constraint of this step and of the next step.
+    first constraint of this step and of the next step. In the first step, no agent has disappeared.
     """
     num_agents, headings = group.goals.size, group.num_headings
     bit = 1 << agent
@@ -224,18 +229,29 @@ def _choose(
     else:
         after = next_state(group.moves, headings, before[agent], action - 1)
         is_second_wait = action > 1 and after == before[agent]
+        has_ended |= _has_disappeared(group, before, is_first, agent)
         if has_ended or is_second_wait or group.distance[agent, after] == UNREACHED:
             return False
         row[num_agents] &= ~bit
     row[agent] = after
+    if _has_disappeared(group, before, is_first, agent):
+        return True
     next_cell = after // headings
     if action > 0 and is_forbidden(constraints, at[0], at[1], cell, next_cell):
         return False
     for other in range(agent):
+        if _has_disappeared(group, before, is_first, other):
+            continue
         next_other = row[other] // headings
         if next_other == next_cell or (next_other == cell and before[other] // headings == next_cell):
             return False
     return True
+
+
+@inlined
+def _has_disappeared(group: Group, before: Array, is_first: bool, agent: int) -> bool:
+    """Return whether an agent is no longer on the map after a step, since it was at its goal after a step before."""
+    return group.disappear and not is_first and before[agent] // group.num_headings == group.goals[agent]
 
 
 @jit
@@ -245,7 +261,7 @@ def _open(group: Group, parent: int, row: Array, nodes: Nodes, counters: Array) 
     cost, excess = nodes.cost[parent], 0
     for agent in range(num_agents):
         has_ended = row[num_agents] >> agent & 1
-        cost += 1 - has_ended
+        cost += 1 if parent == 0 else 1 - has_ended
         excess += group.distance[agent, row[agent]] - group.distance[agent, group.starts[agent]]
     key = hash_row(row)
     slot = find_slot(nodes, row, key)

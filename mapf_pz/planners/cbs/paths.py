@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mapf_pz._internal.arrays import Ints
 from mapf_pz._internal.jit import Array, inlined, jit
 
 NO_PATH, FULL = -1, -2
@@ -31,9 +32,9 @@ class Agent(NamedTuple):
 
 
 class Others(NamedTuple):
-    """The paths of the other agents, whose conflicts are to be avoided."""
+    """The paths of the other agents, whose conflicts are to be avoided. After the last step, nothing changes."""
 
-    cells: Array  # (L, N) int32: the cell of each agent after each step; it stays on the last one
+    cells: Array  # (L, N) int32: the cell of each agent after each step
     at: Array  # (L, C) int32: an agent that is on each cell after each step; -1: none
 
 
@@ -49,6 +50,23 @@ def allocate_layers(rows: int, num_states: int) -> Layers:
     """Allocate layers."""
     shape = rows, num_states
     return Layers(np.empty(shape, np.int32), np.empty(shape, np.int32), np.empty(shape, np.bool_))
+
+
+def last_on_goal(constraints: Ints, goal: int, disappear: bool) -> int:
+    """Return the last step after which a constraint forbids an agent that has ended to be on its goal; 0: none.
+
+    An agent that disappears is on its goal for as long as its path takes, which is checked step by step. Only if it
+    starts there and stays, it is also there after step 1.
+
+    Args:
+        constraints: (K, 3) int32, as in `search`.
+        goal: cell.
+        disappear: as in `Problem`.
+    """
+    on_goal = (constraints[:, 1] == ANY) & (constraints[:, 2] == goal)
+    if disappear:
+        on_goal &= constraints[:, 0] <= 1
+    return int(constraints[on_goal, 0].max(initial=0))
 
 
 @inlined
@@ -93,7 +111,7 @@ def search(agent: Agent, constraints: Array, first_end: int, others: Others, lay
         agent: the agent.
         constraints: (K, 3) int32, ordered by step: after `step`, the agent must not be on a cell (ANY, cell), or must
             not have moved (from, to).
-        first_end: the agent must not end before this step, at which no constraint on its goal is left.
+        first_end: the agent must not end before this step; no later step has a constraint on its end.
         others: the other agents.
         layers: the states after each step, which are overwritten.
     """

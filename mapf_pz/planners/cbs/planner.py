@@ -11,7 +11,7 @@ from mapf_pz.environment.mapf_env import MapfEnv
 from mapf_pz.planners.base import PlanFollower
 from mapf_pz.planners.cbs.tree import AgentPath, ConflictTree, cells_of, padded
 from mapf_pz.planners.deadline import Deadline
-from mapf_pz.planners.problem import Path, Problem, problem_of, starting_costs
+from mapf_pz.planners.problem import Path, Problem, obstruction, problem_of
 from mapf_pz.simulator.kernels.cost_lookup import num_headings
 from mapf_pz.simulator.simulator import Simulator
 
@@ -45,11 +45,15 @@ class CBS(PlanFollower):
     def plan(self, problem: Problem, time_limit: float) -> Path | None:
         """Return the paths with the lowest sum of costs; None: they were not found in time, or there are none."""
         deadline = Deadline(time_limit, self.clock)
-        unreachable = np.isinf(starting_costs(problem)).any()
-        if unreachable or len(np.unique(problem.goals)) < len(problem.goals):
+        if obstruction(problem) is not None:
             return None
-        paths = ConflictTree(problem).search(deadline)
-        return None if paths is None else _joined(paths, num_headings(problem.to_go))
+        tree = ConflictTree(problem)
+        paths = tree.search(deadline)
+        if paths is not None:
+            return _joined(paths, num_headings(problem.to_go))
+        if tree.is_exhausted:
+            self.unsolvable = "the search has excluded all paths"
+        return None
 
     def _call_kernels(self, simulator: Simulator) -> None:
         super()._call_kernels(simulator)

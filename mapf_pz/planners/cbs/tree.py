@@ -12,7 +12,18 @@ import numpy as np
 from mapf_pz._internal.arrays import Ints
 from mapf_pz.planners.cbs.conflicts import FIRST, RAISED, SECOND, STEP, SWAP, find_conflicts
 from mapf_pz.planners.cbs.joint import Group, JointSearch, distances
-from mapf_pz.planners.cbs.paths import ANY, FULL, NO_PATH, Agent, Others, allocate_layers, read_path, search
+from mapf_pz.planners.cbs.paths import (
+    ANY,
+    FULL,
+    NO_PATH,
+    UNREACHED,
+    Agent,
+    Others,
+    allocate_layers,
+    last_on_goal,
+    read_path,
+    search,
+)
 from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.problem import Problem
 from mapf_pz.simulator.kernels.cost_lookup import num_headings
@@ -43,9 +54,14 @@ class AgentPath(NamedTuple):
     )
 
     @property
-    def cost(self) -> int:
+    def num_steps(self) -> int:
         """T."""
         return len(self.cells) - 1
+
+    @property
+    def cost(self) -> int:
+        """The cost, as in `Plan.costs`. An agent that disappears does so after this step."""
+        return max(self.num_steps, 1)
 
 
 @dataclass(order=True)
@@ -90,8 +106,10 @@ class ConflictTree:
             for start, goal in zip(starts.tolist(), problem.goals.tolist(), strict=True)
         ]
         self._num_cells = num_cells
+        self._disappear = problem.disappear
         self._layers = allocate_layers(FIRST_ROWS, num_cells * headings)
         self._num_nodes = 0
+        self._was_cut = False
         self._split_into(groups or [(agent,) for agent in range(len(self._agents))])
 
     def _split_into(self, groups: list[tuple[int, ...]]) -> None:
@@ -101,7 +119,7 @@ class ConflictTree:
         self._num_conflicts: Counter[tuple[int, int]] = Counter()
 
     def search(self, deadline: Deadline) -> list[AgentPath] | None:
-        """Return the paths of the best solution, or None if there is none, or if it was not found in time."""
+        """Return the paths of the best solution, or None if there is none, or if it was not found in time or memory."""
         root = self._root(deadline)
         nodes = [] if root is None else [root]
         while nodes and not deadline.has_passed:
@@ -115,7 +133,13 @@ class ConflictTree:
                 continue
             for child in self._expand(node, conflict, deadline):
                 heapq.heappush(nodes, child)
+        self._was_cut |= bool(nodes)
         return None
+
+    @property
+    def is_exhausted(self) -> bool:
+        """Whether a search without a result was not cut by a limit, so that there is no solution."""
+        return not self._was_cut
 
     def _root(self, deadline: Deadline) -> Node | None:
         """Return the node without constraints, or None if there is none, or if the deadline has passed."""
@@ -169,13 +193,15 @@ class ConflictTree:
         group, array = self._groups[number], np.array(constraints, np.int32).reshape(-1, 3)
         if len(group) != 1:
             return self._plan_together(group, array, deadline)
-        path = None if deadline.has_passed else self._plan_alone(self._agents[group[0]], array, others)
+        if deadline.has_passed:
+            self._was_cut = True
+            return None
+        path = self._plan_alone(self._agents[group[0]], array, others)
         return None if path is None else {group[0]: path}
 
     def _plan_alone(self, task: Agent, constraints: Ints, others: list[AgentPath]) -> AgentPath | None:
-        on_goal = (constraints[:, 1] == ANY) & (constraints[:, 2] == task.goal)
-        first_end = int(constraints[on_goal, 0].max(initial=-1)) + 1
-        avoided = _others(others, self._num_cells)
+        first_end = last_on_goal(constraints, task.goal, self._disappear)
+        avoided = self._others(others)
         while (cost := search(task, constraints, first_end, avoided, self._layers)) == FULL:
             rows, num_states = self._layers.conflicts.shape
             self._layers = allocate_layers(2 * rows, num_states)
@@ -192,8 +218,10 @@ class ConflictTree:
         distance = np.empty((len(group), self._num_cells * headings), np.int32)
         for goal, row in zip(goals, distance, strict=True):
             distances(moves, headings, goal, row)
-        found = JointSearch(Group(moves, headings, starts, goals, distance), constraints).run(deadline)
+        joint = JointSearch(Group(moves, headings, starts, goals, distance, self._disappear), constraints)
+        found = joint.run(deadline)
         if found is None:
+            self._was_cut |= not joint.is_exhausted
             return None
         states, lengths = found
         return {
@@ -201,14 +229,29 @@ class ConflictTree:
             for column, (agent, length) in enumerate(zip(group, lengths.tolist(), strict=True))
         }
 
+    def _others(self, paths: list[AgentPath]) -> Others:
+        """Return the paths of other agents, as the search of a path takes them."""
+        cells = cells_of(paths)
+        if self._disappear:
+            cells = np.concatenate([cells, cells[-1:]])  # after the last arrival, no agent is left
+        steps, agents = np.nonzero(np.arange(len(cells))[:, None] <= self._last_steps(paths))
+        at = np.full((len(cells), self._num_cells), -1, np.int32)
+        at[steps, cells[steps, agents]] = agents
+        return Others(cells, at)
+
+    def _last_steps(self, paths: list[AgentPath]) -> Ints:
+        """Return the last step (N,) int32 after which each agent is on the map."""
+        return np.array([path.cost if self._disappear else UNREACHED for path in paths], np.int32)
+
     def _node(self, paths: list[AgentPath], constraints: list[tuple[Constraint, ...]], bound: int) -> Node:
         """Return the node with these paths, whose cost is at least `bound`."""
         cells = cells_of(paths)
         widths = np.empty_like(cells)
         for agent, path in enumerate(paths):
-            widths[: path.cost + 1, agent], widths[path.cost + 1 :, agent] = path.widths, path.end_width
+            end = path.num_steps + 1
+            widths[:end, agent], widths[end:, agent] = path.widths, path.end_width
         conflicts = np.empty((MAX_CONFLICTS, 5), np.int32)
-        count = find_conflicts(cells, widths, conflicts)
+        count = find_conflicts(cells, self._last_steps(paths), widths, conflicts)
         conflicts = conflicts[:count].copy()
         self._num_nodes += 1
         bound = max(bound, sum(path.cost for path in paths) + _num_raising_pairs(conflicts))
@@ -242,14 +285,6 @@ def _num_raising_pairs(conflicts: Ints) -> int:
             paired |= {first, second}
             count += 1
     return count
-
-
-def _others(paths: list[AgentPath], num_cells: int) -> Others:
-    """Return the paths of other agents, as the search of a path takes them."""
-    cells = cells_of(paths)
-    at = np.full((len(cells), num_cells), -1, np.int32)
-    at[np.arange(len(cells))[:, None], cells] = np.arange(len(paths))
-    return Others(cells, at)
 
 
 def cells_of(paths: list[AgentPath]) -> Ints:

@@ -50,25 +50,28 @@ class LaCAM(PlanFollower):
     def plan(self, problem: Problem, time_limit: float) -> Path | None:
         """Return paths that bring all agents to their goals, or None if none were found.
 
-        If agents share a goal, only the nearest of them has to reach it. None means that the search ran out of time or
-        memory, or that it has visited all configurations.
+        If agents that stay share a goal, only the nearest of them has to reach it. None means that the search ran out
+        of time or memory, or that it has visited all configurations.
         """
         if not np.isfinite(starting_costs(problem)).all():
             return None
-        claimed = _claimed_goals(problem)
+        claimed = problem.goals if problem.disappear else _claimed_goals(problem)
         search = ConfigurationSearch(_without_turns(problem)._replace(goals=claimed), self._rng)
         improving = self._anytime and (claimed != lacam.NONE).all()
         refinement = NeighborhoodSearch(problem, self._rng) if improving else None
         deadline = Deadline(time_limit, self.clock)
         cells = search.run(deadline)
         if cells is None:
+            if search.is_exhausted:
+                self.unsolvable = "the search has visited all configurations"
             return None
         path = _to_path(problem, cells)
         if refinement is None:
             return path
         self.trace.add(path.sum_of_costs)
-        path = self._shorten(path, problem, refinement, deadline)
-        self.trace.add(path.sum_of_costs)
+        if not problem.disappear:  # on a walk, agents stay at their goals
+            path = self._shorten(path, problem, refinement, deadline)
+            self.trace.add(path.sum_of_costs)
         return refine(refinement, path, deadline, self.trace)
 
     def _shorten(self, path: Path, problem: Problem, search: NeighborhoodSearch, deadline: Deadline) -> Path:
@@ -141,22 +144,27 @@ class ConfigurationSearch:
         cost = np.where(problem.goals == lacam.NONE, -1, starting_costs(problem))
         farthest_first = np.argsort(-cost, kind="stable").astype(np.int32)
         self._problem = problem
+        self._outside = num_cells
+        self._ends = np.full_like(problem.goals, self._outside) if problem.disappear else problem.goals
         self._scratch = allocate_scratch(num_agents, num_cells, int(rng.integers(1, 2**63)))
         self._nodes, self._constraints = lacam.allocate_nodes(1 << 10, num_agents), lacam.allocate_constraints(1 << 13)
         self._counters = np.zeros(4, np.int64)
         self._status = lacam.start(
-            problem, farthest_first, self._nodes, self._constraints, self._scratch, self._counters
+            problem, self._ends, farthest_first, self._nodes, self._constraints, self._scratch, self._counters
         )
 
     def run(self, deadline: Deadline) -> Ints | None:
-        """Return the cells (T + 1, N) of the configurations from the start to the goals, or None."""
+        """Return the cells (T + 1, N) of the configurations from the start to the goals, or None.
+
+        Agents that have disappeared are on their goals.
+        """
         iterations = 1 + _AGENT_STEPS // len(self._problem.goals)
         while self._status in (lacam.RUNNING, lacam.FULL) and not deadline.has_passed:
             if self._status == lacam.FULL and not self._grow():
                 return None
             known = int(self._counters[lacam.NUM_NODES])
             self._status = lacam.search(
-                self._problem, iterations, self._nodes, self._constraints, self._scratch, self._counters
+                self._problem, self._ends, iterations, self._nodes, self._constraints, self._scratch, self._counters
             )
             found = int(self._counters[lacam.NUM_NODES]) - known
             steps = iterations if self._status == lacam.RUNNING else found
@@ -166,7 +174,13 @@ class ConfigurationSearch:
         chain = [int(self._counters[lacam.SOLUTION])]
         while self._nodes.parent[chain[-1]] != lacam.NONE:
             chain.append(int(self._nodes.parent[chain[-1]]))
-        return self._nodes.rows[chain[::-1]]
+        cells = self._nodes.rows[chain[::-1]]
+        return np.where(cells == self._outside, self._problem.goals, cells)
+
+    @property
+    def is_exhausted(self) -> bool:
+        """Whether all configurations have been visited, so that there is no solution."""
+        return self._status == lacam.EXHAUSTED
 
     def _grow(self) -> bool:
         """Double the capacity of what is full; return whether that is allowed."""
@@ -219,5 +233,5 @@ def _to_path(problem: Problem, cells: Ints) -> Path:
     schedule.list_visits(cells, problem.leads_to, visits, at, scratch[0])
     rows = (3 if rotates else 1) * steps + 1
     path_cells, path_headings = np.tile(problem.starts, (rows, 1)), np.tile(problem.headings.astype(np.int8), (rows, 1))
-    rows = schedule.schedule(visits, rotates, path_cells, path_headings, at, intent) + 1
+    rows = schedule.schedule(visits, rotates, problem.disappear, path_cells, path_headings, at, intent) + 1
     return Path(path_cells[:rows], path_headings[:rows] if rotates else None)

@@ -90,12 +90,15 @@ def list_visits(cells: Array, leads_to: Array, visits: Visits, at: Array, last: 
 
 
 @jit
-def schedule(visits: Visits, rotates: bool, cells: Array, headings: Array, at: Array, intent: Array) -> int:
+def schedule(
+    visits: Visits, rotates: bool, disappear: bool, cells: Array, headings: Array, at: Array, intent: Array
+) -> int:
     """Write the paths, and return their number of steps.
 
     Args:
         visits: the visits of N agents.
         rotates: whether agents must turn before they move; a turn takes a step.
+        disappear: whether agents leave the map after the step of their last visit, the first step at the earliest.
         cells: (T + 1, N) int32, the first row of which holds the starts. T must be large enough: three times the number
             of steps that the visits were listed from is sufficient (one time if agents need not turn).
         headings: (T + 1, N) int8, likewise.
@@ -106,13 +109,13 @@ def schedule(visits: Visits, rotates: bool, cells: Array, headings: Array, at: A
     step, moves_left = 0, visits.cell.size - at.size
     while moves_left > 0:
         for i in range(at.size):
-            turned = _turned(visits, headings[step, i], at[i], i) if rotates else headings[step, i]
+            turned = _turned(visits, headings[step, i], at[i]) if rotates else headings[step, i]
             headings[step + 1, i] = turned
-            ready = at[i] + 1 < visits.first[i + 1] and turned == headings[step, i]
+            ready = not _is_last(visits, at[i]) and turned == headings[step, i]
             intent[i] = _READY if ready else _STAYS
         for i in range(at.size):
             if intent[i] == _READY:
-                _resolve_queue(visits, at, intent, i)
+                _resolve_queue(visits, disappear and step > 0, at, intent, i)
         for i in range(at.size):
             if intent[i] == _MOVES:
                 at[i] += 1
@@ -123,24 +126,32 @@ def schedule(visits: Visits, rotates: bool, cells: Array, headings: Array, at: A
 
 
 @jit
-def _turned(visits: Visits, heading: int, visit: int, agent: int) -> int:
+def _turned(visits: Visits, heading: int, visit: int) -> int:
     """Return an agent's heading after a step in which it does not move, but turns for its next visit."""
-    if visit + 1 == visits.first[agent + 1]:
+    if _is_last(visits, visit):
         return heading
     turn = (visits.direction[visit + 1] - heading) % 4
     return heading if turn == 0 else (heading + (3 if turn == 3 else 1)) % 4
 
 
 @jit
-def _resolve_queue(visits: Visits, at: Array, intent: Array, first: int) -> None:
-    """Decide whether the agents of the queue that starts with `first` move: all do if the one at its head can."""
+def _is_last(visits: Visits, visit: int) -> bool:
+    return visit + 1 == visits.first[visits.agent[visit] + 1]
+
+
+@jit
+def _resolve_queue(visits: Visits, disappeared: bool, at: Array, intent: Array, first: int) -> None:
+    """Decide whether the agents of the queue that starts with `first` move: all do if the one at its head can.
+
+    With `disappeared`, agents that are on their last visits do not occupy their cells any more.
+    """
     i = first
     decision = _READY
     while decision == _READY:
         intent[i] = _PENDING
         before = visits.before[at[i] + 1]
         i = visits.agent[before]  # meaningless if there is no previous visit
-        if before == NONE or at[i] > before:
+        if before == NONE or at[i] > before or (disappeared and at[i] == before and _is_last(visits, before)):
             decision = _MOVES
         elif at[i] < before or intent[i] == _STAYS:
             decision = _STAYS

@@ -19,7 +19,7 @@ import numpy as np
 
 from mapf_pz._internal.jit import Array, jit
 from mapf_pz.planners.hashing import find_slot, hash_row
-from mapf_pz.planners.lacam.step import STAY, UNDECIDED, LacamScratch, draw, next_cells
+from mapf_pz.planners.lacam.step import STAY, UNDECIDED, LacamScratch, draw, next_cells, outside
 
 NONE = -1
 RUNNING, SOLVED, EXHAUSTED, FULL = range(4)
@@ -39,7 +39,7 @@ IJCAI 2023).
 class Nodes(NamedTuple):
     """Up to K configurations of N agents. The open ones form a stack, as a doubly linked list."""
 
-    rows: Array  # (K, N) int32: the cells
+    rows: Array  # (K, N) int32: the cells; outside of the map for agents that disappear after this step
     order: Array  # (K, N) int32: the agents, the highest priority first
     parent: Array  # (K,) int32: the node before it; -1: none, it is the start
     key: Array  # (K,) uint64: the hash of the cells
@@ -81,12 +81,14 @@ def allocate_constraints(capacity: int) -> Constraints:
 
 @jit
 def start(
-    problem: Array, order: Array, nodes: Nodes, constraints: Constraints, scratch: LacamScratch, counters: Array
-) -> int:
+    problem: Array, ends: Array, order: Array, nodes: Nodes, constraints: Constraints, scratch: LacamScratch,
+    counters: Array
+) -> int:  # fmt: skip
     """Open the first configuration. Return `SOLVED` if all agents are at their goals, else `RUNNING`.
 
     Args:
-        problem: a `Problem` without headings; an agent with the goal -1 may end anywhere.
+        problem: a `Problem` without headings.
+        ends: (N,) int32, the cell on which each agent ends: its goal, or outside of the map; -1: anywhere.
         order: (N,) int32, the agents, the highest priority first.
         nodes: newly allocated.
         constraints: newly allocated.
@@ -98,13 +100,14 @@ def start(
     scratch.want[:] = problem.starts
     nodes.order[0] = order
     key = hash_row(scratch.want)
-    return _open(problem.goals, NONE, key, find_slot(nodes, scratch.want, key), nodes, constraints, scratch, counters)
+    return _open(ends, NONE, key, find_slot(nodes, scratch.want, key), nodes, constraints, scratch, counters)
 
 
 @jit
 def search(
-    problem: Array, iterations: int, nodes: Nodes, constraints: Constraints, scratch: LacamScratch, counters: Array
-) -> int:
+    problem: Array, ends: Array, iterations: int, nodes: Nodes, constraints: Constraints, scratch: LacamScratch,
+    counters: Array
+) -> int:  # fmt: skip
     """Continue the search for a number of iterations; return its status."""
     for _ in range(iterations):
         if counters[NUM_NODES] == nodes.parent.size or counters[NUM_CONSTRAINTS] + 6 > constraints.cell.size:
@@ -115,7 +118,7 @@ def search(
         constraint = nodes.first[node]
         nodes.first[node] = constraints.after[constraint]
         if constraints.depth[constraint] < problem.goals.size:
-            _grow(problem.leads_to, node, constraint, nodes, constraints, scratch, counters)
+            _grow(problem, node, constraint, nodes, constraints, scratch, counters)
         if nodes.first[node] == NONE:
             _unlink(nodes, counters, node)
         scratch.want[:] = UNDECIDED
@@ -125,13 +128,15 @@ def search(
             constraint = constraints.origin[constraint]
         if not next_cells(problem, nodes.rows[node], nodes.order[node], scratch):
             continue
+        if problem.disappear:
+            _remove_arrived(problem, scratch.want)
         key = hash_row(scratch.want)
         slot = find_slot(nodes, scratch.want, key)
         known = nodes.slots[slot]
         if known == NONE:
-            if _open(problem.goals, node, key, slot, nodes, constraints, scratch, counters) == SOLVED:
+            if _open(ends, node, key, slot, nodes, constraints, scratch, counters) == SOLVED:
                 return SOLVED
-            _inherit(problem.goals, counters[NUM_NODES] - 1, nodes)
+            _inherit(ends, counters[NUM_NODES] - 1, nodes)
             continue
         if draw(scratch.random) % np.uint64(_RESTART_INTERVAL) == 0:
             known = 0
@@ -142,8 +147,19 @@ def search(
 
 
 @jit
+def _remove_arrived(problem: Array, cells: Array) -> None:
+    """Move agents at their goals outside of the map. They count as there from the step in which they arrive.
+
+    In the first configuration they are not removed, as they have not arrived: so it differs from all later ones.
+    """
+    for i in range(cells.size):
+        if cells[i] == problem.goals[i]:
+            cells[i] = outside(problem)
+
+
+@jit
 def _open(
-    goals: Array,
+    ends: Array,
     parent: int,
     key: int,
     slot: int,
@@ -152,7 +168,7 @@ def _open(
     scratch: LacamScratch,
     counters: Array,
 ) -> int:
-    """Create a node from the cells in `scratch.want`; return `SOLVED` if all agents are at their goals."""
+    """Create a node from the cells in `scratch.want`; return `SOLVED` if all agents are at their ends."""
     node, constraint = counters[NUM_NODES], counters[NUM_CONSTRAINTS]
     counters[NUM_NODES] += 1
     counters[NUM_CONSTRAINTS] += 1
@@ -164,39 +180,39 @@ def _open(
     constraints.depth[constraint] = 0
     constraints.after[constraint] = NONE
     _push(nodes, counters, node)
-    for i in range(goals.size):
-        if _away(scratch.want[i], goals[i]):
+    for i in range(ends.size):
+        if _away(scratch.want[i], ends[i]):
             return RUNNING
     counters[SOLUTION] = node
     return SOLVED
 
 
 @jit
-def _inherit(goals: Array, node: int, nodes: Nodes) -> None:
-    """Set the order of a node's agents: first those away from their goals, in the parent's order, then the others.
+def _inherit(ends: Array, node: int, nodes: Nodes) -> None:
+    """Set the order of a node's agents: first those away from their ends, in the parent's order, then the others.
 
     So an agent's priority grows with the time that it is away. The others keep the order of the first node.
     """
     parent, cells, order = nodes.parent[node], nodes.rows[node], nodes.order[node]
     position = 0
     for i in nodes.order[parent]:
-        if _away(cells[i], goals[i]):
+        if _away(cells[i], ends[i]):
             order[position] = i
             position += 1
     for i in nodes.order[0]:
-        if not _away(cells[i], goals[i]):
+        if not _away(cells[i], ends[i]):
             order[position] = i
             position += 1
 
 
 @jit
-def _away(cell: int, goal: int) -> bool:
-    return goal != NONE and cell != goal
+def _away(cell: int, end: int) -> bool:
+    return end != NONE and cell != end
 
 
 @jit
 def _grow(
-    leads_to: Array,
+    problem: Array,
     node: int,
     origin: int,
     nodes: Nodes,
@@ -207,7 +223,9 @@ def _grow(
     """Append the constraints of one more agent to the node's queue, in random order."""
     depth = constraints.depth[origin] + 1
     agent = nodes.order[node, depth - 1]
-    cell, choices = nodes.rows[node, agent], scratch.choices[agent]
+    leads_to, cell, choices = problem.leads_to, nodes.rows[node, agent], scratch.choices[agent]
+    if cell == outside(problem):
+        return  # the agents after it in the order have disappeared, too: nothing is left to constrain
     for k in range(5):
         other = int(draw(scratch.random) % np.uint64(k + 1))
         choices[k] = choices[other]

@@ -56,14 +56,18 @@ def next_cells(problem: Array, cells: Array, order: Array, scratch: LacamScratch
 
     Args:
         problem: a `Problem` without headings.
-        cells: (N,) int32, the agents' current cells.
+        cells: (N,) int32, the agents' current cells; `outside` for agents that have disappeared, which stay there.
         order: (N,) int32, the agents, the highest priority first.
         scratch: `want` holds the prescribed cells, each the agent's own or an adjacent one, and `UNDECIDED` elsewhere;
             `occupant` and `taken` hold -1 everywhere, before and after the call.
     """
+    gone = outside(problem)
     for i in range(cells.size):
-        scratch.occupant[cells[i]] = i
-    legal = _prescribe(cells, scratch)
+        if cells[i] == gone:
+            scratch.want[i] = gone
+        else:
+            scratch.occupant[cells[i]] = i
+    legal = _prescribe(cells, gone, scratch)
     if legal:
         for i in order:
             if scratch.want[i] == UNDECIDED and not _decide(problem, cells, scratch, i):
@@ -77,10 +81,16 @@ def next_cells(problem: Array, cells: Array, order: Array, scratch: LacamScratch
 
 
 @jit
-def _prescribe(cells: Array, scratch: LacamScratch) -> bool:
+def outside(problem: Array) -> int:
+    """Return the cell outside of the map, where agents are that have disappeared."""
+    return problem.leads_to.shape[1] - 1
+
+
+@jit
+def _prescribe(cells: Array, gone: int, scratch: LacamScratch) -> bool:
     for i in range(cells.size):
         cell = scratch.want[i]
-        if cell == UNDECIDED:
+        if cell in (UNDECIDED, gone):
             continue
         other = scratch.occupant[cell]
         if scratch.taken[cell] != NO_AGENT or (other != NO_AGENT and other != i and scratch.want[other] == cells[i]):

@@ -48,25 +48,38 @@ class Plan:
         return self.positions.shape[1]
 
     @property
-    def arrivals(self) -> Ints:
-        """(N,) int64: the step after which each agent stays on its last cell; 0 if it never leaves that cell."""
-        away = (self.positions != self.positions[-1]).any(axis=2)
-        steps = np.arange(1, len(self.positions) + 1)[:, None]
-        return np.where(away, steps, 0).max(axis=0)
+    def costs(self) -> Ints:
+        """(N,) int64: the step after which each agent stays on its last cell, at least 1.
+
+        The environment notes arrivals after a step, so that an agent that never moves costs 1, as in POGEMA. By the
+        definition of Stern et al., SoCS 2019, it costs 0.
+        """
+        return costs_of((self.positions != self.positions[-1]).any(axis=2))
 
     @property
     def sum_of_costs(self) -> int:
-        """Sum of the arrivals: time on the last cell afterwards costs nothing (Stern et al., SoCS 2019)."""
-        return int(self.arrivals.sum())
+        """Sum of the agents' costs: time on the last cell afterwards costs nothing."""
+        return int(self.costs.sum())
 
     @property
     def makespan(self) -> int:
-        """The latest arrival; 0 without agents."""
-        return int(self.arrivals.max(initial=0))
+        """The highest cost; 0 without agents."""
+        return int(self.costs.max(initial=0))
+
+    @property
+    def num_unmoved(self) -> int:
+        """Number of agents that never move."""
+        return int((self.positions == self.positions[0]).all(axis=(0, 2)).sum())
 
     def away(self, instance: Instance) -> Bools:
         """Return which agents (N,) are not at their goals at the end. The instance has one goal for each agent."""
         return (self.positions[-1] != instance.scenario.goals).any(axis=1)
+
+
+def costs_of(away: Bools) -> Ints:
+    """Return each agent's cost (N,) int64; `away` (T + 1, N) tells when it is not on its last cell."""
+    steps = np.arange(1, len(away) + 1)[:, None]
+    return np.where(away, steps, 1).max(axis=0)
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from mapf_pz.planners.sipp.neighborhood import (
     choose_around_missing,
     choose_neighborhood,
     clear,
+    cost_of,
     delay,
     shortest,
     shuffle,
@@ -122,7 +123,7 @@ def _replan(
     agents = neighborhood.agents[: neighborhood.size[0]]
     former_cost, remaining = 0, 0
     for k, agent in enumerate(agents):
-        former_cost += MISSING if reservations.first[agent] == NONE else reservations.arrival[agent]
+        former_cost += MISSING if reservations.first[agent] == NONE else cost_of(reservations, agent)
         remaining += shortest(problem, agent)
         state.former[k] = withdraw(reservations, agent)
     cost, planned = 0, 0
@@ -135,7 +136,7 @@ def _replan(
             cost += MISSING
         else:
             reserve(reservations, agent, first)
-            cost += reservations.arrival[agent]
+            cost += cost_of(reservations, agent)
         planned += 1
     accepted = cost + remaining <= former_cost + allowance
     for k, agent in enumerate(agents):

@@ -103,22 +103,28 @@ def shuffle(neighborhood: Neighborhood) -> None:
 
 
 @jit
+def cost_of(reservations: Reservations, agent: int) -> int:
+    """Return the cost of an agent that has a path, as in `Plan.costs`."""
+    return max(reservations.arrival[agent], 1)
+
+
+@jit
 def delay(problem: SippProblem, reservations: Reservations, agent: int) -> int:
-    """Return how many steps later than on an empty map an agent arrives, or 0 if it has no path."""
+    """Return how much more than on an empty map an agent costs, or 0 if it has no path."""
     if reservations.first[agent] == NONE:
         return 0
-    return reservations.arrival[agent] - shortest(problem, agent)
+    return cost_of(reservations, agent) - shortest(problem, agent)
 
 
 @jit
 def shortest(problem: SippProblem, agent: int) -> int:
-    """Return the number of steps that an agent needs on an empty map."""
-    return unpack_steps(problem.steps[problem.table[agent], problem.starts[agent]], problem.headings[agent])
+    """Return the cost of an agent on an empty map."""
+    return max(unpack_steps(problem.steps[problem.table[agent], problem.starts[agent]], problem.headings[agent]), 1)
 
 
 @jit
 def sum_of_shortest(problem: SippProblem) -> int:
-    """Return the sum of the steps that all agents need on an empty map."""
+    """Return the sum of the costs of all agents on an empty map."""
     total = 0
     for agent in range(problem.goals.size):
         total += shortest(problem, agent)

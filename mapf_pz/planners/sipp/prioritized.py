@@ -6,7 +6,7 @@ import numpy as np
 
 from mapf_pz.planners.base import PlanFollower
 from mapf_pz.planners.deadline import Deadline
-from mapf_pz.planners.problem import Path, Problem, starting_costs
+from mapf_pz.planners.problem import Path, Problem, obstruction, starting_costs
 from mapf_pz.planners.sipp.refine import NeighborhoodSearch
 
 PATIENCE = 100
@@ -23,9 +23,9 @@ class PrioritizedSIPP(PlanFollower):
 
     def plan(self, problem: Problem, time_limit: float) -> Path | None:
         """Return paths that bring all agents to their goals, or None if none were found in time."""
-        shortest = starting_costs(problem)
-        if np.isinf(shortest).any() or len(np.unique(problem.goals)) < len(problem.goals):
+        if obstruction(problem) is not None:
             return None
+        shortest = starting_costs(problem)
         search = NeighborhoodSearch(problem, self._rng)
         deadline = Deadline(time_limit, self.clock)
         order = np.argsort(-shortest, kind="stable")

@@ -72,8 +72,8 @@ class NeighborhoodSearch:
 
     @property
     def sum_of_costs(self) -> int:
-        """Sum of the steps after which the agents stay at their goals, if no path is missing."""
-        return int(self._reservations.arrival.sum())
+        """Sum of the agents' costs, as in `Plan.costs`, if no path is missing."""
+        return int(np.maximum(self._reservations.arrival, 1).sum())
 
     @property
     def is_shortest(self) -> bool:
@@ -83,7 +83,7 @@ class NeighborhoodSearch:
     def set_paths(self, path: Path) -> None:
         """Set the paths of all agents."""
         self._allocate(int((path.cells[1:] != path.cells[:-1]).sum()) + path.cells.shape[1])
-        read_path(self._reservations, path.cells)
+        read_path(self._reservations, path.cells, self._problem.disappear)
         self._lns.missing[0] = 0
 
     def set_arriving_paths(self, path: Path) -> None:
@@ -141,6 +141,7 @@ def sipp_problem(problem: Problem) -> SippProblem:
         headings=problem.headings,
         goals=problem.goals,
         weighted=weighted,
+        disappear=problem.disappear,
     )
 
 

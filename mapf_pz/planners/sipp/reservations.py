@@ -3,7 +3,8 @@
 A visit is an agent's stay on a cell, from the first to the last step after which it is there. Every cell has a list of
 its visits in order of time. The time between a visit and the next one is a safe interval of the cell, so the number of
 a visit also identifies the safe interval that follows it. Visit `c < C + 1` is a sentinel without an agent, for the
-time before the start on cell `c`. Agents stay on the cells of their last visits forever.
+time before the start on cell `c`. Agents stay on the cells of their last visits forever,
+or until the end of the step in which they arrive.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ class Reservations(NamedTuple):
     spare: Array  # (V,) int32: the first `num_spare` are unused visits
     num_spare: Array  # (1,) int32
     first: Array  # (N,) int32: each agent's first visit; -1: it has no path
-    arrival: Array  # (N,) int32: the step after which the agent stays forever, if it has a path
+    arrival: Array  # (N,) int32: the first step of the agent's last visit, if it has a path
 
 
 def allocate_reservations(num_agents: int, num_cells: int, num_visits: int) -> Reservations:
@@ -143,14 +144,22 @@ def discard(reservations: Reservations, first: int) -> None:
 
 
 @jit
-def read_path(reservations: Reservations, cells: Array) -> None:
-    """Reserve the paths of all agents: `cells` (T + 1, N) int32."""
+def last_step(arrival: int, disappear: bool) -> int:
+    """Return the last step of a visit to the goal: an agent that disappears does so after a step at its goal."""
+    return max(arrival, 1) if disappear else FOREVER
+
+
+@jit
+def read_path(reservations: Reservations, cells: Array, disappear: bool) -> None:
+    """Reserve the paths of all agents: `cells` (T + 1, N) int32, with agents that disappear on their goals."""
     for agent in range(cells.shape[1]):
         end, step, following = FOREVER, cells.shape[0] - 1, NONE
         while step >= 0:
             cell = cells[step, agent]
             while step > 0 and cells[step - 1, agent] == cell:
                 step -= 1
+            if following == NONE:
+                end = last_step(step, disappear)
             following = new_visit(reservations, agent, cell, step, end, following)
             end = step - 1
             step -= 1
@@ -169,7 +178,7 @@ def direction_after(visits: Array, leads_to: Array, visit: int, heading: int) ->
 
 @jit
 def write_path(reservations: Reservations, leads_to: Array, starts: Array, cells: Array, headings: Array) -> None:
-    """Write the paths of all agents to `cells` (T + 1, N) int32.
+    """Write the paths of all agents to `cells` (T + 1, N) int32, with agents that disappear on their goals.
 
     With `headings` (T + 1, N) int8, agents have the headings `starts` (N,) at first and turn as early as possible.
     """
@@ -178,7 +187,8 @@ def write_path(reservations: Reservations, leads_to: Array, starts: Array, cells
         visit, heading = reservations.first[agent], starts[agent]
         while visit != NONE:
             leaving = direction_after(visits, leads_to, visit, heading)
-            for step in range(visits[visit].begin, min(visits[visit].end + 1, cells.shape[0])):
+            end = cells.shape[0] if visits[visit].next == NONE else min(visits[visit].end + 1, cells.shape[0])
+            for step in range(visits[visit].begin, end):
                 cells[step, agent] = visits[visit].cell
                 if headings.size > 0:
                     headings[step, agent] = heading

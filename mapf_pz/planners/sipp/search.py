@@ -18,7 +18,16 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz._internal.jit import Array, jit, numba_config
-from mapf_pz.planners.sipp.reservations import FOREVER, NONE, Reservations, discard, last_visit, new_visit, safe_until
+from mapf_pz.planners.sipp.reservations import (
+    FOREVER,
+    NONE,
+    Reservations,
+    discard,
+    last_step,
+    last_visit,
+    new_visit,
+    safe_until,
+)
 from mapf_pz.simulator.kernels.cost_lookup import cost_at, num_headings, unpack_steps
 from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, CostToGo
 
@@ -35,6 +44,7 @@ class SippProblem(NamedTuple):
     headings: Array  # (N,) int32: at the start; 0 for cardinal agents
     goals: Array  # (N,) int32: cells
     weighted: bool  # whether any weight differs from 1
+    disappear: bool  # as in `Problem`
 
 
 STATE = np.dtype(
@@ -85,7 +95,8 @@ def find_path(
     leads_to, weight, choices, cost = problem.leads_to, problem.weight, scratch.choices, scratch.cost
     table, steps, headings = problem.table[agent], problem.steps[problem.table[agent]], num_headings(problem.to_go)
     goal, start, heading = problem.goals[agent], problem.starts[agent], problem.headings[agent] % headings
-    opens = visits[last_visit(visits, near, goal, FOREVER)].end + 1  # no other agent enters the goal from then on
+    # An agent that stays can end when no other agent enters its goal any more; one that disappears, at any time.
+    opens = 0 if problem.disappear else visits[last_visit(visits, near, goal, FOREVER)].end + 1
     limit = min(limit, top.size - 1)
     shortest = unpack_steps(steps[start], heading)
     if opens > limit or shortest > limit or cost_at(problem.to_go, table, start, heading) == np.inf:
@@ -105,7 +116,7 @@ def find_path(
         _unstack(states, top, state, arrival)
         visit, heading = divmod(state, headings)
         cell, until, step = visits[visit].cell, safe_until(visits, visit), states[state].reached + 1
-        if cell == goal and until == FOREVER:
+        if cell == goal and until >= last_step(states[state].reached, problem.disappear):
             found = state
             break
         expanded += 1
@@ -133,7 +144,7 @@ def find_path(
                 following = visits[following].after
     top[lowest : highest + 1] = NONE
     scratch.count[1] += expanded
-    return NONE if found == NONE else _trace(agent, found, headings, reservations, states)
+    return NONE if found == NONE else _trace(agent, found, headings, problem.disappear, reservations, states)
 
 
 @jit
@@ -199,9 +210,11 @@ def _unstack(states: Array, top: Array, state: int, arrival: int) -> None:
 
 
 @jit
-def _trace(agent: int, last: int, headings: int, reservations: Reservations, states: Array) -> int:
+def _trace(
+    agent: int, last: int, headings: int, disappear: bool, reservations: Reservations, states: Array
+) -> int:  # fmt: skip
     """Return the first of the linked visits that lead to state `last`, or -1 if too few visits are left."""
-    state, end, following = last, FOREVER, NONE
+    state, end, following = last, last_step(states[last].reached, disappear), NONE
     while state != NONE:
         # All turns on a cell belong to one visit, which starts with the first of them.
         parent = states[state].parent

@@ -26,6 +26,6 @@ function planEpisode(map, scenario, plan, texts, colors) {
 }
 
 function planCosts(episode) {
-  const costs = Array.from({ length: episode.agents }, (_, agent) => episode.restsFrom(agent));
+  const costs = Array.from({ length: episode.agents }, (_, agent) => Math.max(1, episode.restsFrom(agent)));
   return { SoC: costs.reduce((sum, cost) => sum + cost, 0), makespan: Math.max(...costs) };
 }

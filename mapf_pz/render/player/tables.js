@@ -3,7 +3,7 @@
 const METRICS = {
   CSR: "1 if all agents are at their goals at the end",
   ISR: "fraction of agents at their goals at the end",
-  SoC: "sum of costs: over agents, the step since which they have been at their goals, or all steps",
+  SoC: "sum of costs: over agents, the step since which they have been at their goals, at least 1, or all steps",
   makespan: "largest cost of an agent",
   ep_length: "number of steps",
   SoC_ratio: "sum of costs divided by the sum of the shortest paths",

@@ -89,8 +89,8 @@ def test_the_first_violation_is_returned():
 def test_costs():
     plan = Plan(np.array([[(0, 0), (0, 2)], [(0, 1), (0, 2)], [(0, 0), (0, 2)], [(0, 1), (0, 2)], [(0, 1), (0, 2)]]))
     assert (plan.num_steps, plan.num_agents) == (4, 2)
-    assert plan.arrivals.tolist() == [3, 0]
-    assert (plan.sum_of_costs, plan.makespan) == (3, 3)
+    assert plan.costs.tolist() == [3, 1]
+    assert (plan.sum_of_costs, plan.makespan) == (4, 3)
 
 
 def test_wrong_shapes_are_rejected():

@@ -1,3 +1,5 @@
+import csv
+import io
 import json
 
 import numpy as np
@@ -129,7 +131,8 @@ def test_tracker_round_trip(drawn):
     plan, instance = drawn
     text = format_plan(plan, "a.csv", instance, PlanMetadata("some-map-even-7"))
     file = parse_plan(text, "a.csv", Selection(instance.scenario, plan.num_agents, "small-even-7"))
-    assert_same(file.plan, Plan(plan.positions[: plan.makespan + 1]))
+    away = np.flatnonzero((plan.positions != plan.positions[-1]).any(axis=(1, 2)))
+    assert_same(file.plan, Plan(plan.positions[: away.max(initial=-1) + 2]))
     assert file.claims == {"sum of costs": plan.sum_of_costs}
 
 
@@ -445,3 +448,18 @@ def test_any_text_is_a_plan_or_a_format_error(text):
             file.schedule.finished(file.plan)
         except ValueError as error:
             assert "is not among the file's tasks" in str(error)  # noqa: PT017
+
+
+@pytest.mark.parametrize(("ending", "cost"), [("csv", "solution_cost"), ("txt", "soc")])
+def test_agents_that_never_move_cost_nothing_in_formats_that_say_so(ending, cost):
+    grid = Grid(np.ones((2, 3), np.bool_), "small")
+    scenario = Scenario(np.array([[0, 0], [1, 0]]), np.array([[0, 0], [1, 2]]))
+    plan = Plan(np.array([[[0, 0], [1, 0]], [[0, 0], [1, 1]], [[0, 0], [1, 2]]]))
+    text = format_plan(plan, f"a.{ending}", Instance(grid, scenario), PlanMetadata(lower_bound=3))
+    if ending == "csv":
+        (row,) = csv.DictReader(io.StringIO(text))
+        assert (row["solution_cost"], row["lower_cost"]) == ("2", "2")
+    else:
+        assert "\nsoc=2\n" in text
+    file = parse_plan(text, f"a.{ending}", Selection(scenario, 2))
+    assert file.claims["sum of costs"] == file.plan.sum_of_costs == 3

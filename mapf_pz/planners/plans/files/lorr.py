@@ -185,7 +185,7 @@ def _scheduled_tasks(plan: Plan, schedule: Schedule) -> _Tasks:
 def _single_tasks(plan: Plan, goals: Ints) -> _Tasks:
     """Return the tasks and the events of agents with one goal each."""
     events: list[_Events] = []
-    for agent, arrival in enumerate(plan.arrivals.tolist()):
+    for agent, arrival in enumerate(plan.costs.tolist()):
         events.append([[agent, 0, "assigned"]])
         if (plan.positions[-1, agent] == goals[agent]).all():
             events[agent].append([agent, arrival, "finished"])

@@ -64,7 +64,8 @@ def parse_tracker(text: str, origin: str | Path, selection: Selection) -> PlanFi
             message = f"expected one of udlrw as step {unknown.start() + 1} of agent {agent}, got {unknown[0]!r}"
             raise FormatError(origin, message, line + agent)
     check_size(max(map(len, letters)), count, origin, line)
-    return PlanFile(follow_steps(selection.scenario.starts[:count], letters, STEPS), claims=_claims(row))
+    plan = follow_steps(selection.scenario.starts[:count], letters, STEPS)
+    return PlanFile(plan, claims=_claims(row, plan))
 
 
 def format_tracker(plan: Plan, instance: Instance, metadata: PlanMetadata) -> str:
@@ -79,8 +80,11 @@ def format_tracker(plan: Plan, instance: Instance, metadata: PlanMetadata) -> st
     kind, number = (named[2], named[3]) if named else ("", "")
     waits = re.compile("w+$")
     letters = "\n".join(waits.sub("", word) for word in format_steps(plan, STEPS))
-    lower = "" if metadata.lower_bound is None else metadata.lower_bound
-    row = (instance.grid.name, kind, number, plan.num_agents, lower, plan.sum_of_costs, f'"{letters}"')
+    # In this format, an agent that never moves costs 0.
+    at_goal = int((instance.scenario.starts == instance.scenario.goals).all(axis=1).sum())
+    lower = "" if metadata.lower_bound is None else metadata.lower_bound - at_goal
+    cost = plan.sum_of_costs - plan.num_unmoved
+    row = (instance.grid.name, kind, number, plan.num_agents, lower, cost, f'"{letters}"')
     return f"{','.join(COLUMNS)}\n{','.join(map(str, row))}\n"
 
 
@@ -147,6 +151,8 @@ def _name(row: _Row) -> str:
     return "-".join(parts) if len(parts) == 3 and all(parts) else ""
 
 
-def _claims(row: _Row) -> dict[str, int]:
+def _claims(row: _Row, plan: Plan) -> dict[str, int]:
     cost = row.get("solution_cost")
-    return {} if cost is None or not _COUNT.fullmatch(cost.text) else {"sum of costs": int(cost.text)}
+    if cost is None or not _COUNT.fullmatch(cost.text):
+        return {}
+    return {"sum of costs": int(cost.text) + plan.num_unmoved}
