@@ -301,7 +301,7 @@ class Rules:
             solved = self.at_goal
             times = [self._settled(agent) for agent in self.agents]
         shortest = [self.lower_bound(agent) for agent in self.agents]
-        bound = sum(length for length in shortest if isfinite(length))
+        bound = sum(max(length, 1) for length in shortest if isfinite(length))
         return {
             "CSR": float(all(solved)),
             "ISR": sum(solved) / len(solved),
