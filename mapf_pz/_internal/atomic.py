@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
+from uuid import uuid4
 
 
 @contextmanager
 def replacing(file: Path) -> Generator[Path]:
     """Yield a temporary file in the same folder with the same extension, which replaces `file` at the end.
 
-    After an error, the old file remains. An `OSError` names `file`.
+    After an error, the old file remains. An `OSError` names `file`. Of several processes that write the file at the
+    same time, each has a temporary file of its own.
     """
-    temporary = file.with_name(f".{file.stem}.new{file.suffix}")
+    temporary = file.with_name(f".{uuid4().hex}.new{file.suffix}")
     try:
         # A new file, since a link that someone else has made there would be followed.
-        temporary.unlink(missing_ok=True)
         temporary.touch(exist_ok=False)
         yield temporary
         temporary.replace(file)

@@ -18,8 +18,8 @@ from mapf_pz._internal.atomic import write_whole
 from mapf_pz._internal.text import read_bytes
 from mapf_pz.errors import FormatError
 
-MAX_ARRAY_BYTES = 2**29
-"""Maximum size of an array."""
+MAX_BYTES = 2**29
+"""Maximum size of all arrays of a file together."""
 _MAGIC = b"\x93NUMPY\x01\x00"
 _HEADER = re.compile(
     rb"\{'descr': '([<|][biufU]\d{1,4})', 'fortran_order': (True|False), 'shape': \((\d[\d, ]{0,60})?\), \}\s*"
@@ -27,8 +27,13 @@ _HEADER = re.compile(
 _DAMAGE = (zipfile.BadZipFile, zlib.error, ValueError, LookupError, EOFError, OSError, RuntimeError, TypeError)
 
 
-def read_npz(path: str | Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
+def read_npz(path: str | Path, names: Iterable[str], max_bytes: int = MAX_BYTES) -> dict[str, NDArray[Any]]:
     """Return the arrays of these names, of booleans, numbers or text.
+
+    Args:
+        path: The file.
+        names: The names of the arrays.
+        max_bytes: Maximum size of these arrays together, which is checked before any of them is read.
 
     Raises:
         FileNotFoundError: The file does not exist.
@@ -37,7 +42,11 @@ def read_npz(path: str | Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
     content = io.BytesIO(read_bytes(path))
     try:
         with zipfile.ZipFile(content) as archive:
-            return {name: _array(archive, name) for name in names}
+            members = {name: archive.getinfo(f"{name}.npy") for name in names}
+            size = sum(member.file_size for member in members.values())
+            if size > max_bytes:
+                raise ValueError(f"expected arrays of at most {max_bytes} bytes, got {size}")
+            return {name: _array(archive, name, member) for name, member in members.items()}
     except _DAMAGE as error:
         reason = " ".join(str(error).split())
         raise FormatError(path, f"expected an .npz file with the arrays {', '.join(names)}: {reason}") from None
@@ -53,11 +62,10 @@ def write_npz(path: str | Path, arrays: Mapping[str, ArrayLike]) -> None:
     write_whole(Path(path), buffer.getvalue())
 
 
-def _array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
-    """Return an array, after checking its size and its header without evaluating it; raises one of `_DAMAGE`."""
-    member = archive.getinfo(f"{name}.npy")
-    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) or member.file_size > MAX_ARRAY_BYTES:
-        raise ValueError(f"array {name!r} is too large, or compressed by an unknown method")
+def _array(archive: zipfile.ZipFile, name: str, member: zipfile.ZipInfo) -> NDArray[Any]:
+    """Return an array, after checking its header without evaluating it; raises one of `_DAMAGE`."""
+    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise ValueError(f"array {name!r} is compressed by an unknown method")
     with archive.open(member) as file:
         content = file.read(member.file_size)
     start = len(_MAGIC) + 2

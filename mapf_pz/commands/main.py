@@ -15,6 +15,7 @@ from typing import NamedTuple
 import tyro
 
 from mapf_pz._internal.interrupts import interrupts_deferred
+from mapf_pz._internal.printable import printable
 from mapf_pz._internal.suggest import expected_names
 from mapf_pz.errors import USER_ERRORS
 
@@ -71,7 +72,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             return _main(list(sys.argv[1:] if arguments is None else arguments))
         finally:
-            sys.stdout.flush()
+            if sys.stdout is not None:  # as it is if the process has started without it
+                sys.stdout.flush()
     except BrokenPipeError:  # the reader, such as `head`, has exited
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes once more at exit
         return BROKEN_PIPE
@@ -146,5 +148,5 @@ def _show_warning(source: str, message: Warning | str, *_location: object) -> No
 
 
 def _print_error(source: str, message: str, status: int) -> int:
-    print(f"{source}: {' '.join(message.split())}", file=sys.stderr)
+    print(f"{source}: {' '.join(printable(message).split())}", file=sys.stderr)
     return status

@@ -27,6 +27,8 @@ from mapf_pz.simulator.config import EnvConfig
 
 MAX_CELLS = 2**24
 """Maximum number of cells of a random map."""
+MAX_TASKS = 1000
+"""Maximum number of tasks."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,7 @@ def load_suite(suite: str | Path, trust_remote_code: bool = False) -> tuple[Eval
     data = parse_object(read_text(file), file)
     _check_keys(data, ("description", "version", "digest", "tasks"), str(file))
     entries = list_member(data, "tasks", file, least=1)
+    _check_count(entries, file)
     tasks = [task for number, entry in enumerate(entries) for task in _tasks(entry, number, file, trust_remote_code)]
     names = [task.label for task in tasks]
     if len(set(names)) < len(names):
@@ -95,6 +98,14 @@ def load_suite(suite: str | Path, trust_remote_code: bool = False) -> tuple[Eval
         raise FormatError(file, f"expected unique task names ('name'), got {twice!r} twice")
     label = _label(tasks, data, file)
     return tuple(replace(task, suite=label) for task in tasks)
+
+
+def _check_count(entries: Sequence[Any], file: Path) -> None:
+    """Raise `FormatError` if there are too many tasks, before any of them is loaded."""
+    counts = [entry.get("num_agents") if isinstance(entry, dict) else None for entry in entries]
+    total = sum(len(count) if isinstance(count, list) else 1 for count in counts)
+    if total > MAX_TASKS:
+        raise FormatError(file, f"expected at most {MAX_TASKS} tasks, got {total}")
 
 
 @cache

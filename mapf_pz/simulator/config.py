@@ -35,6 +35,8 @@ RewardFunction = Callable[[Transition], ArrayLike]
 RenderMode = Literal["human", "rgb_array", "ansi"]
 DEFAULT_NUM_AGENTS = 4
 """The number of agents if nothing else determines it."""
+MAX_VIEW_SIDE = 511
+"""Maximum height and width of a view: a centered view of this size shows all of a map of 256 x 256 cells."""
 MAX_WHOLE = 2**30
 """Maximum of the fields that are whole numbers, except bytes."""
 OBSERVATION_FIELDS = (
@@ -85,7 +87,7 @@ class EnvConfig:
     """Sampled goals: `uniform` on the free cells, or `alternating` between the workstations and the endpoints of a
     warehouse, whose map is a `.json` file of GGO or a `.map` file with `E` and `S`; with `on_target='restart'` only."""
     view_size: tuple[int, int] = (5, 5)
-    """Height and width of each agent's view in cells; it may be larger than the map."""
+    """Height and width of each agent's view in cells, each at most 511; it may be larger than the map."""
     view: View | None = None
     """The agent's position in its view: `front` (at the bottom center, facing up) or `centered`. Default: `front`, or
     `centered` with cardinal actions."""
@@ -269,8 +271,8 @@ def _pair(name: str, value: Any) -> tuple[int, int]:
         height, width = value
     except (TypeError, ValueError):
         raise ValueError(f"{name}={_shown(value)}: expected (height, width)") from None
-    check_whole(name, height, least=1)
-    check_whole(name, width, least=1)
+    check_whole(name, height, 1, MAX_VIEW_SIDE)
+    check_whole(name, width, 1, MAX_VIEW_SIDE)
     return int(height), int(width)
 
 

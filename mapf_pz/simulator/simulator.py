@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
@@ -27,6 +28,10 @@ from mapf_pz.simulator.observation import ObservationLayout
 from mapf_pz.simulator.observer import Observer
 from mapf_pz.simulator.source import goals_per_agent, make_source
 from mapf_pz.simulator.transition import Transition
+
+
+MAX_OBSERVATION_BYTES = 2**32
+"""Maximum size of the observations and past actions of all agents in a batch."""
 
 
 class Observation(NamedTuple):
@@ -64,6 +69,7 @@ class Simulator:
         self.shape = self.source.shape
         self.layout = ObservationLayout(config)
         self.num_actions = self.layout.num_actions
+        self._check_size()
         self.needs_cost_to_go = self.layout.needs_cost_to_go or config.reward_config.progress != 0
         self._reward_function = config.reward_function
         self._num_threads = min(num_threads, numba_config.NUMBA_NUM_THREADS)
@@ -82,6 +88,17 @@ class Simulator:
         self._step = step.bind(self._num_threads, fields, (np.empty(each, np.int64),))
         shown = (rules.cardinal, self.world.leads_to, self.state.map, self.state.agents)
         self._write_masks = write_masks.bind(self._num_threads, shown, (np.empty(self._mask_shape, np.int8),))
+
+    def _check_size(self) -> None:
+        """Raise `ValueError` if the observations and past actions of all agents would take too much memory."""
+        numbers = math.prod(self.layout.image_shape) + self.layout.num_features
+        each = 4 * numbers + 2 * self.config.num_last_actions
+        size = each * self.num_envs * self.num_agents
+        if size > MAX_OBSERVATION_BYTES:
+            raise ValueError(
+                f"observations of {self.num_envs} x {self.num_agents} agents, {each} bytes each: expected at most "
+                f"{MAX_OBSERVATION_BYTES} bytes together, got {size}"
+            )
 
     def _allocate(self) -> None:
         config, shape, view_shape = self.config, self.shape, self.layout.view_shape()

@@ -8,6 +8,7 @@ down; -1 is a blocked edge. Source: github.com/lunjohnzhang/ggo_public.
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from reprlib import repr as shortened
 from typing import Any
@@ -75,6 +76,6 @@ def write(graph: GuidanceGraph, path: str | Path, grid: Grid) -> None:
 def numbers(values: list[Any], path: str | Path) -> Floats:
     """Return a list from JSON as float64; raises `FormatError` unless all items are numbers."""
     for number, value in enumerate(values):
-        if type(value) not in (int, float) or abs(value) > np.finfo(np.float64).max:
+        if type(value) not in (int, float) or abs(value) > sys.float_info.max:
             raise FormatError(path, f"expected a number as weight {number}, got {shortened(value)}")
     return np.array(values, np.float64)

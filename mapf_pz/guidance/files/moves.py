@@ -12,6 +12,10 @@ from mapf_pz.errors import FormatError
 from mapf_pz.instances.instance import Grid
 
 
+MAX_HEADER_BYTES = 2**12
+"""Maximum size of the header of the array."""
+
+
 def load_moves(path: str | Path, grid: Grid) -> Floats:
     """Read how often agents left each cell of the map `grid` to the east, south, west, north: (4, H, W) float64.
 
@@ -20,7 +24,7 @@ def load_moves(path: str | Path, grid: Grid) -> Floats:
         FormatError: The file is malformed, is for a map of another size, or has a number that is negative or not
             finite.
     """
-    moves = read_npz(path, ("moves",))["moves"]
+    moves = read_npz(path, ("moves",), 4 * 8 * grid.free.size + MAX_HEADER_BYTES)["moves"]
     if moves.shape != (4, *grid.shape) or moves.dtype.kind not in "iuf":
         expected = f"expected numbers 'moves' {(4, *grid.shape)} for map {grid.name!r}"
         raise FormatError(path, f"{expected}, got {moves.dtype} {moves.shape}")

@@ -17,6 +17,7 @@ from reprlib import repr as shortened
 import numpy as np
 
 from mapf_pz._internal.arrays import Bools, Ints
+from mapf_pz._internal.atomic import write_whole
 from mapf_pz._internal.text import read_text
 from mapf_pz.errors import FormatError
 from mapf_pz.instances.files.octile import octile_distances
@@ -123,8 +124,8 @@ def format_map(grid: Grid, blocked: str = "@") -> str:
 
 
 def write_map(grid: Grid, path: str | Path, blocked: str = "@") -> None:
-    """Write a `.map` file."""
-    Path(path).write_text(format_map(grid, blocked), "utf-8", newline="\n")
+    """Write a `.map` file, atomically."""
+    write_whole(Path(path), format_map(grid, blocked).encode())
 
 
 def read_scenario(path: str | Path, grid: Grid | None = None) -> Scenario:
@@ -197,8 +198,8 @@ def format_scenario(scenario: Scenario, grid: Grid) -> str:
 
 
 def write_scenario(scenario: Scenario, grid: Grid, path: str | Path) -> None:
-    """Write a `.scen` file; raises `ValueError` as `format_scenario` does."""
-    Path(path).write_text(format_scenario(scenario, grid), "utf-8", newline="\n")
+    """Write a `.scen` file, atomically; raises `ValueError` as `format_scenario` does."""
+    write_whole(Path(path), format_scenario(scenario, grid).encode())
 
 
 def _lines(text: str) -> Iterator[str]:

@@ -7,6 +7,7 @@ github.com/Cognitive-AI-Systems/pogema-benchmark.
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from itertools import product
 from pathlib import Path
 from reprlib import repr as shortened
@@ -22,8 +23,10 @@ from mapf_pz.instances.files.movingai import parse_cells
 from mapf_pz.instances.files.pogema import BLOCKED, MAX_GOALS, PASSABLE
 from mapf_pz.instances.pogema_placement import Cell, PogemaMap, place_agents
 
-MAX_BYTES = 2**24
+MAX_BYTES = 2**22
 """Maximum size of a YAML file."""
+MAX_DEPTH, MAX_ALIASES = 20, 100
+"""Maximum depth of nesting, and number of aliases, in a YAML file."""
 LIFELONG_STEPS = 300
 """Number of steps that sequences of lifelong goals cover: more than an episode of the benchmark has."""
 
@@ -86,8 +89,10 @@ def _read_yaml(file: Path) -> JsonObject:
     except ImportError as error:
         raise ImportError("POGEMA's configurations require PyYAML: pip install 'mapf-pz[pogema]'") from error
     text = read_text(file, MAX_BYTES)
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
-        content = yaml.load(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        _check_events(yaml.parse(text, loader), file)
+        content = yaml.load(text, loader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or "it cannot be read"
@@ -95,6 +100,23 @@ def _read_yaml(file: Path) -> JsonObject:
     except (RecursionError, ValueError):
         raise FormatError(file, "expected YAML of numbers and text that is not nested deeply") from None
     return _mapping(content, "the file", file)
+
+
+def _check_events(events: Iterable[Any], file: Path) -> None:
+    """Raise `FormatError` unless the events of YAML's parser make a small object.
+
+    Loading deeply nested lists overflows the stack, and each merge key (`<<`) copies the members of what it merges.
+    """
+    from yaml import AliasEvent, CollectionEndEvent, CollectionStartEvent, ScalarEvent
+
+    depth = aliases = 0
+    for event in events:
+        depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
+        aliases += isinstance(event, AliasEvent)
+        is_merge = isinstance(event, ScalarEvent) and event.value == "<<" and event.implicit[0]
+        if depth > MAX_DEPTH or aliases > MAX_ALIASES or is_merge:
+            limits = f"at most {MAX_DEPTH} levels and {MAX_ALIASES} aliases, and no merge keys"
+            raise FormatError(file, f"expected YAML with {limits}", event.start_mark.line + 1)
 
 
 def _mapping(value: Any, name: str, origin: str | Path) -> JsonObject:

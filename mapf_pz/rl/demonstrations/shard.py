@@ -39,6 +39,8 @@ from mapf_pz.simulator.actions import Action, CardinalAction
 
 FORMAT = 1
 """Version of the format."""
+MAX_HEADER_BYTES = 2**12
+"""Maximum size of the headers of all arrays."""
 MAX_CELLS = 2**26
 """Maximum number of cells of all maps of a shard together."""
 _NAMES = (
@@ -136,7 +138,7 @@ def read_shard(path: Path, action_model: ActionModel) -> Shard:
         FileNotFoundError: The file does not exist.
         FormatError: The file is malformed.
     """
-    arrays = read_npz(path, _NAMES)
+    arrays = read_npz(path, _NAMES, MAX_FILE_BYTES + MAX_HEADER_BYTES)
     try:
         return _shard(arrays, action_model)
     except (ValueError, LookupError, TypeError) as error:

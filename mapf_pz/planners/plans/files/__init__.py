@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from reprlib import repr as shortened
 
+from mapf_pz._internal.atomic import write_whole
 from mapf_pz._internal.text import read_text
 from mapf_pz.errors import FormatError
 from mapf_pz.instances.instance import ActionModel, Instance
@@ -84,7 +85,7 @@ def format_plan(plan: Plan, path: str | Path, instance: Instance, metadata: Plan
 
 
 def write_plan(plan: Plan, path: str | Path, instance: Instance, metadata: PlanMetadata | None = None) -> None:
-    """Write a plan file: League of Robot Runners `.json`, tracker `.csv` (cardinal agents only), or `.txt`.
+    """Write a plan file, atomically: League of Robot Runners `.json`, tracker `.csv` (cardinal agents only), or `.txt`.
 
     Args:
         plan: the plan.
@@ -95,4 +96,4 @@ def write_plan(plan: Plan, path: str | Path, instance: Instance, metadata: PlanM
     Raises:
         ValueError: the file has another extension, or its format cannot hold the plan.
     """
-    Path(path).write_text(format_plan(plan, path, instance, metadata), "utf-8", newline="\n")
+    write_whole(Path(path), format_plan(plan, path, instance, metadata).encode())
