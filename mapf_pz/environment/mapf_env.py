@@ -15,7 +15,7 @@ from pettingzoo.utils.conversions import parallel_to_aec_wrapper
 
 from mapf_pz._internal.arrays import Bools, Ints
 from mapf_pz._internal.signatures import with_fields_of
-from mapf_pz.environment.infos import AgentInfo, Infos
+from mapf_pz.environment.infos import AgentInfo, agent_infos
 from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.render.modes import render_modes
 from mapf_pz.render.state import RenderState
@@ -181,13 +181,13 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         """Return a field of the records of the agents that acted."""
         return dict(zip(self.agents, self._agents[field][self._rows].tolist(), strict=True))
 
-    def _observe(self) -> tuple[dict[str, AgentObservation], Infos]:
+    def _observe(self) -> tuple[dict[str, AgentObservation], dict[str, AgentInfo]]:
         batch, rows = self.simulator.observe(), self._rows
         observations: Any = batch.image[0][rows]
         if self.simulator.layout.num_features:
             pairs = zip(observations, batch.features[0][rows], strict=True)
             observations = ({"image": image, "features": features} for image, features in pairs)
-        infos = Infos(self.agents, rows, self._agents, batch.action_mask[0])
+        infos = agent_infos(self.agents, self._agents[rows], batch.action_mask[0][rows])
         return dict(zip(self.agents, observations, strict=True)), infos
 
     def state(self) -> NDArray[np.float32]:
