@@ -62,7 +62,7 @@ class EnvConfig:
 
     map: str | Path | Bools | Grid | None = None
     """A map's name, the path of a `.map` file or of a `.json` map of GGO, a map drawn as text, or a bool array (True =
-    free). Default: the map that the scenario's file names, otherwise `empty-8-8`."""
+    free). Default: the map that the scenario's file names, in the same folder or by name, otherwise `empty-8-8`."""
     scenario: str | Path | Scenario | tuple[str | Path, ...] | None = None
     """Starts and goals: a scenario's name, such as `den312d-random-1` or, with a map, `random-1`; a `.scen` file; a
     `Scenario`; or a problem, which names its own map: the name of a bundled one, such as `warehouse_small_10` or
