@@ -24,6 +24,10 @@ class ObservationWrapper(BaseParallelWrapper[str, Any, Any]):
     def observation(self, observed: Any, info: AgentInfo) -> Any:
         """Return the new observation of an agent, given its observation and its info."""
 
+    def infos(self, given: dict[str, AgentInfo]) -> dict[str, AgentInfo]:
+        """Return the new infos of all agents."""
+        return given
+
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         """Return the observation space of an agent, which is the same object for all agents and calls."""
         return self.observation_spaces[agent]
@@ -33,12 +37,12 @@ class ObservationWrapper(BaseParallelWrapper[str, Any, Any]):
     ) -> tuple[dict[str, Any], dict[str, AgentInfo]]:
         """Start an episode, as `MapfEnv.reset` does."""
         observations, infos = self.env.reset(seed=seed, options=options)
-        return self._converted(observations, infos), infos
+        return self._converted(observations, infos), self.infos(infos)
 
     def step(self, actions: dict[str, Any]) -> StepResult:
         """Take one step, as `MapfEnv.step` does."""
         observations, *rest, infos = self.env.step(actions)
-        return cast("StepResult", (self._converted(observations, infos), *rest, infos))
+        return cast("StepResult", (self._converted(observations, infos), *rest, self.infos(infos)))
 
     def _converted(self, observations: dict[str, Any], infos: dict[str, AgentInfo]) -> dict[str, Any]:
         return {agent: self.observation(observed, infos[agent]) for agent, observed in observations.items()}
