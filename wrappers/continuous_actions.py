@@ -8,15 +8,14 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike
 from pettingzoo import ParallelEnv
-from pettingzoo.utils import BaseParallelWrapper
 
 from mapf_pz._internal.arrays import Floats
 from mapf_pz.environment.mapf_env import AgentInfo, AgentObservation, StepResult
-from mapf_pz.simulator.actions import ACTION_MODES, ActionMode, Decoder
-from mapf_pz.wrappers.wrapped import discrete_space, without_masks
+from mapf_pz.simulator.actions import ACTION_MODES, ActionMode, Decoder, check_dictionary
+from mapf_pz.wrappers.wrapped import MapfWrapper, discrete_space, without_masks
 
 
-class ContinuousActions(BaseParallelWrapper[str, AgentObservation, Any]):
+class ContinuousActions(MapfWrapper):
     """The action space of each agent is `Box(-1, 1, (A,), float32)`, a value per action, instead of `Discrete(A)`.
 
     `action_mode`, a name in `ACTION_MODES`, determines how values are decoded into an action. Values are clipped to
@@ -53,9 +52,9 @@ class ContinuousActions(BaseParallelWrapper[str, AgentObservation, Any]):
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, AgentObservation], dict[str, AgentInfo]]:
         """Start an episode, as `MapfEnv.reset` does."""
+        observations, infos = self.env.reset(seed=seed, options=options)
         if seed is not None:
             self._rng = generator(seed)
-        observations, infos = self.env.reset(seed=seed, options=options)
         return observations, without_masks(infos)
 
     def step(self, actions: dict[str, ArrayLike]) -> StepResult:
@@ -63,6 +62,7 @@ class ContinuousActions(BaseParallelWrapper[str, AgentObservation, Any]):
 
         It also raises `ValueError` for another shape or NaN.
         """
+        check_dictionary(actions)
         acting = [agent for agent in self.env.agents if agent in actions]
         values = [self._values(agent, actions[agent]) for agent in acting]
         numbers = self._decode(np.array(values).reshape(-1, self.num_actions), self._rng)

@@ -7,12 +7,12 @@ from typing import Any, cast
 
 from gymnasium import spaces
 from pettingzoo import ParallelEnv
-from pettingzoo.utils import BaseParallelWrapper
 
 from mapf_pz.environment.mapf_env import AgentInfo, StepResult
+from mapf_pz.wrappers.wrapped import MapfWrapper
 
 
-class ObservationWrapper(BaseParallelWrapper[str, Any, Any]):
+class ObservationWrapper(MapfWrapper):
     """Replaces each agent's observation by another one, which lies in the same space for all agents."""
 
     def __init__(self, env: ParallelEnv[str, Any, Any], space: spaces.Space[Any]) -> None:

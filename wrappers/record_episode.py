@@ -8,17 +8,16 @@ import numpy as np
 from gymnasium.spaces import Discrete
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
-from pettingzoo.utils import BaseParallelWrapper
 
 from mapf_pz.environment.mapf_env import AgentInfo, AgentObservation, StepResult
 from mapf_pz.render.recording import Recording
-from mapf_pz.wrappers.wrapped import wrapped_env
+from mapf_pz.wrappers.wrapped import MapfWrapper, wrapped_env
 
 MAX_OBSERVED_BYTES = 2**23
 """Default maximum size of the recorded observations, which are those of the first agents."""
 
 
-class RecordEpisode(BaseParallelWrapper[str, AgentObservation, Any]):
+class RecordEpisode(MapfWrapper):
     """Records the current episode: `recording` can be saved with `mapf_pz.render.save_recording`."""
 
     def __init__(self, env: ParallelEnv[str, AgentObservation, Any], observed: int | None = None) -> None:

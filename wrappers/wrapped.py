@@ -1,4 +1,4 @@
-"""Checks of the environments that wrappers are given, and infos without masks."""
+"""What the wrappers share: their base class, checks of the environments that they are given, infos without masks."""
 
 from __future__ import annotations
 
@@ -6,8 +6,17 @@ from typing import Any
 
 from gymnasium import spaces
 from pettingzoo import ParallelEnv
+from pettingzoo.utils import BaseParallelWrapper
 
 from mapf_pz.environment.mapf_env import AgentInfo, MapfEnv
+
+
+class MapfWrapper(BaseParallelWrapper[str, Any, Any]):
+    """A wrapper of a `MapfEnv` or of a wrapper of one."""
+
+    def __repr__(self) -> str:
+        """Return the wrapper and what it wraps in one line."""
+        return f"{type(self).__name__}({self.env!r})"
 
 
 def wrapped_env(env: object) -> MapfEnv:

@@ -23,6 +23,7 @@ from mapf_pz import Action, CardinalAction, Grid, Instance, RewardConfig, Scenar
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.simulator.kernels.observation.channels import CHANNELS
 from mapf_pz.simulator.metrics import EpisodeRecord, episode_metrics
+from mapf_pz.wrappers import ContinuousActions, FlatObservations, centralized_env
 
 EAST, SOUTH, WEST, NORTH = range(4)
 FORWARD, LEFT, RIGHT, WAIT = map(int, Action)
@@ -528,6 +529,38 @@ def test_state_content():
     assert (time == 0.25).all()
     assert env.state().dtype == np.float32
     assert env.state_space.contains(env.state())
+
+
+def test_a_bool_is_a_number_as_in_gymnasium():
+    after = []
+    for action in (True, np.True_, 1, np.int8(1)):
+        env = mapf_pz.parallel_env(num_agents=2)
+        env.reset(seed=0)
+        env.step(dict.fromkeys(env.agents, action))
+        after.append(env.headings.tolist())
+    assert env.action_space("agent_0").contains(True)
+    assert after == after[:1] * 4
+    with pytest.raises(ValueError, match=r"^action array\(\[1\]\) of 'agent_0': expected a whole number from 0 to 3$"):
+        env.step(dict.fromkeys(env.agents, np.array([1])))
+
+
+@pytest.mark.parametrize(
+    ("make", "expected"),
+    [
+        (mapf_pz.parallel_env, "MapfEnv({})"),
+        (mapf_pz.env, "MapfAecEnv(MapfEnv({}))"),
+        (
+            lambda: ContinuousActions(FlatObservations(mapf_pz.parallel_env())),
+            "ContinuousActions(FlatObservations(MapfEnv({})))",
+        ),
+        (centralized_env, "CentralizedEnv(ContinuousActions(MapfEnv({})))"),
+    ],
+)
+def test_repr(make, expected):
+    rules = "action_model='rotate', on_target='nothing'"
+    assert repr(make()) == expected.replace("{}", f"num_agents=4, map 'empty-8-8' of 8 x 8, {rules}")
+    env = mapf_pz.parallel_env(source=RandomObstacles(6, 7, 0.2, 3), on_target="finish", action_model="cardinal")
+    assert repr(env) == "MapfEnv(num_agents=3, maps of 6 x 7, action_model='cardinal', on_target='finish')"
 
 
 # infos.
