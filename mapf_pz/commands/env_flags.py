@@ -22,6 +22,7 @@ _TYPED: dict[str, Any] = {
     "initial_heading": HeadingName,
     "reward": RewardConfig,
     "source": str | None,
+    "view_size": tuple[int, int],
     "channels": tuple[str, ...],
     "features": tuple[str, ...],
     "render_mode": Annotated[None, Suppress],

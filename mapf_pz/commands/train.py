@@ -131,9 +131,7 @@ def _train_seeds(run: TrainOptions) -> None:
         print(f"seed {seed}")
         _train(replace(run, config=replace(run.config, seed=seed), output=folder, seeds=()))
     if is_first():
-        curves.draw_curves(
-            [curves.Run.read(folder, trust_remote_code=True) for folder in folders], CURVES, run.output / CURVE
-        )
+        curves.draw_curves([curves.Run.read(folder) for folder in folders], CURVES, run.output / CURVE)
         print(f"learning curves written to {run.output / CURVE}")
 
 

@@ -77,6 +77,7 @@ def _stored_form() -> type[BaseModel]:
         "edge_weights": str,
         "source": str | None,
         "initial_heading": HeadingName | tuple[int, ...],
+        "view_size": tuple[int, int],
         "channels": tuple[str, ...],
         "features": tuple[str, ...],
         "reward": str | RewardConfig,
