@@ -20,7 +20,7 @@ _TYPED: dict[str, Any] = {
     "map": str | None,
     "scenario": Annotated[tuple[tuple[str, ...], ...], UseAppendAction],  # `--scenario a b --scenario c`
     "edge_weights": str,
-    "initial_heading": HeadingName,
+    "initial_heading": HeadingName | tuple[int, ...],
     "reward": RewardConfig,
     "source": str | None,
     "channels": tuple[str, ...],

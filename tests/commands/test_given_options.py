@@ -5,6 +5,7 @@ from contextlib import suppress
 import pytest
 
 from mapf_pz.commands.main import main
+from mapf_pz.planners.plans.files import read_plan
 
 LIFELONG_CARDINAL = "--map random-16-16-20 --num-agents 20 --max-steps 12 --action-model cardinal"
 
@@ -83,3 +84,9 @@ def test_terms_change_the_default_reward(capsys, monkeypatch):
     assert plain.env.reward_config.progress == goal.env.reward_config.progress > 0
     assert (goal.env.reward_config.goal, named.env.reward) == (3, "report")
     assert (density.mixture.density, density.mixture.height) == (0.1, plain.mixture.height)
+
+
+def test_headings_are_given_as_numbers(tmp_path):
+    words = ["--map", "empty-8-8", "--num-agents", "3", "--planner", "pibt", "--initial-heading", "3", "0", "2"]
+    assert main(["solve", str(tmp_path / "plan.json"), *words]) == 0
+    assert read_plan(tmp_path / "plan.json").plan.headings[0].tolist() == [3, 0, 2]
