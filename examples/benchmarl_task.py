@@ -1,6 +1,6 @@
 """A BenchMARL task, trained with MAPPO. It requires an older TorchRL than `mapf_pz.rl`: use a separate environment.
 
-`pip install -r examples/benchmarl-requirements.txt -e .`; it runs with gymnasium 1.4.0, pettingzoo 1.27.0 and
+`pip install -r examples/benchmarl-requirements.txt .`; it runs with gymnasium 1.4.0, pettingzoo 1.27.0 and
 torchvision 0.28.0. If torchvision fails to import with torch's CPU build, uninstall it. CSR was 0.96 and 0.90 in the
 last two of 30 iterations, which took eleven minutes on a busy core.
 """
@@ -19,7 +19,7 @@ from benchmarl.models import MlpConfig
 from torchrl.envs import FlattenObservation, PettingZooWrapper, TransformedEnv
 
 import mapf_pz
-from mapf_pz.instances import RandomObstacles
+from mapf_pz import RandomObstacles
 
 
 @dataclass(frozen=True)

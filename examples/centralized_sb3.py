@@ -8,7 +8,7 @@ import tyro
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 
-from mapf_pz.instances import RandomObstacles
+from mapf_pz import RandomObstacles
 from mapf_pz.wrappers import CentralizedEnv, centralized_env
 
 

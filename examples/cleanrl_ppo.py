@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from torch.distributions import Categorical
 
 import mapf_pz
-from mapf_pz.instances import RandomObstacles
+from mapf_pz import RandomObstacles
 from mapf_pz.wrappers import AgentVectorEnv
 
 FORBIDDEN = -1e8

@@ -2,8 +2,8 @@
 
 from typing import Any
 
+from mapf_pz import RandomObstacles
 from mapf_pz.evaluation import EvaluationTask, evaluate, markdown_table
-from mapf_pz.instances import RandomObstacles
 
 
 class Greedy:

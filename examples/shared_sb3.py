@@ -13,7 +13,7 @@ import tyro
 from sb3_contrib import MaskablePPO
 
 import mapf_pz
-from mapf_pz.instances import RandomObstacles
+from mapf_pz import RandomObstacles
 from mapf_pz.wrappers.sb3 import AgentVecEnv
 
 

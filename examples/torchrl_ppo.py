@@ -17,7 +17,7 @@ from torchrl.modules import ProbabilisticActor
 from torchrl.objectives import ClipPPOLoss, ValueEstimators
 
 import mapf_pz
-from mapf_pz.instances import RandomObstacles
+from mapf_pz import RandomObstacles
 from mapf_pz.rl import BatchedMapfEnv
 
 OBSERVATION: list[NestedKey] = [("agents", "observation", "image"), ("agents", "observation", "features")]

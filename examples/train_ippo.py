@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import tyro
 
+from mapf_pz import RandomObstacles
 from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.evaluation.reports.intervals import interval
-from mapf_pz.instances import RandomObstacles
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.presets import PRESETS
 

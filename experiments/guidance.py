@@ -25,7 +25,8 @@ from mapf_pz.optimization.config import Method, OptimizeConfig
 from mapf_pz.optimization.evaluate import compare as compare_graphs
 from mapf_pz.optimization.optimize import optimize as run_optimization
 from mapf_pz.optimization.task import GuidanceTask
-from mapf_pz.simulator.config import ActionModel, EnvConfig, Goals
+from mapf_pz.simulator.config import ActionModel, Goals
+from mapf_pz.simulator.keywords import EnvKeywords
 
 RUNS = Path("runs/guidance")
 
@@ -60,15 +61,17 @@ class Setup:
         """Return the name of the map, or the path of GGO's file of it in `folder`."""
         return str(folder / self.map) if self.map.endswith(".json") else self.map
 
-    def env(self, folder: Path) -> EnvConfig:
+    def env(self, folder: Path) -> EnvKeywords:
         """Return the environment, with its map in `folder`."""
-        return EnvConfig(
-            map=self.map_in(folder),
-            num_agents=self.num_agents,
-            goals=self.goals,
-            action_model=self.action_model,
-            on_target="restart",
-            max_steps=self.max_steps,
+        return EnvKeywords(
+            {
+                "map": self.map_in(folder),
+                "num_agents": self.num_agents,
+                "goals": self.goals,
+                "action_model": self.action_model,
+                "on_target": "restart",
+                "max_steps": self.max_steps,
+            }
         )
 
     def flags(self, folder: Path) -> list[str]:
@@ -215,7 +218,7 @@ def turns(planner: str = "epibt:depth=3", num_seeds: int = 16, jobs: int = 2) ->
     costs = (0.5, 1, 2, 4, 8)
     print(f"| map, agents | {' | '.join(f'{cost:g}' for cost in costs)} |\n| --- |" + " --- |" * len(costs))
     for map, num_agents in TURNING:
-        env = EnvConfig(map=map, num_agents=num_agents, on_target="restart", max_steps=500)
+        env = EnvKeywords({"map": map, "num_agents": num_agents, "on_target": "restart", "max_steps": 500})
         task = GuidanceTask(env=env, planner=planner)
         uniform = GuidanceGraph.uniform(task.grid.free)
         graphs = {str(cost): GuidanceGraph(uniform.move, np.full(task.grid.shape, cost)) for cost in costs}

@@ -1,6 +1,6 @@
 """Multi-agent path finding (MAPF) on standard benchmark maps, as a PettingZoo environment.
 
-Importing this package is quick: names are loaded when they are first used, and nothing is compiled.
+Importing this package is quick: names and packages are loaded when they are first used, and nothing is compiled.
 """
 
 from __future__ import annotations
@@ -13,12 +13,14 @@ import pettingzoo
 from mapf_pz._internal.lazy import lazy_attributes
 
 if TYPE_CHECKING:
+    from mapf_pz import evaluation, guidance, instances, optimization, planners, render, rl, simulator, wrappers
     from mapf_pz._internal.version import __version__
     from mapf_pz.environment.mapf_env import MapfEnv, env, parallel_env
     from mapf_pz.errors import FormatError
     from mapf_pz.guidance import GuidanceGraph
     from mapf_pz.instances.heading import Heading
     from mapf_pz.instances.instance import Grid, Instance, InstanceSource, Scenario
+    from mapf_pz.instances.sources import RandomObstacles
     from mapf_pz.simulator.actions import Action, CardinalAction
     from mapf_pz.simulator.config import EnvConfig
     from mapf_pz.simulator.kernels.observation.channels import Channel
@@ -42,12 +44,15 @@ _HOMES = {
     "Instance": "instances.instance",
     "InstanceSource": "instances.instance",
     "MapfEnv": "environment.mapf_env",
+    "RandomObstacles": "instances.sources",
     "RewardConfig": "simulator.kernels.reward",
     "Scenario": "instances.instance",
     "Transition": "simulator.transition",
     "env": "environment.mapf_env",
     "parallel_env": "environment.mapf_env",
 }
+
+_PACKAGES = ("evaluation", "guidance", "instances", "optimization", "planners", "render", "rl", "simulator", "wrappers")
 
 __all__ = [
     "RECOMMENDED",
@@ -63,20 +68,30 @@ __all__ = [
     "Instance",
     "InstanceSource",
     "MapfEnv",
+    "RandomObstacles",
     "RewardConfig",
     "Scenario",
     "Transition",
     "__version__",
     "env",
+    "evaluation",
+    "guidance",
+    "instances",
+    "optimization",
     "parallel_env",
+    "planners",
+    "render",
+    "rl",
+    "simulator",
+    "wrappers",
 ]
 
 
-__getattr__ = lazy_attributes(__name__, _HOMES)
+__getattr__ = lazy_attributes(__name__, _HOMES, _PACKAGES)
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *__all__])
+    return sorted(__all__)
 
 
 pettingzoo.register("parallel", "mapf_pz/Mapf-v0", entry_point="mapf_pz.environment:parallel_env")

@@ -9,6 +9,7 @@ import pytest
 import mapf_pz
 from mapf_pz import Action, FormatError, Grid, GuidanceGraph, Instance, RewardConfig, Scenario
 from mapf_pz.instances import FixedMap, FixedScenario, RandomObstacles, write_map, write_scenario
+from mapf_pz.wrappers import AgentVectorEnv, ContinuousActions, FlatObservations, MaskedObservations, RecordEpisode
 
 FREE = np.ones((3, 4), np.bool_)
 GRID = Grid(FREE, "tiny")
@@ -383,13 +384,49 @@ def test_before_reset(read):
     refuses(RuntimeError, rf"call reset\(\) (before {read}\(\)|first)", doings[read])
 
 
-def test_unknown_options():
+def test_options():
     env = mapf_pz.parallel_env(**SMALL)
-    for options in ({"instanse": None}, {"instance": None, "instanse": None}):
-        with pytest.warns(UserWarning, match=r"^reset: ignored unknown options \['instanse'\], expected 'instance'$"):
-            env.reset(options=options)
-    for options in (None, {}, {"instance": None}):
+    for options in ("x", 1, ["instance"]):
+        got = type(options).__name__
+        refuses(TypeError, f"options: expected a dictionary, got {got}", lambda given=options: env.reset(options=given))
+    scenario = Scenario([(0, 0), (1, 0)], [(2, 0), (2, 2)])
+    refuses(
+        ValueError,
+        "options: expected the Scenario as 'instance', got 'instanse'",
+        lambda: env.reset(options={"instanse": scenario}),
+    )
+    refuses(
+        TypeError,
+        r"options\['instance'\]: expected an Instance or a Scenario, got str",
+        lambda: env.reset(options={"instance": "x"}),
+    )
+    for options in (None, {}, {"instance": None}, {"options": 1}):
         env.reset(options=options)
+
+
+@pytest.mark.parametrize("seed", ["a", 1.5, -1, True])
+def test_seeds(seed):
+    env = mapf_pz.parallel_env(**SMALL)
+    for one in (env, ContinuousActions(env), AgentVectorEnv(1, **SMALL)):
+        refuses(
+            ValueError, f"seed={seed!r}: expected a whole number, 0 or more.*", lambda env=one: env.reset(seed=seed)
+        )
+        one.reset(seed=np.int64(3))
+        one.reset(seed=2**128 - 2)
+    refuses(
+        ValueError,
+        "seed=.*: expected a whole number, 0 or more",
+        lambda: AgentVectorEnv(2, **SMALL).reset(seed=[0, seed]),
+    )
+
+
+@pytest.mark.parametrize("actions", [[0, 0], None, np.zeros(2), 3])
+def test_actions_that_are_no_dictionary(actions):
+    env = mapf_pz.parallel_env(**SMALL)
+    expected = f"actions: expected a dictionary with an action for each agent, got {type(actions).__name__}"
+    for one in (env, ContinuousActions(env), RecordEpisode(env), FlatObservations(env), MaskedObservations(env)):
+        one.reset(seed=0)
+        refuses(TypeError, expected, lambda env=one: env.step(actions))
 
 
 def test_a_step_after_the_end():

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from html.parser import HTMLParser
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -231,7 +232,10 @@ def test_the_site_has_all_public_names(site, module):
     if module == "mapf_pz.rl":
         pytest.importorskip("torchrl")
     text = "".join(page.read_text("utf-8") for page in (site / "reference" / "api").glob("*.html"))
-    for name in import_module(module).__all__:
+    public = import_module(module)
+    for name in public.__all__:
+        if isinstance(getattr(public, name), ModuleType):
+            continue
         homes = re.findall(rf'id="mapf_pz[\w.]*\.{name}"', text)
         assert homes, f"{module}.{name} is on no page of docs/reference/api/"
 
@@ -245,6 +249,36 @@ def test_the_site_has_all_commands(site):
 
 def test_the_site_has_no_python_files(site):
     assert not list(site.rglob("*.py"))
+
+
+def public_texts():
+    """Return the texts that users read and copy, by file."""
+    examples = (file for file in (ROOT / "examples").rglob("*") if file.suffix in (".py", ".ipynb", ".txt"))
+    files = [ROOT / "README.md", *DOCS.rglob("*.md"), *examples]
+    return {str(file.relative_to(ROOT)): file.read_text("utf-8") for file in files}
+
+
+def test_pages_and_examples_use_public_names_only():
+    for name, text in public_texts().items():
+        assert not re.search(r"mapf_pz\._internal", text), name
+
+
+def test_there_is_one_way_to_install():
+    """In a copy of the repository, extras in brackets; an editable install hides the modules from type checkers."""
+    for name, text in public_texts().items():
+        for command in re.findall(r"pip install ([^\n`#]*)", text):
+            assert not re.search(r"mapf-pz|(^| )(-e|--editable) ", command), f"{name}: {command}"
+            if ".[" in command:
+                assert re.match(r"-c constraints\.txt '\.\[\w+(,\w+)*\]'", command), f"{name}: {command}"
+
+
+def test_the_check_in_the_readme_warns_of_nothing():
+    (code,) = (block.code for block in PAGES["README.md"] if "parallel_api_test" in block.code)
+    # Where pygame is installed, PettingZoo's tests import one of its games in a way that it warns of.
+    quiet = ["-W", "error", "-W", "ignore:The old environment creation API:DeprecationWarning"]
+    done = subprocess.run([sys.executable, *quiet, "-c", code], capture_output=True, text=True, check=False, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    assert "arning" not in done.stdout + done.stderr
 
 
 def test_workflows_run_the_commands_of_the_project():

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections import Counter
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -155,6 +156,25 @@ own = {name for name in sys.modules if name.startswith("mapf_pz")}
 print(sorted(heavy & sys.modules.keys()), sorted(own))
 """
     assert run(code) == "[] ['mapf_pz', 'mapf_pz._internal', 'mapf_pz._internal.lazy']"
+
+
+def test_packages_are_loaded_when_they_are_used():
+    code = """
+import sys, mapf_pz
+names = {"planners": "PIBT", "wrappers": "ContinuousActions", "instances": "load_map", "rl": "train",
+         "evaluation": "rollout", "guidance": "GuidanceGraph", "render": "Recording", "simulator": "Simulator",
+         "optimization": "__doc__"}
+for package, name in names.items():
+    assert package in dir(mapf_pz) and name in dir(getattr(mapf_pz, package)), package
+print("torch" in sys.modules)
+"""
+    assert run(code) == "False"
+
+
+def test_only_what_users_use_is_shown():
+    for package in ("mapf_pz", "mapf_pz.environment", "mapf_pz.rl", "mapf_pz.simulator"):
+        module = import_module(package)
+        assert dir(module) == sorted(module.__all__)
 
 
 def test_the_environment_needs_no_torch():

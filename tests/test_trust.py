@@ -89,7 +89,6 @@ COMMANDS = {
     "guidance": ["guidance", "evaluate", "--planner", "run", "--num-seeds", "1"],
     "policy export": ["policy", "export", "run", "run.onnx"],
     "play": ["play", "--policy", "run", *EPISODE],
-    "plot": ["plot", "run"],
     "render": ["render", "episode.svg", "--policy", "run", *EPISODE],
     "resume": ["train", "resume", "run"],
     "train from a file": ["train", "run/config.json", "--output", "new"],
@@ -108,6 +107,13 @@ def test_commands_refuse_and_trust(tmp_path, capsys, command):
         assert message in error
         assert error.count("\n") == 1
     assert not (tmp_path / "new").exists()
+
+
+def test_progress_is_drawn_without_trust(tmp_path):
+    pytest.importorskip("matplotlib")
+    (copied(tmp_path / "run", "reward") / PROGRESS).write_text("agent_steps,CSR\r\n1,0.5\r\n2,0.6\r\n")
+    assert main(["plot", "run", "--output", "curves.svg"]) == 0
+    assert (tmp_path / "curves.svg").exists()
 
 
 def test_a_served_policy_is_refused_and_trusted(tmp_path, capsys, monkeypatch):

@@ -88,6 +88,10 @@ class CentralizedEnv(gymnasium.Env[TeamObservation, ArrayLike]):
         self._zeros = zeros(space)
         self._no_metrics: dict[str, float] = {}
 
+    def __repr__(self) -> str:
+        """Return the environment and what it wraps in one line."""
+        return f"CentralizedEnv({self.env!r})"
+
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[TeamObservation, Info]:
         """Start an episode; `seed` and `options` are those of `MapfEnv.reset`."""
         super().reset(seed=seed)

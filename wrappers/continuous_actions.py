@@ -2,39 +2,42 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike
 from pettingzoo import ParallelEnv
-from pettingzoo.utils import BaseParallelWrapper
 
 from mapf_pz._internal.arrays import Floats
-from mapf_pz.environment.mapf_env import AgentInfo, AgentObservation, MapfEnv, StepResult
-from mapf_pz.simulator.actions import ACTION_MODES, ActionMode, Decoder
+from mapf_pz.environment.mapf_env import AgentInfo, AgentObservation, StepResult
+from mapf_pz.simulator.actions import ACTION_MODES, ActionMode, Decoder, check_dictionary
+from mapf_pz.wrappers.wrapped import MapfWrapper, discrete_space, without_masks
 
 
-class ContinuousActions(BaseParallelWrapper[str, AgentObservation, Any]):
+class ContinuousActions(MapfWrapper):
     """The action space of each agent is `Box(-1, 1, (A,), float32)`, a value per action, instead of `Discrete(A)`.
 
     `action_mode`, a name in `ACTION_MODES`, determines how values are decoded into an action. Values are clipped to
     [-1, 1]. Actions are sampled with a separate generator, which `reset(seed)` seeds, so that the seed and the values
-    determine the episode; without a seed, the generator keeps its state.
+    determine the episode; without a seed, the generator keeps its state. The infos have no `action_mask`, which is one
+    of discrete actions.
     """
 
     def __init__(self, env: ParallelEnv[str, AgentObservation, Any], action_mode: ActionMode = "argmax") -> None:
         """Wrap `env`.
 
         Args:
-            env: a `MapfEnv`, or a wrapper of one, with discrete actions.
+            env: a `MapfEnv`, or a wrapper of one, with discrete actions, and without masks in its observations.
             action_mode: `argmax`, `affine`, `sigmoid` or `softmax`.
 
         Raises:
             TypeError: `env` is not such an environment.
             ValueError: the mode is unknown.
         """
-        discrete = _discrete_space(env)
+        discrete, observed = discrete_space(env), env.observation_space(env.possible_agents[0])
+        if isinstance(observed, spaces.Dict) and "action_mask" in observed.spaces:
+            raise TypeError("env: expected observations without action masks, which are of discrete actions")
         self._decode = decoder(action_mode)
         super().__init__(env)
         self._rng = np.random.default_rng()
@@ -49,19 +52,22 @@ class ContinuousActions(BaseParallelWrapper[str, AgentObservation, Any]):
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, AgentObservation], dict[str, AgentInfo]]:
         """Start an episode, as `MapfEnv.reset` does."""
+        observations, infos = self.env.reset(seed=seed, options=options)
         if seed is not None:
             self._rng = generator(seed)
-        return self.env.reset(seed=seed, options=options)
+        return observations, without_masks(infos)
 
     def step(self, actions: dict[str, ArrayLike]) -> StepResult:
         """Take one step with A values for each of `self.agents`, as `MapfEnv.step` does.
 
         It also raises `ValueError` for another shape or NaN.
         """
+        check_dictionary(actions)
         acting = [agent for agent in self.env.agents if agent in actions]
         values = [self._values(agent, actions[agent]) for agent in acting]
         numbers = self._decode(np.array(values).reshape(-1, self.num_actions), self._rng)
-        return self.env.step({**actions, **dict(zip(acting, numbers.tolist(), strict=True))})
+        *results, infos = self.env.step({**actions, **dict(zip(acting, numbers.tolist(), strict=True))})
+        return cast("StepResult", (*results, without_masks(infos)))
 
     def _values(self, agent: str, action: ArrayLike) -> Floats:
         """Return the values (A,) float64, clipped to the bounds; raises `ValueError`."""
@@ -83,13 +89,3 @@ def decoder(action_mode: ActionMode) -> Decoder:
 def generator(seed: int) -> np.random.Generator:
     """Return a generator for sampling actions, which is independent of the simulator's with the same seed."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
-
-
-def _discrete_space(env: object) -> spaces.Discrete:
-    """Return the action space of the agents of `env`; raises `TypeError` unless `env` is a discrete `MapfEnv`."""
-    if not isinstance(env, ParallelEnv) or not isinstance(env.unwrapped, MapfEnv):
-        raise TypeError(f"env: expected a MapfEnv or a wrapper of one, got {type(env).__name__}")
-    space = env.action_space(env.possible_agents[0])
-    if not isinstance(space, spaces.Discrete):
-        raise TypeError(f"env: expected discrete actions, got {space}")
-    return space

@@ -11,6 +11,7 @@ from pettingzoo import ParallelEnv
 
 from mapf_pz.environment.mapf_env import AgentInfo
 from mapf_pz.wrappers.observation_wrapper import ObservationWrapper
+from mapf_pz.wrappers.wrapped import wrapped_env
 
 
 class FlatObservations(ObservationWrapper):
@@ -20,8 +21,12 @@ class FlatObservations(ObservationWrapper):
     """
 
     def __init__(self, env: ParallelEnv[str, Any, Any]) -> None:
-        """Wrap `env`, a `MapfEnv` or a wrapper of one with the same observations."""
-        boxes = _parts(env.observation_space(env.possible_agents[0]))
+        """Wrap `env`, a `MapfEnv` or a wrapper of one with the same observations; otherwise, raises `TypeError`."""
+        wrapped_env(env)
+        given = env.observation_space(env.possible_agents[0])
+        if isinstance(given, spaces.Dict) and set(given.spaces) != {"image", "features"}:
+            raise TypeError(f"env: expected observations of an image and features, got {given}")
+        boxes = _parts(given)
         low, high = (np.concatenate([getattr(box, bound).ravel() for box in boxes]) for bound in ("low", "high"))
         super().__init__(env, spaces.Box(low, high, dtype=np.float32))
 

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from gymnasium.spaces import Discrete
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
-from pettingzoo.utils import BaseParallelWrapper
 
-from mapf_pz.environment.mapf_env import AgentInfo, AgentObservation, MapfEnv, StepResult
+from mapf_pz.environment.mapf_env import AgentInfo, AgentObservation, StepResult
 from mapf_pz.render.recording import Recording
+from mapf_pz.wrappers.wrapped import MapfWrapper, wrapped_env
 
 MAX_OBSERVED_BYTES = 2**23
 """Default maximum size of the recorded observations, which are those of the first agents."""
 
 
-class RecordEpisode(BaseParallelWrapper[str, AgentObservation, Any]):
+class RecordEpisode(MapfWrapper):
     """Records the current episode: `recording` can be saved with `mapf_pz.render.save_recording`."""
 
     def __init__(self, env: ParallelEnv[str, AgentObservation, Any], observed: int | None = None) -> None:
@@ -27,12 +27,12 @@ class RecordEpisode(BaseParallelWrapper[str, AgentObservation, Any]):
             env: the environment.
             observed: number of agents, the first ones, with recorded observations. None: as many as fit into 8 MiB.
 
-        Raises `ValueError` if `observed` is negative.
+        Raises `TypeError` for another environment, such as the AEC form, and `ValueError` if `observed` is negative.
         """
         if observed is not None and observed < 0:
             raise ValueError(f"observed={observed}: expected 0 or more")
+        self._inner = wrapped_env(env)
         super().__init__(env)
-        self._inner = cast("MapfEnv", env.unwrapped)
         self._planes = self._inner.simulator.layout.plane_names
         self._has_discrete_actions = isinstance(env.action_space(env.possible_agents[0]), Discrete)
         size = len(self._planes) * int(np.prod(self._inner.config.view_size))

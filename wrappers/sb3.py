@@ -43,10 +43,14 @@ class AgentVecEnv(VecEnv):
         """Start new episodes in all environments, and return the observations (B * N, ...)."""
         seeds = self._seeds[: self.env.simulator.num_envs]
         self._reset_seeds()
-        self._reset_options()
         observations, infos = self.env.reset(seed=seeds)
         self._action_masks = infos["action_mask"]
         return observations
+
+    def set_options(self, options: list[dict[str, Any]] | dict[str, Any] | None = None) -> None:
+        """Raise `ValueError` for any options, as `AgentVectorEnv.reset` does."""
+        if any([options] if isinstance(options, dict) else options or []):
+            raise ValueError(f"options={options!r}: expected none")
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Keep the actions (B * N,) for `step_wait`."""

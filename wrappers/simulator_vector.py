@@ -10,7 +10,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import ArrayLike, NDArray
 
 from mapf_pz._internal.arrays import Bools, Floats, Ints
-from mapf_pz.simulator.config import BatchConfig, EnvConfig
+from mapf_pz.simulator.config import BatchConfig, EnvConfig, check_whole
+from mapf_pz.simulator.seeds import MAX_SEED
 from mapf_pz.simulator.simulator import Simulator
 
 VectorInfos = dict[str, Any]
@@ -72,12 +73,15 @@ class SimulatorVectorEnv(VectorEnv[VectorObservation, ArrayLike, NDArray[Any]]):
         return metrics
 
 
-def _by_environment(seed: int | Sequence[int | None] | None, num_envs: int) -> dict[int, int]:
-    """Return the seeds that are given, by environment; raises `ValueError` for a wrong number of them."""
+def _by_environment(seed: Any, num_envs: int) -> dict[int, int]:
+    """Return the seeds that are given, by environment; raises `ValueError` for anything but a number or B of them."""
     if seed is None:
         return {}
     if isinstance(seed, (int, np.integer)):
+        check_whole("seed", seed, 0, MAX_SEED)
         return {b: int(seed) + b for b in range(num_envs)}
+    if isinstance(seed, str) or not hasattr(seed, "__len__"):
+        raise ValueError(f"seed={seed!r}: expected a whole number, 0 or more, or {num_envs} of them")
     if len(seed) != num_envs:
         raise ValueError(f"seed: expected {num_envs} seeds, got {len(seed)}")
-    return {b: int(one) for b, one in enumerate(seed) if one is not None}
+    return {b: one for b, one in enumerate(seed) if one is not None}

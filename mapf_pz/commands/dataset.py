@@ -12,11 +12,11 @@ from tyro.conf import Positional, arg, subcommand
 
 from mapf_pz._internal.interrupts import interruptible
 from mapf_pz._internal.parallel import job_runner
-from mapf_pz.commands.env_flags import EnvKeywords, EpisodeKeywords
+from mapf_pz.commands.env_flags import EpisodeKeywords, MixtureKeywords
 from mapf_pz.commands.progress import progress_bar
-from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl.demonstrations import DatasetConfig, load_dataset, make_dataset
 from mapf_pz.simulator.config import OBSERVATION_FIELDS, EnvConfig
+from mapf_pz.simulator.keywords import EnvKeywords
 
 
 class DatasetKeywords(EpisodeKeywords):
@@ -47,7 +47,7 @@ class MakeOptions:
     seconds of CPU time."""
     env: DatasetKeywords = EPISODES
     """The environment. Without a map, scenario or source, episodes use the maps of the mixture."""
-    mixture: MapMixture = field(default_factory=MapMixture)
+    mixture: MixtureKeywords = field(default_factory=MixtureKeywords)
     """The maps, if there is no map, scenario or source."""
     agent_counts: Annotated[tuple[int, ...] | None, arg(name="num-agents")] = None
     """Number of agents, or several numbers. Default: all agents of the scenario or source, otherwise 4."""
@@ -67,10 +67,11 @@ class MakeOptions:
 
     def config(self) -> DatasetConfig:
         """Return the settings of the dataset."""
+        env = self.env.config()
         return DatasetConfig(
             planner=self.planner,
-            env=self.env.config(),
-            mixture=self.mixture,
+            env=env,
+            mixture=self.mixture.mixture(env),
             num_agents=self.agent_counts,
             episodes=self.episodes,
             shard_size=self.shard_size,
@@ -123,9 +124,8 @@ def command_of(options: MakeOptions) -> str:
     default = MakeOptions(options.output)
     names = ("planner", "episodes", "shard_size", "solved_only", "seed", "license")
     values = {name: getattr(options, name) for name in names if getattr(options, name) != getattr(default, name)}
-    defaults = default.env.keywords | vars(default.mixture)
-    given = options.env.keywords | vars(options.mixture)
-    values |= {name: value for name, value in given.items() if value != defaults.get(name)}
+    values |= {name: value for name, value in options.env.keywords.items() if value != default.env.keywords[name]}
+    values |= options.mixture.given
     values |= {} if options.agent_counts is None else {"num_agents": options.agent_counts}
     words = ["mapf-pz", "dataset", "make", str(options.output)]
     for name, value in values.items():

@@ -1,32 +1,34 @@
-"""The command line's form of `EnvConfig`: flags for the fields that can be typed, of all or some fields."""
+"""The command line's form of environments and their maps: flags for the fields that can be typed."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from functools import partial
+from typing import Annotated, Any, ClassVar
 
-from tyro.conf import Suppress, UseAppendAction
+from tyro.conf import DisallowNone, UseAppendAction, arg
 from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
 
 from mapf_pz.instances.instance import HeadingName
+from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.kernels.reward import REWARDS, RewardConfig
-
-if TYPE_CHECKING:
-    from typing_extensions import Self
+from mapf_pz.simulator.keywords import EnvKeywords
 
 _TYPED: dict[str, Any] = {
     "map": str | None,
     "scenario": Annotated[tuple[tuple[str, ...], ...], UseAppendAction],  # `--scenario a b --scenario c`
     "edge_weights": str,
-    "initial_heading": HeadingName,
+    "initial_heading": HeadingName | tuple[int, ...],
     "reward": RewardConfig,
     "source": str | None,
+    "view_size": tuple[int, int],
     "channels": tuple[str, ...],
     "features": tuple[str, ...],
-    "render_mode": Annotated[None, Suppress],
 }
 """Fields that are typed as something else than they may be in Python."""
+_NO_FLAG = "render_mode"
 
 ENV_FLAGS = ConstructorRegistry()
 """Lets tyro read an `EnvConfig`."""
@@ -43,22 +45,8 @@ class _Terms(RewardConfig):
 
 
 @dataclass(frozen=True)
-class EnvKeywords:
-    """Some fields of `EnvConfig`; those that are neither given nor have a default are absent."""
-
-    FIELDS: ClassVar[tuple[str, ...]] = ()
-    """Fields that have a flag."""
-    keywords: dict[str, Any] = field(default_factory=dict[str, Any])
-    """Values by field, as keywords of `parallel_env`."""
-
-    @classmethod
-    def of(cls, config: EnvConfig) -> Self:
-        """Return the values of `config`."""
-        return cls({name: getattr(config, name) for name in cls.FIELDS})
-
-    def config(self, **defaults: Any) -> EnvConfig:
-        """Return the configuration with these fields, `defaults` for absent ones, and otherwise that of `EnvConfig`."""
-        return EnvConfig(**(defaults | self.keywords))
+class _NoReward(RewardConfig):
+    """Stands for a reward that is not given."""
 
 
 @dataclass(frozen=True)
@@ -76,19 +64,27 @@ _REWARD_HELP = "Reward by name (`report`, `progress`) or as `package.module:name
 
 @ENV_FLAGS.struct_rule
 def _reward_flags(info: StructTypeInfo) -> StructConstructorSpec | None:
-    """Return the flags of a reward: its name, or its terms."""
-    if info.type is not RewardConfig:
+    """Return the flags of a reward: its name, or terms that change the default."""
+    if info.type not in (RewardConfig, _NoReward):
         return None
-    spec = ConstructorRegistry.get_struct_spec(replace(info, type=_Terms))
+    default = None if isinstance(info.default, _NoReward) else info.default
+    terms = default if isinstance(default, RewardConfig) else None
+    spec = ConstructorRegistry.get_struct_spec(replace(info, type=_Terms, default=terms or RewardConfig()))
     if not isinstance(spec, StructConstructorSpec):
         raise TypeError(f"tyro cannot read {RewardConfig.__name__}: {spec}")
-    name_type: Any = str | None
-    name = StructFieldSpec(name="reward", type=name_type, default=None, helptext=_REWARD_HELP)
-    return StructConstructorSpec(_reward, (name, *spec.fields))
+    name = StructFieldSpec(name="reward", type=DisallowNone[str | None], default=None, helptext=_REWARD_HELP)
+    flags = (optional(field, None if terms is None else field.default) for field in spec.fields)
+    return StructConstructorSpec(partial(_reward, default), (name, *flags))
 
 
-def _reward(reward: str | None, **terms: Any) -> str | RewardConfig:
-    return RewardConfig(**terms) if reward is None else reward
+def _reward(default: Any, reward: str | None, **terms: Any) -> Any:
+    """Return the reward that is given, or the default, with the terms that are given."""
+    given = present(terms)
+    if reward is None:
+        return replace(default if isinstance(default, RewardConfig) else RewardConfig(), **given) if given else default
+    if given:
+        raise ValueError(f"{next(iter(given))}: not allowed together with reward={reward!r}, which sets all terms")
+    return reward
 
 
 @ENV_FLAGS.struct_rule
@@ -107,16 +103,35 @@ def _keyword_flags(info: StructTypeInfo) -> StructConstructorSpec | None:
         return None
     defaults = info.default.keywords if isinstance(info.default, EnvKeywords) else {}
     flags = [flag for flag in _flags(replace(info, default=EnvConfig(**defaults))) if flag.name in kind.FIELDS]
-    optional = tuple(flag if flag.name == "scenario" else _optional(flag, defaults) for flag in flags)
     return StructConstructorSpec(
-        lambda **given: kind({name: value for name, value in _joined(given).items() if value is not None}), optional
+        lambda **given: kind(present(_joined(given))), tuple(_keyword_flag(flag, defaults) for flag in flags)
     )
 
 
-def _optional(flag: StructFieldSpec, defaults: dict[str, Any]) -> StructFieldSpec:
-    """Return the flag of a field that may be None."""
-    kind: Any = flag.type
-    return replace(flag, type=kind | None, default=defaults.get(flag.name))
+def _keyword_flag(flag: StructFieldSpec, defaults: Mapping[str, Any]) -> StructFieldSpec:
+    """Return the flag of a field that may be absent; a reward and scenarios have rules for that."""
+    if flag.name == "scenario":
+        return flag
+    if flag.name == "reward":
+        return replace(flag, default=flag.default if "reward" in defaults else _NoReward())
+    return replace(flag, type=_absent(flag.type), default=defaults.get(flag.name))
+
+
+def optional(flag: StructFieldSpec, shown: Any) -> StructFieldSpec:
+    """Return the flag of a field that is None if it is not given; `shown` is the default in the help."""
+    text = " ".join(map(str, shown)) if isinstance(shown, tuple) else str(shown)
+    kind: Any = Annotated[_absent(flag.type), arg(help_behavior_hint=f"(default: {text})")]
+    return replace(flag, type=kind, default=None)
+
+
+def _absent(kind: Any) -> Any:
+    """Return the type of a flag that is None if it is not given, which cannot be typed as the word `None`."""
+    return DisallowNone[kind | None]
+
+
+def present(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values that are given."""
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def _flags(info: StructTypeInfo) -> tuple[StructFieldSpec, ...]:
@@ -124,7 +139,7 @@ def _flags(info: StructTypeInfo) -> tuple[StructFieldSpec, ...]:
     spec = ConstructorRegistry.get_struct_spec(replace(info, type=_Fields))
     if not isinstance(spec, StructConstructorSpec):
         raise TypeError(f"tyro cannot read {EnvConfig.__name__}: {spec}")
-    return tuple(map(_flag, spec.fields))
+    return tuple(_flag(field) for field in spec.fields if field.name != _NO_FLAG)
 
 
 def _flag(field: StructFieldSpec) -> StructFieldSpec:
@@ -142,3 +157,33 @@ def _joined(given: dict[str, Any]) -> dict[str, Any]:
         return given
     names = tuple(name for names in given["scenario"] for name in names)
     return given | {"scenario": None if not given["scenario"] else names[0] if len(names) == 1 else names}
+
+
+@dataclass(frozen=True)
+class MixtureKeywords:
+    """A mixture of maps, of which some fields are given."""
+
+    default: MapMixture = field(default_factory=MapMixture)
+    """Values of the other fields."""
+    given: dict[str, Any] = field(default_factory=dict[str, Any])
+    """Values of the fields that are given."""
+
+    def mixture(self, env: EnvConfig) -> MapMixture:
+        """Return the mixture; raises `ValueError` if fields are given that the maps of `env` leave without effect."""
+        for name in ("map", "scenario", "source"):
+            if self.given and getattr(env, name) is not None:
+                raise ValueError(f"{next(iter(self.given))}: not allowed together with {name}, which determines maps")
+        return replace(self.default, **self.given)
+
+
+@ENV_FLAGS.struct_rule
+def _mixture_flags(info: StructTypeInfo) -> StructConstructorSpec | None:
+    """Return the flags of a mixture, which may be omitted."""
+    if info.type is not MixtureKeywords:
+        return None
+    default = info.default.default if isinstance(info.default, MixtureKeywords) else MapMixture()
+    spec = ConstructorRegistry.get_struct_spec(replace(info, type=MapMixture, default=default))
+    if not isinstance(spec, StructConstructorSpec):
+        raise TypeError(f"tyro cannot read {MapMixture.__name__}: {spec}")
+    flags = tuple(optional(flag, flag.default) for flag in spec.fields)
+    return StructConstructorSpec(lambda **given: MixtureKeywords(default, present(given)), flags)

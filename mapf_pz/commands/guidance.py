@@ -17,7 +17,6 @@ from tyro.conf import Positional, subcommand
 from mapf_pz._internal.interrupts import interruptible
 from mapf_pz._internal.text import read_text
 from mapf_pz.commands.progress import progress_bar
-from mapf_pz.evaluation.episodes import changed_keywords
 from mapf_pz.guidance import GuidanceGraph, load_guidance, load_moves, save_guidance
 from mapf_pz.guidance.files import check_guidance_file
 from mapf_pz.guidance.graph import AGAINST, ALONG, CONGESTION, CONTRAFLOW, HIGH, LOW
@@ -244,7 +243,7 @@ def _save(graph: GuidanceGraph, output: Path, grid: Grid) -> None:
 def _evaluate(options: EvaluateGuidance) -> None:
     """Compare guidance graphs, and print a table."""
     task = options.task
-    if "edge_weights" in changed_keywords(task.env):
+    if "edge_weights" in task.env.keywords:
         raise ValueError("edge_weights: expected --graphs, which are compared")
     graphs = {name: guidance_graph(name, task.grid) for name in options.graphs}
     with interruptible() as check, progress_bar("evaluating", len(graphs) * options.num_seeds) as update:

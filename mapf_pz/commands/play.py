@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 from mapf_pz.environment.mapf_env import MapfEnv
-from mapf_pz.evaluation.episodes import actions_of, changed_keywords
+from mapf_pz.evaluation.episodes import actions_of
 from mapf_pz.evaluation.policies import check_observed, policy_factory
 from mapf_pz.render.rgb import Canvas
 from mapf_pz.render.window import Window
 from mapf_pz.simulator.actions import Action, CardinalAction
-from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.kernels.reward import REWARDS
+from mapf_pz.simulator.keywords import EnvKeywords
 
 KEYS: dict[str, dict[str, int]] = {
     "rotate": {
@@ -30,8 +30,10 @@ KEYS: dict[str, dict[str, int]] = {
     },
 }
 """The action of each key, by action model."""
-PLAYED = EnvConfig(map="random-16-16-20", num_agents=8, reward=REWARDS["progress"])
-"""The default environment."""
+PLAYED: dict[str, Any] = {"map": "random-16-16-20", "num_agents": 8}
+"""The environment without a map, scenario or source."""
+PAID = EnvKeywords({"reward": REWARDS["progress"]})
+"""The default reward."""
 HELP = "arrows: move, space: wait, r: restart, escape: quit"
 
 
@@ -39,8 +41,9 @@ HELP = "arrows: move, space: wait, r: restart, escape: quit"
 class PlayOptions:
     """Options of `mapf-pz play`."""
 
-    env: EnvConfig = PLAYED
-    """The environment. You control agent 0, which is marked with a frame."""
+    env: EnvKeywords = PAID
+    """The environment; without a map, scenario or source, `random-16-16-20` with 8 agents. None: the policy's value or,
+    if it has none, that of `parallel_env`. You control agent 0, which is marked with a frame."""
     policy: str = "pibt"
     """Policy of the other agents: `random`, a planner, or a trained policy."""
     seed: int = 0
@@ -51,9 +54,10 @@ class PlayOptions:
 
 def play(options: PlayOptions) -> None:
     """Control agent 0 with the arrow keys. Each key press is one step."""
-    check_observed(options.policy, options.env)
+    given = options.env.keywords
+    check_observed(options.policy, given)
     make = policy_factory(options.policy, options.seed, trust_remote_code=options.trust_remote_code)
-    env, policy = make(changed_keywords(options.env))
+    env, policy = make(given if {"map", "scenario", "source"} & given.keys() else PLAYED | given)
     inner = cast("MapfEnv", env.unwrapped)
     keys, window = KEYS[inner.config.action_model], Window("mapf-pz play", fps=60)
     seed, message, total = options.seed, HELP, 0.0

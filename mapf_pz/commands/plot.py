@@ -21,14 +21,12 @@ class PlotOptions:
     """What to plot, one panel for each that the runs have."""
     output: Path = Path("learning_curves.png")
     """File of the figure, in a format that its name ends with: .png, .svg or .pdf."""
-    trust_remote_code: bool = False
-    """Read runs whose configurations name code outside this package (`package.module:name`), and run that code."""
 
 
 def plot(options: PlotOptions) -> None:
     """Draw the learning curves of training runs, over running means of episodes, and their validations."""
     if not options.runs:
         raise ValueError("runs: expected the folder of a training run or more")
-    runs = [Run.read(folder, options.trust_remote_code) for folder in options.runs]
+    runs = [Run.read(folder) for folder in options.runs]
     draw_curves(runs, options.columns, options.output)
     print(f"learning curves of {len(options.runs)} runs written to {options.output}")

@@ -11,14 +11,14 @@ from tyro.conf import Positional, UseAppendAction
 from mapf_pz._internal.parallel import use_one_thread
 from mapf_pz.commands.planfile import LoadedPlan, load_plan
 from mapf_pz.commands.progress import progress_bar
-from mapf_pz.evaluation.episodes import AnyEnv, Policy, changed_keywords, rollout
+from mapf_pz.evaluation.episodes import AnyEnv, Policy, rollout
 from mapf_pz.evaluation.inspection import InspectedPolicy
 from mapf_pz.evaluation.policies import check_observed, policy_factory
 from mapf_pz.planners import record_plan, violations
 from mapf_pz.render import Recording, save_html, save_recording, save_viewer
 from mapf_pz.render.recording import RecordedViolation
 from mapf_pz.render.save import check_output
-from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.keywords import EnvKeywords
 from mapf_pz.wrappers import RecordEpisode
 
 
@@ -32,10 +32,11 @@ class EpisodeOptions:
     policy: Annotated[tuple[str, ...], UseAppendAction] = ()
     """Policy: `random`, a planner, the name of a bundled trained policy, or the folder of a training run. Given several
     times, the page shows the episodes side by side. Default: `random`."""
-    env: EnvConfig = field(default_factory=EnvConfig)
-    """The environment. Fields at their defaults follow the policy; a plan uses `map`, `scenario` and `num_agents`."""
-    seed: int = 0
-    """Random seed."""
+    env: EnvKeywords = field(default_factory=EnvKeywords)
+    """The environment. None: the policy's value or, if it has none, that of `parallel_env`. A plan uses `map`,
+    `scenario` and `num_agents`."""
+    seed: int | None = None
+    """Random seed. Default: 0."""
     plan: Annotated[tuple[Path, ...], UseAppendAction] = ()
     """Plan file, instead of a policy: League of Robot Runners JSON, MAPF tracker CSV, or text of PIBT or LaCAM. Given
     several times, the page shows the plans side by side."""
@@ -98,22 +99,22 @@ def record_episode(env: AnyEnv, policy: Policy, seed: int, policy_name: str, ins
 
 def _episode_recording(episode: EpisodeOptions, policy_name: str) -> Recording:
     use_one_thread()
-    check_observed(policy_name, episode.env)
-    make = policy_factory(policy_name, episode.seed, trust_remote_code=episode.trust_remote_code)
-    env, policy = make(changed_keywords(episode.env))
-    return record_episode(env, policy, episode.seed, policy_name, episode.inspect)
+    seed = episode.seed or 0
+    check_observed(policy_name, episode.env.keywords)
+    make = policy_factory(policy_name, seed, trust_remote_code=episode.trust_remote_code)
+    env, policy = make(episode.env.keywords)
+    return record_episode(env, policy, seed, policy_name, episode.inspect)
 
 
 def _check_unused(episode: EpisodeOptions, option: str, used: tuple[str, ...] = ()) -> None:
     """Raise `ValueError` if an environment other than the `used` fields, or a seed, is given with this option."""
-    given = changed_keywords(episode.env) | ({"seed": episode.seed} if episode.seed else {})
-    for name in given:
+    for name in (*episode.env.keywords, *(() if episode.seed is None else ("seed",))):
         if name not in used:
             raise ValueError(f"{name}: not expected with {option}")
 
 
 def _plan_recording(episode: EpisodeOptions, path: Path) -> Recording:
-    env = episode.env
+    env = episode.env.config()
     map, scenario = (None if name is None else str(name) for name in (env.map, env.scenario))
     loaded = load_plan(path, map, scenario, env.num_agents, episode.problem)
     recording = record_plan(loaded.instance, loaded.file.plan, loaded.has_goals)

@@ -11,7 +11,6 @@ import numpy as np
 from tyro.conf import Positional
 
 from mapf_pz._internal.parallel import use_one_thread
-from mapf_pz.commands.env_flags import EnvKeywords
 from mapf_pz.evaluation.solver import PolicySolver, costs_text, no_plan_text, solver_of
 from mapf_pz.evaluation.tracker import known_cost
 from mapf_pz.instances import load_problem
@@ -23,6 +22,7 @@ from mapf_pz.planners.plans.files import PlanMetadata, check_format, write_plan
 from mapf_pz.planners.plans.plan import Plan
 from mapf_pz.planners.scheduling import SCHEDULERS, run_problem
 from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.keywords import EnvKeywords
 from mapf_pz.simulator.source import sample_instance
 
 
@@ -35,9 +35,11 @@ class PlanningKeywords(EnvKeywords):
     )
 
 
+SOLVER_KEYWORDS = ("max_steps", "edge_weights", "distance_bytes")
+"""The fields that a solver takes beside the instance."""
 MAX_NAMED = 100
 """Maximum number of agents that an error message names."""
-SOLVED = PlanningKeywords.of(EnvConfig(max_steps=1000, initial_heading="east"))
+SOLVED = PlanningKeywords({"action_model": "rotate", "max_steps": 1000, "initial_heading": "east"})
 """The default instance and limits."""
 
 
@@ -51,7 +53,8 @@ class SolveOptions:
     """Planner or policy, optionally with options, such as `epibt:depth=5`, `lacam:anytime=False` or
     `oneshot+pibt`. The plan of a policy is the steps that it takes."""
     env: PlanningKeywords = SOLVED
-    """The instance, and limits of the plan. The reported costs are in steps, whatever the edge weights are."""
+    """The instance, and limits of the plan. The reported costs are in steps, whatever the edge weights are. Without
+    edge weights, a policy has those of its training, and planners have uniform ones."""
     time_limit: float = 10.0
     """Time limit in seconds."""
     partial: bool = False
@@ -102,7 +105,8 @@ def solve(options: SolveOptions) -> None:
     env = options.env.config()
     check_format(options.output, env.action_model)
     instance = sample_instance(env, options.seed)
-    plan = solver.solve(instance, options.time_limit, env.max_steps, env.edge_weights, env.distance_bytes, partial=True)
+    limits = {name: value for name, value in options.env.keywords.items() if name in SOLVER_KEYWORDS}
+    plan = solver.solve(instance, options.time_limit, partial=True, **limits)
     seconds = solver.trace.seconds
     metadata = PlanMetadata(_scenario_name(env), options.planner, seconds)
     if plan is None or plan.away(instance).any():

@@ -8,24 +8,27 @@ from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from rich.console import Console
 from rich.logging import RichHandler
 from tyro.conf import Positional, subcommand
+from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
 from tyro.extras import subcommand_type_from_defaults
 
 from mapf_pz._internal.interrupts import interruptible
 from mapf_pz._internal.lock import locked
+from mapf_pz.commands.env_flags import ENV_FLAGS, MixtureKeywords
 from mapf_pz.commands.evaluate import report
 from mapf_pz.commands.progress import progress_bar
 from mapf_pz.commands.render import save_episode
 from mapf_pz.evaluation import EvaluationTask, load_suite
 from mapf_pz.evaluation.policies import SHIELD_SUFFIX, policy_factory
 from mapf_pz.evaluation.results import EPISODES_FILE, discard
-from mapf_pz.rl.config import DeviceName, TrainConfig
+from mapf_pz.rl.config import DeviceName, TaskConfig, TrainConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
 from mapf_pz.rl.presets import PRESETS, SUMMARIES
+from mapf_pz.simulator.config import EnvConfig
 
 EPISODE_FILE = "episode.gif"
 SUITES = {
@@ -62,6 +65,32 @@ class TrainOptions:
     trust_remote_code: bool = False
     """Read a configuration, an initial policy or a suite that is a file and names code outside this package
     (`package.module:name`), and run that code."""
+
+
+@dataclass(frozen=True)
+class _TaskFields(TaskConfig):
+    """The same fields under another type, which has tyro's own rule for dataclasses."""
+
+
+@ENV_FLAGS.struct_rule
+def _task_flags(info: StructTypeInfo) -> StructConstructorSpec | None:
+    """Return the flags of a training task, of which those of the mixture may be omitted."""
+    if info.type is not TaskConfig:
+        return None
+    spec = ConstructorRegistry.get_struct_spec(replace(info, type=_TaskFields))
+    if not isinstance(spec, StructConstructorSpec):
+        raise TypeError(f"tyro cannot read {TaskConfig.__name__}: {spec}")
+    return StructConstructorSpec(_task, tuple(map(_task_flag, spec.fields)))
+
+
+def _task_flag(flag: StructFieldSpec) -> StructFieldSpec:
+    if flag.name == "mixture":
+        return replace(flag, type=MixtureKeywords, default=MixtureKeywords(flag.default))
+    return flag
+
+
+def _task(env: EnvConfig, mixture: MixtureKeywords, **others: Any) -> TaskConfig:
+    return TaskConfig(env=env, mixture=mixture.mixture(env), **others)
 
 
 @dataclass(frozen=True)
@@ -126,14 +155,14 @@ def _train_seeds(run: TrainOptions) -> None:
     from mapf_pz.rl.training.launch import is_first
     from mapf_pz.rl.training.run import CURVE, CURVES
 
+    if (run.output / CONFIG).exists():
+        raise FileExistsError(f"output {str(run.output)!r} holds a run: choose another output for the runs of --seeds")
     folders = [run.output / f"seed-{seed}" for seed in run.seeds]
     for seed, folder in zip(run.seeds, folders, strict=True):
         print(f"seed {seed}")
         _train(replace(run, config=replace(run.config, seed=seed), output=folder, seeds=()))
     if is_first():
-        curves.draw_curves(
-            [curves.Run.read(folder, trust_remote_code=True) for folder in folders], CURVES, run.output / CURVE
-        )
+        curves.draw_curves([curves.Run.read(folder) for folder in folders], CURVES, run.output / CURVE)
         print(f"learning curves written to {run.output / CURVE}")
 
 

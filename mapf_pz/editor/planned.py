@@ -26,7 +26,8 @@ class PlannedPaths:
     def run(self) -> Outcome:
         """Plan; raises `RuntimeError` if no plan is found within the limits."""
         task = self._task
-        plan = self._solver.solve(task.instance, task.time_limit, task.max_steps, task.edge_weights, partial=True)
+        weights = task.edge_weights or "uniform"
+        plan = self._solver.solve(task.instance, task.time_limit, task.max_steps, weights, partial=True)
         seconds = self._solver.trace.seconds
         if plan is None:
             limits = f"{task.time_limit:g} seconds and {task.max_steps} steps"

@@ -126,7 +126,7 @@ class EditedInstance(Request):
     """The headings of agents that turn, 0 to 3 for east, south, west, north; None: agents do not turn."""
     weights: str | None = None
     """Edge weights, base64 of (5, H, W) little-endian float32: east, south, west, north, and waiting.
-    None: uniform."""
+    None: uniform for planners, and those of its training for a policy."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -118,7 +118,7 @@ class Editor:
         """Start a run, after checking the instance and the names of the solvers."""
         instance = instance_of(request.instance, request.lifelong)
         weights = request.instance.weights
-        graph = "uniform" if weights is None else graph_of(weights, instance.grid)
+        graph = None if weights is None else graph_of(weights, instance.grid)
         tasks: list[Task] = []
         for solver in request.solvers:
             self._check_solver(solver, request.lifelong)

@@ -34,8 +34,8 @@ class Task:
     """Maximum number of steps."""
     seed: int
     """Random seed."""
-    edge_weights: EdgeWeights
-    """The guidance graph."""
+    edge_weights: EdgeWeights | None
+    """The guidance graph. None: uniform for planners, and that of its training for a policy."""
 
     @property
     def plans_paths(self) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from typing import Any, SupportsIndex, TypeAlias
 
@@ -15,11 +14,11 @@ from pettingzoo.utils.conversions import parallel_to_aec_wrapper
 
 from mapf_pz._internal.arrays import Bools, Ints
 from mapf_pz._internal.signatures import with_fields_of
-from mapf_pz.environment.infos import AgentInfo, Infos
+from mapf_pz.environment.infos import AgentInfo, agent_infos
 from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.render.modes import render_modes
 from mapf_pz.render.state import RenderState
-from mapf_pz.simulator.actions import check_agents, whole_numbers
+from mapf_pz.simulator.actions import check_agents, check_dictionary, whole_numbers
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.global_state import STATE_PLANES, global_state
 from mapf_pz.simulator.simulator import Simulator
@@ -72,6 +71,13 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         self._canvas: Any = None
         self._window: Any = None
 
+    def __repr__(self) -> str:
+        """Return the number of agents, the map and the rules in one line."""
+        grid, (height, width) = self.simulator.source.grid, self.simulator.shape
+        maps = "maps" if grid is None else f"map {grid.name!r}"
+        rules = f"action_model={self.config.action_model!r}, on_target={self.config.on_target!r}"
+        return f"MapfEnv(num_agents={self.simulator.num_agents}, {maps} of {height} x {width}, {rules})"
+
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         """Return the observation space of the agent; the same object for all agents and calls.
 
@@ -98,21 +104,17 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         """Start an episode, and return observations and infos.
 
         Args:
-            seed: random seed that determines the episode; without a seed, every episode differs from the last.
-            options: `{"instance": Instance or Scenario}` sets the episode instead of sampling it. Other options are
-                ignored with a warning.
+            seed: random seed that determines the episode, 0 or more; without a seed, every episode differs from the
+                last.
+            options: `{"instance": Instance or Scenario}` sets the episode instead of sampling it. Options of other
+                names are ignored, as by the environments of PettingZoo and Gymnasium.
 
-        Raises `TypeError` for an instance of another type, and `ValueError` for one that does not fit the environment.
+        Raises:
+            TypeError: `options` is not a dictionary, or the instance has another type.
+            ValueError: the seed is not such a number, the instance does not fit the environment, or an option of
+                another name is an instance.
         """
-        given = options or {}
-        if unknown := given.keys() - {"instance"}:  # not an error, since PettingZoo's API test passes one
-            warnings.warn(f"reset: ignored unknown options {sorted(unknown)}, expected 'instance'", stacklevel=2)
-        instance = given.get("instance")
-        if isinstance(instance, Scenario):
-            grid = self.simulator.source.grid or self.simulator.grid(0)
-            instance = Instance(grid, instance)
-        if instance is not None and not isinstance(instance, Instance):
-            raise TypeError(f"options['instance']: expected an Instance or a Scenario, got {type(instance).__name__}")
+        instance = self._instance(options)
         self._set_agents([])  # if the reset fails, there is no episode
         self.simulator.reset(
             seeds=None if seed is None else {0: seed}, instances=None if instance is None else {0: instance}
@@ -122,6 +124,21 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         if self.render_mode == "human":
             self.render()
         return self._observe()
+
+    def _instance(self, options: Any) -> Instance | None:
+        """Return the instance in the options of a reset, if there is one; raises `TypeError` and `ValueError`."""
+        if not isinstance(options, (Mapping, type(None))):
+            raise TypeError(f"options: expected a dictionary, got {type(options).__name__}")
+        given = options or {}
+        for name, value in given.items():
+            if name != "instance" and isinstance(value, (Instance, Scenario)):
+                raise ValueError(f"options: expected the {type(value).__name__} as 'instance', got {name!r}")
+        instance = given.get("instance")
+        if isinstance(instance, Scenario):
+            return Instance(self.simulator.source.grid or self.simulator.grid(0), instance)
+        if not isinstance(instance, (Instance, type(None))):
+            raise TypeError(f"options['instance']: expected an Instance or a Scenario, got {type(instance).__name__}")
+        return instance
 
     def _set_agents(self, agents: list[str]) -> None:
         """Set which agents act from now on."""
@@ -133,9 +150,10 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         """Take one step with an action for each of `self.agents`.
 
         Returns observations, rewards, terminations, truncations and infos of the agents that acted. Raises
-        `ValueError` for missing actions, unknown agents or invalid actions, and `RuntimeError` before `reset()` and
-        after the end of the episode.
+        `ValueError` for missing actions, unknown agents or invalid actions, `TypeError` for anything but a dictionary,
+        and `RuntimeError` before `reset()` and after the end of the episode.
         """
+        check_dictionary(actions)
         self._require_episode("step")
         if not self.agents:
             raise RuntimeError("the episode is over, call reset()")
@@ -181,13 +199,13 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
         """Return a field of the records of the agents that acted."""
         return dict(zip(self.agents, self._agents[field][self._rows].tolist(), strict=True))
 
-    def _observe(self) -> tuple[dict[str, AgentObservation], Infos]:
+    def _observe(self) -> tuple[dict[str, AgentObservation], dict[str, AgentInfo]]:
         batch, rows = self.simulator.observe(), self._rows
         observations: Any = batch.image[0][rows]
         if self.simulator.layout.num_features:
             pairs = zip(observations, batch.features[0][rows], strict=True)
             observations = ({"image": image, "features": features} for image, features in pairs)
-        infos = Infos(self.agents, rows, self._agents, batch.action_mask[0])
+        infos = agent_infos(self.agents, self._agents[rows], batch.action_mask[0][rows])
         return dict(zip(self.agents, observations, strict=True)), infos
 
     def state(self) -> NDArray[np.float32]:
@@ -297,6 +315,15 @@ class MapfAecEnv(parallel_to_aec_wrapper[str, AgentObservation, SupportsIndex]):
         self.metrics = parallel.metrics
         """Method that returns the metrics of the episode up to the last complete step; see `MapfEnv.metrics`."""
 
+    def __repr__(self) -> str:
+        """Return the environment in one line."""
+        return f"{type(self).__name__}({self.unwrapped!r})"
+
+
+class _OrderEnforced(OrderEnforcingWrapper[str, AgentObservation, SupportsIndex | None]):
+    def __repr__(self) -> str:
+        return repr(self.env)
+
 
 @with_fields_of(EnvConfig)
 def env(**keywords: Any) -> AECEnv[str, AgentObservation, SupportsIndex | None]:
@@ -304,4 +331,4 @@ def env(**keywords: Any) -> AECEnv[str, AgentObservation, SupportsIndex | None]:
 
     `metrics()` and the members of `unwrapped`, the `MapfEnv`, describe the last complete step.
     """
-    return OrderEnforcingWrapper(MapfAecEnv(parallel_env(**keywords)))
+    return _OrderEnforced(MapfAecEnv(parallel_env(**keywords)))

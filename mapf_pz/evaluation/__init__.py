@@ -3,6 +3,7 @@
 It imports everything but the commands. Read `evaluate_policies.py` first.
 """
 
+from mapf_pz._internal.digest import digest
 from mapf_pz.evaluation.batch import BatchPolicy, PolicyInBatch
 from mapf_pz.evaluation.episodes import Policy, Rollout, make_env, rollout
 from mapf_pz.evaluation.evaluate_policies import evaluate
@@ -23,6 +24,7 @@ __all__ = [
     "PolicyInBatch",
     "PolicySolver",
     "Rollout",
+    "digest",
     "evaluate",
     "load_suite",
     "make_env",

@@ -17,7 +17,6 @@ from mapf_pz.evaluation.external.planned_policy import PlannedPolicy
 from mapf_pz.evaluation.measures import Measures, Metrics
 from mapf_pz.evaluation.task import EvaluationTask
 from mapf_pz.instances.instance import Instance
-from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.simulator import Simulator
 
 AnyEnv: TypeAlias = "MapfEnv | BaseParallelWrapper[str, AgentObservation, Any]"
@@ -67,15 +66,6 @@ def actions_of(policy: Policy, observations: dict[str, Any], infos: dict[str, An
     """Return the policy's actions; a policy with `needs_infos` also gets the infos."""
     act: Callable[..., dict[str, int]] = policy.act
     return act(observations, infos) if getattr(policy, "needs_infos", False) else act(observations)
-
-
-def changed_keywords(config: EnvConfig) -> dict[str, Any]:
-    """Return the fields that are not at their defaults, as keywords of `parallel_env`; a policy sets the others."""
-    defaults = EnvConfig()
-    keywords = config.keywords()
-    if keywords["reward"] == defaults.reward_config:  # the terms that the default names
-        del keywords["reward"]
-    return {name: value for name, value in keywords.items() if value != getattr(defaults, name)}
 
 
 def simulator_of(env: AnyEnv) -> Simulator:

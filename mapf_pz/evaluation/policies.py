@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from mapf_pz.planners.named import parse_options, planner_options
 from mapf_pz.planners.pibt.shield import DEPTH, PATIENCE
 from mapf_pz.rl.config_file import CONFIG
 from mapf_pz.rl.policies.folder import WEIGHTS, bundled, is_policy, policy_folder, policy_names
-from mapf_pz.simulator.config import OBSERVATION_FIELDS, EnvConfig
+from mapf_pz.simulator.config import OBSERVATION_FIELDS
 
 SHIELD_SUFFIX = "+pibt"
 """Suffix of a trained policy's name: PIBT executes its preferences without collisions."""
@@ -89,11 +90,11 @@ def _factory_of_trained(name: str, seed: int, deterministic: bool, trust_remote_
     return TrainedFactory(trained, seed, deterministic, chosen.pop("temperature"), chosen, trust_remote_code)
 
 
-def check_observed(name: str, config: EnvConfig) -> None:
-    """Raise `ValueError` if `config` changes observations, and the policy of this name has none."""
-    changed = [field for field in OBSERVATION_FIELDS if getattr(config, field) != getattr(EnvConfig(), field)]
-    if changed and not is_trained(name):
-        raise ValueError(f"{changed[0]}: expected only with a trained policy, since {name!r} has no observations")
+def check_observed(name: str, keywords: Mapping[str, Any]) -> None:
+    """Raise `ValueError` if `keywords` determine observations, and the policy of this name has none."""
+    given = [field for field in OBSERVATION_FIELDS if field in keywords]
+    if given and not is_trained(name):
+        raise ValueError(f"{given[0]}: expected only with a trained policy, since {name!r} has no observations")
 
 
 def is_trained(name: str) -> bool:

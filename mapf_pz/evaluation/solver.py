@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from typing import Any, ClassVar
 
-from mapf_pz.evaluation.episodes import AnyEnv, Policy, actions_of, changed_keywords, compile_policy, simulator_of
+from mapf_pz.evaluation.episodes import AnyEnv, Policy, actions_of, compile_policy, simulator_of
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.guidance.library import EdgeWeights
 from mapf_pz.instances.instance import Instance
@@ -14,7 +14,7 @@ from mapf_pz.planners import PLANNERS, Plan, Planner, Trace, base, planner_of
 from mapf_pz.planners.base import Steps, action_model_of
 from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.problem import obstruction, problem_of
-from mapf_pz.simulator.config import EnvConfig, OnTarget
+from mapf_pz.simulator.config import OnTarget
 
 
 def solver_of(name: str, seed: int = 0, trust_remote_code: bool = False) -> Planner | PolicySolver:
@@ -36,18 +36,22 @@ def solver_of(name: str, seed: int = 0, trust_remote_code: bool = False) -> Plan
 def instance_keywords(
     instance: Instance,
     max_steps: int,
-    edge_weights: EdgeWeights,
+    edge_weights: EdgeWeights | None,
     distance_bytes: int | None = None,
     on_target: OnTarget = "nothing",
 ) -> dict[str, Any]:
-    """Return the keywords of an environment whose episodes are all of this instance; a policy sets the others."""
-    config = EnvConfig(
-        source=InstanceList([instance]),
-        max_steps=max_steps,
-        edge_weights=edge_weights,
-        distance_bytes=distance_bytes,
-    )
-    return changed_keywords(config) | {"action_model": action_model_of(instance), "on_target": on_target}
+    """Return the keywords of an environment whose episodes are all of this instance; a policy sets the others.
+
+    If `edge_weights` is None, the policy also sets the guidance graph.
+    """
+    weights: dict[str, Any] = {} if edge_weights is None else {"edge_weights": edge_weights}
+    return {
+        "source": InstanceList([instance]),
+        "action_model": action_model_of(instance),
+        "on_target": on_target,
+        "max_steps": max_steps,
+        "distance_bytes": distance_bytes,
+    } | weights
 
 
 def costs_text(plan: Plan, bound: int) -> str:
@@ -92,7 +96,7 @@ class PolicySolver:
         instance: Instance,
         time_limit: float = 10.0,
         max_steps: int = 1000,
-        edge_weights: EdgeWeights = "uniform",
+        edge_weights: EdgeWeights | None = None,
         distance_bytes: int | None = None,
         partial: bool = False,
     ) -> Plan | None:
@@ -103,7 +107,7 @@ class PolicySolver:
                 cardinal agents.
             time_limit: time limit in seconds, which excludes the compilation of kernels.
             max_steps: maximum number of steps.
-            edge_weights: the guidance graph, as in `EnvConfig`. Default: that of the policy's training.
+            edge_weights: the guidance graph, as in `EnvConfig`. None: that of the policy's training.
             distance_bytes: maximum memory for cost-to-go tables, as in `EnvConfig`.
             partial: whether to return the steps up to the limits if some agents are not at their goals then.
 
@@ -116,7 +120,8 @@ class PolicySolver:
         plan = _run_episode(env, policy, self._seed, Deadline(time_limit, time.perf_counter))
         self.unsolvable = None
         if plan.away(instance).any():
-            simulator = base.simulator_of(instance, max_steps, edge_weights, self._seed, distance_bytes)
+            weights = simulator_of(env).config.edge_weights
+            simulator = base.simulator_of(instance, max_steps, weights, self._seed, distance_bytes)
             self.unsolvable = obstruction(problem_of(simulator))
             return plan if partial else None
         self.trace.add(plan.sum_of_costs)

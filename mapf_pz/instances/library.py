@@ -122,8 +122,11 @@ def scenario_name(scenario: str | Path, map: str | None) -> str:
     return f"{map}-{name}"
 
 
-def scenario_map(scenario: str | Path) -> str:
-    """Return the name of the map that a scenario names, which `load_map` may know; empty if it has none.
+def scenario_map(scenario: str | Path) -> str | Path:
+    """Return the map that a scenario names: the file beside the scenario, otherwise its name, as in `load_map`.
+
+    Only the last part of a path in a scenario is used, so that a file cannot name files outside its folder. The result
+    is empty if the file names no map.
 
     Args:
         scenario: the path or the name of a scenario, as in `load_scenario`.
@@ -132,9 +135,13 @@ def scenario_map(scenario: str | Path) -> str:
         FileNotFoundError: The file does not exist.
         ValueError: The name is unknown.
     """
-    name = scenario_name(scenario, None)
-    bundled = None if isinstance(scenario, Path) else movingai.map_of(name)
-    return parse_map_name(read_text(_scenario_file(scenario))) if bundled is None else bundled
+    bundled = None if isinstance(scenario, Path) else movingai.map_of(scenario_name(scenario, None))
+    if bundled is not None:
+        return bundled
+    file = _scenario_file(scenario)
+    name = parse_map_name(read_text(file))
+    beside = file.parent / f"{name}.map"
+    return beside if os.path.isfile(beside) else name
 
 
 def _scenario_file(scenario: str | Path) -> Path:

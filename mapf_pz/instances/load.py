@@ -79,8 +79,8 @@ def load_instances(
         scenarios: Scenarios of one map, as in `load_scenario`; or problems, which name their own maps: `.mapf.json` and
             `.lmapf.json` of POGEMA's benchmark, each with several instances, `.json` of the League of Robot Runners,
             and names of bundled ones, as in `load_pogema` and `load_problem`.
-        map: The map of the scenarios, as in `load_map`. None: the one whose name is in the scenarios' files, or
-            `empty-8-8` if all are `Scenario`s. Not allowed with problems.
+        map: The map of the scenarios, as in `load_map`. None: the one that the scenarios' files name, in their folder
+            or by name, or `empty-8-8` if all are `Scenario`s. Not allowed with problems.
         num_agents: Number of agents, the first of each instance; None: as many as the smallest instance has.
         goals_per_agent: Number of goals of each robot of a League of Robot Runners problem.
 
@@ -157,14 +157,14 @@ def _is_problem(name: str | Path) -> bool:
     return name.endswith(PROBLEM_ENDING) or pogema.is_bundled(name) or name in lorr.problem_names()
 
 
-def _named_map(scenarios: Sequence[str | Path | Scenario]) -> str:
-    """Return the name of the map that scenarios name, or of the default map if none of them is a file."""
-    names = {scenario_map(scenario): scenario for scenario in scenarios if not isinstance(scenario, Scenario)}
-    if len(names) > 1:
-        first, second = list(names.items())[:2]
-        got = f"{first[0]!r} ({first[1]}) and {second[0]!r} ({second[1]})"
+def _named_map(scenarios: Sequence[str | Path | Scenario]) -> str | Path:
+    """Return the map that scenarios name, as `scenario_map` does, or the default map if none of them is a file."""
+    maps = {scenario_map(scenario): scenario for scenario in scenarios if not isinstance(scenario, Scenario)}
+    if len(maps) > 1:
+        first, second = list(maps.items())[:2]
+        got = f"{str(first[0])!r} ({first[1]}) and {str(second[0])!r} ({second[1]})"
         raise ValueError(f"scenario: expected scenarios of one map, got those of {got}")
-    return next(iter(names), None) or DEFAULT_MAP
+    return next(iter(maps), None) or DEFAULT_MAP
 
 
 def _of_scenario(scenario: str | Path | Scenario, grid: Grid, num_agents: int | None) -> Instance:

@@ -45,7 +45,7 @@ class OptimizationFolder:
         """Prepare the folder for an optimization, or to continue the one with this history."""
         self.path = path
         self._grid = config.task.grid
-        files = object_files(config.task.env) | {CONFIG: _ADAPTER.dump_json(config, indent=2)}
+        files = object_files(config.task.config) | {CONFIG: _ADAPTER.dump_json(config, indent=2)}
         path.mkdir(parents=True, exist_ok=True)
         self._rows = list(rows)
         self._seconds = self._rows[-1].seconds if self._rows else 0.0

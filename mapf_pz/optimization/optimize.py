@@ -122,7 +122,7 @@ def _optimize(
 
 def baselines(task: GuidanceTask) -> list[Candidate]:
     """Return uniform and crisscross weights and those of the task, which the result should not be worse than."""
-    names = dict.fromkeys(("uniform", "crisscross", task.env.edge_weights))
+    names = dict.fromkeys(("uniform", "crisscross", task.config.edge_weights))
     return [Candidate(guidance_graph(weights, task.grid)) for weights in names if weights != "random"]
 
 

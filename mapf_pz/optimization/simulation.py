@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
-from mapf_pz.evaluation.episodes import changed_keywords, rollout, simulator_of
+from mapf_pz.evaluation.episodes import rollout, simulator_of
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.optimization.task import GuidanceTask
@@ -36,15 +37,16 @@ def simulate(task: GuidanceTask, graph: GuidanceGraph, seed: int, num_steps: int
     Returns:
         The score and the usage of edges.
     """
-    config = task.with_graph(graph, num_steps)
+    keywords = task.with_graph(graph, num_steps)
     usage = Usage.empty(graph.shape)
-    simulator = (_plan if task.is_planner else _roll_out)(task, config, seed, usage)
+    simulator = (_plan if task.is_planner else _roll_out)(task, keywords, seed, usage)
     return Simulation(_score(simulator), usage)
 
 
-def _plan(task: GuidanceTask, config: EnvConfig, seed: int, usage: Usage) -> Simulator:
+def _plan(task: GuidanceTask, keywords: dict[str, Any], seed: int, usage: Usage) -> Simulator:
     """Let a planner act in a simulator, without observations."""
-    simulator = Simulator(replace(config, **Planner.env_kwargs))
+    config = EnvConfig(**(keywords | Planner.env_kwargs))
+    simulator = Simulator(config)
     simulator.reset(seeds={0: seed})
     simulator.prepare_cost_to_go(1 + _typical_goals(config, simulator.shape))
     planner = planner_of(task.planner, seed)
@@ -60,10 +62,10 @@ def _typical_goals(config: EnvConfig, shape: tuple[int, int]) -> int:
     return 3 * config.max_steps // sum(shape) if config.on_target == "restart" else 0
 
 
-def _roll_out(task: GuidanceTask, config: EnvConfig, seed: int, usage: Usage) -> Simulator:
+def _roll_out(task: GuidanceTask, keywords: dict[str, Any], seed: int, usage: Usage) -> Simulator:
     """Let a policy act on observations, with the settings that it requires."""
     make = policy_factory(task.planner, seed, trust_remote_code=task.trust_remote_code)
-    env, policy = make(changed_keywords(config))
+    env, policy = make(keywords)
     simulator = simulator_of(env)
 
     def count() -> None:

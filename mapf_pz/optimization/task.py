@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
-from mapf_pz.evaluation.episodes import changed_keywords
 from mapf_pz.evaluation.policies import check_observed
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances.instance import Grid
 from mapf_pz.planners import PLANNERS
 from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.simulator.saved_config import SavedEnv
+from mapf_pz.simulator.keywords import EnvKeywords
+from mapf_pz.simulator.saved_config import SavedKeywords
 from mapf_pz.simulator.source import make_source
 
-LIFELONG = EnvConfig(on_target="restart", max_steps=1000)
+LIFELONG = EnvKeywords({"on_target": "restart", "max_steps": 1000})
 """The protocol of Zhang et al., *Guidance Graph Optimization for Lifelong MAPF*, IJCAI 2024."""
 
 
@@ -29,8 +30,9 @@ class GuidanceTask:
     Raises `ValueError` if the episodes have different maps, for another reward, and for observations of a planner.
     """
 
-    env: SavedEnv = field(default_factory=lambda: LIFELONG)
-    """The environment. Its `edge_weights` compete with the graphs that are found."""
+    env: SavedKeywords = LIFELONG
+    """The environment. A policy determines fields that are absent, such as the action model. The `edge_weights` compete
+    with the graphs that are found."""
     planner: str = "pibt"
     """A planner or policy by name, as in `mapf-pz evaluate`."""
     trust_remote_code: bool = False
@@ -38,29 +40,35 @@ class GuidanceTask:
 
     def __post_init__(self) -> None:
         """Check that all episodes have one map, and that no field is without effect."""
-        check_observed(self.planner, self.env)
-        if "reward" in changed_keywords(self.env):
+        check_observed(self.planner, self.env.keywords)
+        if "reward" in self.env.keywords:
             raise ValueError("reward: expected that of the environment, since the score does not depend on it")
-        if make_source(self.env).grid is None:
+        if make_source(self.config).grid is None:
             raise ValueError("a guidance graph belongs to one map: expected episodes that share one")
+
+    @cached_property
+    def config(self) -> EnvConfig:
+        """The environment of a planner."""
+        return self.env.config()
 
     @cached_property
     def grid(self) -> Grid:
         """The map."""
-        grid = make_source(self.env).grid
+        grid = make_source(self.config).grid
         assert grid is not None
         return grid
 
     @property
     def is_lifelong(self) -> bool:
         """Whether the score is the throughput."""
-        return self.env.on_target == "restart"
+        return self.config.on_target == "restart"
 
     @property
     def is_planner(self) -> bool:
         """Whether a planner acts, which reads the state instead of observations."""
         return self.planner.partition(":")[0] in PLANNERS
 
-    def with_graph(self, graph: GuidanceGraph, num_steps: int | None = None) -> EnvConfig:
-        """Return the environment with another guidance graph, and another maximum number of steps if given."""
-        return replace(self.env, edge_weights=graph, max_steps=num_steps or self.env.max_steps)
+    def with_graph(self, graph: GuidanceGraph, num_steps: int | None = None) -> dict[str, Any]:
+        """Return the environment's keywords with this guidance graph, and another maximum number of steps if given."""
+        limit = {} if num_steps is None else {"max_steps": num_steps}
+        return self.env.keywords | {"edge_weights": graph} | limit

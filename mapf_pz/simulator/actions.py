@@ -40,6 +40,12 @@ def wait_action(action_model: str) -> int:
     return int(CardinalAction.WAIT if action_model == "cardinal" else Action.WAIT)
 
 
+def check_dictionary(actions: object) -> None:
+    """Raise `TypeError` unless the actions are a dictionary by agent."""
+    if not isinstance(actions, Mapping):
+        raise TypeError(f"actions: expected a dictionary with an action for each agent, got {type(actions).__name__}")
+
+
 def check_agents(actions: Mapping[str, object], active: Iterable[str], possible: Sequence[str]) -> None:
     """Raise `ValueError` for unknown agents and missing actions; agents that have disappeared may have actions."""
     for agent in actions:
@@ -62,9 +68,12 @@ def whole_numbers(agents: Sequence[str], actions: Sequence[SupportsIndex], num_a
 
 
 def _whole_number(agent: str, action: SupportsIndex, num_actions: int) -> int:
-    """Return the action as an int; raises `ValueError` unless it is in 0 to `num_actions` - 1."""
+    """Return the action as an int; raises `ValueError` unless it is in 0 to `num_actions` - 1.
+
+    NumPy's bool is a number like Python's, which Gymnasium's `Discrete` contains.
+    """
     try:
-        number = index(action)
+        number = int(action) if isinstance(action, np.bool_) else index(action)
     except TypeError:
         number = -1
     if number not in range(num_actions):

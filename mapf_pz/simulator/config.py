@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -59,13 +59,14 @@ _OBJECT_ALLOWED = ("initial_heading",)  # fields that need not be a name
 class EnvConfig:
     """All keywords of `parallel_env`. Raises `ValueError`, naming the field and its allowed values.
 
-    Configurations are equal if all fields are. A map given as an array becomes a `Grid`, headings become a tuple.
+    Configurations are equal if all fields are. A map given as an array becomes a `Grid`; headings, and lists and other
+    sequences, become tuples.
     """
 
     map: str | Path | Bools | Grid | None = None
     """A map's name, the path of a `.map` file or of a `.json` map of GGO, a map drawn as text, or a bool array (True =
-    free). Default: the map that the scenario's file names, otherwise `empty-8-8`."""
-    scenario: str | Path | Scenario | tuple[str | Path, ...] | None = None
+    free). Default: the map that the scenario's file names, in the same folder or by name, otherwise `empty-8-8`."""
+    scenario: str | Path | Scenario | Sequence[str | Path] | None = None
     """Starts and goals: a scenario's name, such as `den312d-random-1` or, with a map, `random-1`; a `.scen` file; a
     `Scenario`; or a problem, which names its own map: the name of a bundled one, such as `warehouse_small_10` or
     `pogema-mazes`, or a file, `.json` (League of Robot Runners) or `.mapf.json` and `.lmapf.json` (POGEMA). With
@@ -86,7 +87,7 @@ class EnvConfig:
     goals: Goals = "uniform"
     """Sampled goals: `uniform` on the free cells, or `alternating` between the workstations and the endpoints of a
     warehouse, whose map is a `.json` file of GGO or a `.map` file with `E` and `S`; with `on_target='restart'` only."""
-    view_size: tuple[int, int] = (5, 5)
+    view_size: Sequence[int] = (5, 5)
     """Height and width of each agent's view in cells, each at most 511; it may be larger than the map."""
     view: View | None = None
     """The agent's position in its view: `front` (at the bottom center, facing up) or `centered`. Default: `front`, or
@@ -96,10 +97,10 @@ class EnvConfig:
     or `map` with cardinal actions."""
     see_through_walls: bool = True
     """Whether agents see through obstacles; if not, cells with an obstacle on the straight line to them are hidden."""
-    channels: tuple[str | Channel, ...] = ("view", "goal", "orientation", "edge_weights")
+    channels: Sequence[str | Channel] = ("view", "goal", "orientation", "edge_weights")
     """Channels of the observation's image, in order: names, `package.module:name`, or `Channel` objects. The default
     channels are the report's."""
-    features: tuple[str | Feature, ...] = ()
+    features: Sequence[str | Feature] = ()
     """Features observed in addition to the image, in order: names, `package.module:name`, or `Feature` objects. If
     there are any, the observation is a Dict(image, features)."""
     num_last_actions: int = 4
@@ -215,7 +216,7 @@ class EnvConfig:
         """The scenarios as a tuple, also if there is only one; empty if there is none."""
         if self.scenario is None:
             return ()
-        return self.scenario if isinstance(self.scenario, tuple) else (self.scenario,)
+        return (self.scenario,) if isinstance(self.scenario, (str, Path, Scenario)) else tuple(self.scenario)
 
     @cached_property
     def resolved_source(self) -> InstanceSource | None:
@@ -250,12 +251,13 @@ class EnvConfig:
 
 
 def _scenario(value: Any) -> str | Path | Scenario | tuple[str | Path, ...] | None:
-    """Return the scenario, with a list of scenarios as a tuple."""
-    several = tuple(value) if isinstance(value, (tuple, list)) else (value,)
-    paths = all(isinstance(item, (str, Path)) for item in several)
-    if not several or not (paths or isinstance(value, (Scenario, type(None)))):
+    """Return the scenario, with several ones as a tuple."""
+    if isinstance(value, (str, Path, Scenario, type(None))):
+        return value
+    several: tuple[Any, ...] = tuple(value) if isinstance(value, Sequence) else ()
+    if not several or not all(isinstance(item, (str, Path)) for item in several):
         raise TypeError(f"scenario={_shown(value)}: expected the path of a file, several paths, or a Scenario")
-    return several if isinstance(value, list) else value
+    return several
 
 
 def check_whole(name: str, value: object, least: int, most: int = MAX_WHOLE) -> None:
@@ -287,14 +289,15 @@ def _headings(value: HeadingName | ArrayLike) -> str | tuple[int, ...]:
 
 def _parts(name: str, value: Any, check: Callable[[Any], object]) -> tuple[Any, ...]:
     """Return channels or features as a tuple; raise `ValueError` unless all are known and different."""
-    if not isinstance(value, (tuple, list)):
+    if isinstance(value, str) or not isinstance(value, Sequence):
         example = f", such as ({value!r},)" if isinstance(value, str) else ""
         raise ValueError(f"{name}={_shown(value)}: expected a tuple or list of names{example}")
-    if any(part in value[:k] for k, part in enumerate(value)):
+    parts: tuple[Any, ...] = tuple(value)
+    if any(part in parts[:k] for k, part in enumerate(parts)):
         raise ValueError(f"{name}={_shown(value)}: expected different names")
-    for part in value:
+    for part in parts:
         check(part)
-    return tuple(value)
+    return parts
 
 
 def _resolve_reward(given: Any) -> Any:

@@ -13,11 +13,12 @@ from mapf_pz.guidance.library import EdgeWeights, fits_any_map, guidance_graph
 from mapf_pz.instances.heading import Heading
 from mapf_pz.instances.instance import Grid, HeadingName, Instance, InstanceSource
 from mapf_pz.instances.place import check_reachable, place
-from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.config import EnvConfig, check_whole
 from mapf_pz.simulator.kernels import world
 from mapf_pz.simulator.kernels.cost_tables import CostTables
 from mapf_pz.simulator.kernels.observation.layers import MapLayers, draw_map
 from mapf_pz.simulator.kernels.state import State, World
+from mapf_pz.simulator.seeds import MAX_SEED
 
 
 def shares_map(config: EnvConfig, source: InstanceSource) -> bool:
@@ -69,6 +70,8 @@ class EpisodeLoader:
 
         `seeds` and `instances` are given by environment; see `Simulator.reset`.
         """
+        for seed in seeds.values():
+            check_whole("seed", seed, 0, MAX_SEED)
         for b in envs:
             if b in seeds:
                 self._rngs[b] = np.random.default_rng(seeds[b])

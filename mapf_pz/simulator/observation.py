@@ -67,7 +67,8 @@ class ObservationLayout:
     def image_shape(self) -> tuple[int, int, int]:
         """(num_frames * (1 + num_neighbors) * K, h, w), the shape of the whole image."""
         config = self._config
-        return (config.num_frames * (1 + config.num_neighbors) * self.num_own_planes, *config.view_size)
+        height, width = config.view_size
+        return config.num_frames * (1 + config.num_neighbors) * self.num_own_planes, height, width
 
     @property
     def own_planes(self) -> slice:
@@ -139,8 +140,9 @@ class ObservationLayout:
     def view_shape(self) -> ViewShape:
         """Return the geometry of the view, as the kernels take it."""
         config = self._config
-        row = config.view_size[0] - 1 if config.resolved_view == "front" else config.view_size[0] // 2
-        return make_view_shape(config.view_size, row, config.resolved_frame == "egocentric", config.see_through_walls)
+        height, width = config.view_size
+        row = height - 1 if config.resolved_view == "front" else height // 2
+        return make_view_shape((height, width), row, config.resolved_frame == "egocentric", config.see_through_walls)
 
     def write_features(self, inputs: ObservationInputs, features: Floats) -> None:
         """Fill `features` (B, N, F) float32 with all agents' own features."""

@@ -34,6 +34,7 @@ from mapf_pz.instances.sources import FixedMap, FixedScenario, InstanceList, Sou
 from mapf_pz.instances.warehouse import WarehouseTasks
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.kernels.reward import RewardConfig
+from mapf_pz.simulator.keywords import EnvKeywords
 from mapf_pz.simulator.source import make_source
 
 OBJECT_FIELDS = ("map", "scenario", "edge_weights", "source")
@@ -77,6 +78,7 @@ def _stored_form() -> type[BaseModel]:
         "edge_weights": str,
         "source": str | None,
         "initial_heading": HeadingName | tuple[int, ...],
+        "view_size": tuple[int, int],
         "channels": tuple[str, ...],
         "features": tuple[str, ...],
         "reward": str | RewardConfig,
@@ -154,6 +156,23 @@ def _loaded(name: str, value: Any, folder: Path | None) -> Any:
 
 SavedEnv = Annotated[EnvConfig, PlainValidator(load_env), PlainSerializer(dump_env)]
 """An environment's configuration as a field of a configuration that is saved."""
+
+
+def dump_keywords(given: EnvKeywords) -> dict[str, Any]:
+    """Return the fields that are given in their JSON form."""
+    return {name: value for name, value in dump_env(given.config()).items() if name in given.keywords}
+
+
+def load_keywords(stored: Any, info: ValidationInfo) -> EnvKeywords:
+    """Return the fields that are given; raises the same errors as `load_env`."""
+    if not isinstance(stored, dict):
+        raise ValueError("expected an object")
+    config = load_env(dump_env(EnvConfig()) | stored, info)
+    return EnvKeywords({name: getattr(config, name) for name in stored})
+
+
+SavedKeywords = Annotated[EnvKeywords, PlainValidator(load_keywords), PlainSerializer(dump_keywords)]
+"""Keywords of an environment as a field of a configuration that is saved."""
 
 
 def object_files(config: EnvConfig) -> dict[str, bytes]:

@@ -8,3 +8,5 @@ FIRST_VALIDATION_SEED = 2_000_000
 """First seed of validations during training."""
 FIRST_RESUMED_SEED = 2**31
 """First seed of training that is resumed."""
+MAX_SEED = 2**128 - 1
+"""Maximum seed, which is as large as those that NumPy chooses."""

@@ -146,7 +146,8 @@ class Simulator:
             instances: Instances by environment; the others sample theirs from the source.
 
         Raises:
-            ValueError: An instance does not fit, or some of its goals cannot be reached.
+            ValueError: A seed is not a whole number, 0 or more; an instance does not fit, or some of its goals cannot
+                be reached.
         """
         chosen = list(range(self.num_envs) if envs is None else envs)
         if not chosen:

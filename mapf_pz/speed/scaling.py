@@ -21,8 +21,8 @@ def more_agents(workload: Workload) -> dict[str, Workload]:
     workloads = {}
     for num_agents in (16, 64, 256, 1024, 4096):
         side = int((CELLS_PER_AGENT * num_agents) ** 0.5)
-        larger = replace(workload, height=side, width=side, num_envs=total // num_agents)
-        workloads[f"{num_agents} agents on {side} x {side}"] = larger.with_env(map=None, num_agents=num_agents)
+        larger = workload.on_random_maps(height=side, width=side, num_envs=total // num_agents)
+        workloads[f"{num_agents} agents on {side} x {side}"] = larger.with_env(num_agents=num_agents)
     return workloads
 
 
@@ -39,7 +39,7 @@ def larger_views(workload: Workload) -> dict[str, Workload]:
 def larger_maps(workload: Workload) -> dict[str, Workload]:
     """Return workloads with increasing map sizes."""
     sides = (32, 64, 128, 256)
-    return {f"maps of {side} x {side}": replace(workload.with_env(map=None), height=side, width=side) for side in sides}
+    return {f"maps of {side} x {side}": workload.on_random_maps(height=side, width=side) for side in sides}
 
 
 def more_threads(workload: Workload) -> dict[str, Workload]:

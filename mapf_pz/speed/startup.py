@@ -26,8 +26,8 @@ def reset_table(workload: Workload, seconds: float) -> Table:
     """Measure resets: on the same map, on new maps, and with the cost to go."""
     settings = {
         "same map": replace(workload, new_maps=False, complete=False),
-        "new map": replace(workload.with_env(map=None), new_maps=True, complete=False),
-        "new map and cost to go": replace(workload.with_env(map=None), new_maps=True, complete=True),
+        "new map": workload.on_random_maps(new_maps=True, complete=False),
+        "new map and cost to go": workload.on_random_maps(new_maps=True, complete=True),
     }
     workloads = {
         f"{number} agents, {name}": setting.with_env(num_agents=number)

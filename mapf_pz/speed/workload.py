@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 BENCHMARKED = EnvConfig(num_agents=8)
 """The default environment."""
+SIDE, DENSITY = 32, 0.2
+"""Default height and width, and obstacle density, of random maps."""
 
 
 @dataclass(frozen=True)
@@ -29,12 +31,12 @@ class Workload:
 
     env: EnvConfig = BENCHMARKED
     """The environment. If it has no map, scenario or source, maps are random."""
-    height: int = 32
-    """Number of rows of a random map."""
-    width: int = 32
-    """Number of columns of a random map."""
-    density: float = 0.2
-    """Obstacle density of a random map."""
+    height: int | None = None
+    """Number of rows of a random map. Default: 32."""
+    width: int | None = None
+    """Number of columns of a random map. Default: 32."""
+    density: float | None = None
+    """Obstacle density of a random map. Default: 0.2."""
     num_envs: int = 64
     """Number of environments in a batch, for interfaces with batches."""
     num_threads: int = 1
@@ -45,6 +47,14 @@ class Workload:
     """Whether every episode has a new random map."""
     complete: bool = False
     """Whether agents also observe the cost to go and the action advantages, and are rewarded for progress."""
+
+    def __post_init__(self) -> None:
+        """Raise `ValueError` for settings of random maps if the environment has other maps."""
+        given = [name for name in ("height", "width", "density") if getattr(self, name) is not None]
+        given += ["new_maps"] * self.new_maps
+        for name in ("map", "scenario", "source"):
+            if given and getattr(self.env, name) is not None:
+                raise ValueError(f"{given[0]}: not allowed together with {name}, which determines maps")
 
     def env_config(self) -> EnvConfig:
         """Return the configuration of the environments, with the episodes of `source`."""
@@ -61,7 +71,9 @@ class Workload:
 
     def _random_maps(self, num_agents: int, num_goals: int) -> InstanceSource:
         """Return a source of random maps, or of random instances on one of them."""
-        maps = RandomObstacles(self.height, self.width, self.density, num_agents, num_goals)
+        height, width = (SIDE if side is None else side for side in (self.height, self.width))
+        density = DENSITY if self.density is None else self.density
+        maps = RandomObstacles(height, width, density, num_agents, num_goals)
         if self.new_maps:
             return maps
         return FixedMap(maps.sample(np.random.default_rng(self.seed)).grid, num_agents, num_goals)
@@ -80,6 +92,10 @@ class Workload:
     def with_env(self, **changes: Any) -> Self:
         """Return the workload with other fields of its environment."""
         return replace(self, env=replace(self.env, **changes))
+
+    def on_random_maps(self, **changes: Any) -> Self:
+        """Return the workload on random maps in place of those of its environment, with other fields."""
+        return replace(self.with_env(map=None, scenario=None, source=None), **changes)
 
     def simulator(self) -> Simulator:
         """Return a batch of environments after a reset."""

@@ -54,6 +54,7 @@ def test_help_describes_every_parameter():
 
 
 PROGRAM = """
+import mapf_pz
 from mapf_pz import env, parallel_env
 from mapf_pz.rl import BatchedMapfEnv, load_policy
 from mapf_pz.wrappers import CentralizedVectorEnv
@@ -64,6 +65,8 @@ reveal_type(centralized_env("softmax", num_agents=2))
 reveal_type(BatchedMapfEnv(64, num_agents=2, device="cpu"))
 reveal_type(CentralizedVectorEnv(num_envs=2, team_reward="mean", max_steps=9))
 reveal_type(load_policy("mappo", deterministic=True))
+reveal_type(mapf_pz.planners.PIBT())
+parallel_env(channels=["view"], features=["time"], view_size=[7, 7], scenario=["a.scen"], initial_heading=[0])
 parallel_env(num_agent=2)
 env(num_agents="two")
 centralized_env(team_reward="most")
@@ -73,7 +76,7 @@ BatchedMapfEnv(2, view_size=5)
 CentralizedVectorEnv(num_envs="two")
 load_policy(3)
 """
-TYPES = ["MapfEnv", "CentralizedEnv", "BatchedMapfEnv", "CentralizedVectorEnv", "LearnedPolicy"]
+TYPES = ["MapfEnv", "CentralizedEnv", "BatchedMapfEnv", "CentralizedVectorEnv", "LearnedPolicy", "PIBT"]
 
 
 def test_a_type_checker_knows_the_keywords(tmp_path):

@@ -366,7 +366,6 @@ CASES = {
         {
             "--columns": "--columns return",
             "--output": "--output other.svg",
-            "--trust-remote-code": "",  # tests/test_trust.py
         },
     ),
     "policy export": Case(

@@ -423,6 +423,7 @@ def test_render_is_reproducible(capsys, tmp_path, on_target):
         (["a.gif", "--fps", "0"], "fps=0"),
         (["a.gif", "--seed", "-1"], "non-negative"),
         (["a.gif", "--policy", "nobody"], "policy 'nobody'"),
+        (["a.gif", "--num-agents", "0"], "num_agents=0: expected a whole number, 1 or more"),
     ],
     ids=str,
 )
@@ -435,7 +436,7 @@ def test_render_errors(capsys, tmp_path, monkeypatch, words, message):
 
 
 def test_a_field_of_the_environment_is_refused_while_options_are_parsed(capsys):
-    status, _, err = run(capsys, "render", "a.gif", "--num-agents", "0")
+    status, _, err = run(capsys, "benchmark", "--num-agents", "0")
     assert status == 2
     assert any("num_agents=0: expected a whole number, 1 or more" in line for line in err)
 

@@ -47,6 +47,15 @@ def test_files_are_opened(served, files):
     assert (port, browser) == (8123, False)
 
 
+def test_the_map_beside_a_scenario_is_opened(served, files):
+    map, scenario = files
+    beside = map.replace(scenario.with_name("empty-8-8.map"))  # the name in the scenario
+    beside.write_text(beside.read_text().replace("........", ".......@", 1))
+    assert main(["edit", "--scenario", str(scenario)]) == 0
+    [(start, *_)] = served
+    assert start["map"] == {"name": "empty-8-8.map", "text": beside.read_text()}
+
+
 def test_names_are_opened(served, tmp_path):
     assert main(["edit", "random-32-32-20", "--scenario", "random-2", "--folder", str(tmp_path)]) == 0
     assert main(["edit", "--scenario", "random-32-32-20-random-2"]) == 0

@@ -50,6 +50,15 @@ def test_turning_left_and_right_is_nothing_and_costs(capsys, keyboard):
     assert "reward -" in message or "reward +" in message
 
 
+def test_a_scenario_has_its_own_map(capsys, keyboard):
+    """In place of the default map."""
+    shown = keyboard("space")
+    status, out = play(capsys, "--scenario", "warehouse_small_10", "--num-agents", "3")
+    assert status == 0
+    assert out.startswith("1 steps")
+    assert shown[0][0].shape[0] < shown[0][0].shape[1]
+
+
 @pytest.mark.parametrize(("key", "step"), [("up", (-1, 0)), ("down", (1, 0)), ("left", (0, -1)), ("right", (0, 1))])
 def test_cardinal_keys(capsys, keyboard, key, step):
     """The frame marks the position of the controlled agent."""

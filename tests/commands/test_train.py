@@ -16,7 +16,8 @@ from mapf_pz.rl.config_file import load_config
 
 pytestmark = pytest.mark.usefixtures("without_figures")
 
-SMALL = "--agent-steps 100 --num-envs 4 --steps-per-batch 8 --num-epochs 1 --num-agents 3 --height 7 --width 7"
+SHORT = "--agent-steps 100 --num-envs 4 --steps-per-batch 8 --num-epochs 1 --num-agents 3"
+SMALL = f"{SHORT} --height 7 --width 7"
 
 
 def train(capsys, *words):
@@ -50,6 +51,17 @@ def test_an_existing_run_is_kept_unless_overwritten(capsys, tmp_path):
     assert contents(tmp_path) != before
 
 
+def test_runs_of_several_seeds_do_not_mix_with_a_run(capsys, tmp_path):
+    words = ["quickstart", *SMALL.split(), "--evaluate", "none", "--output", tmp_path / "run"]
+    assert train(capsys, *words) == (0, [])
+    before = contents(tmp_path)
+    for more in ([], ["--overwrite"]):
+        status, [line] = train(capsys, *words, "--seeds", "0", "1", *more)
+        assert status == 1
+        assert f"{str(tmp_path / 'run')!r} holds a run" in line
+    assert contents(tmp_path) == before
+
+
 @pytest.mark.parametrize(
     ("preset", "option", "told"),
     [
@@ -63,7 +75,8 @@ def test_refusals_leave_an_existing_run_as_it_was(capsys, tmp_path, suite, prese
     small = ["quickstart", *SMALL.split(), "--output", tmp_path / "run"]
     assert train(capsys, *small, "--evaluate", "none") == (0, [])
     before = contents(tmp_path / "run")
-    words = [preset, *SMALL.split(), *option, "--evaluate", suite, "--output", tmp_path / "run", "--overwrite"]
+    short = SHORT if "--map" in option else SMALL
+    words = [preset, *short.split(), *option, "--evaluate", suite, "--output", tmp_path / "run", "--overwrite"]
     status, [line] = train(capsys, *words)
     assert status == 1
     assert told in line
@@ -102,7 +115,7 @@ def test_every_field_of_the_environment_is_a_flag(tmp_path):
     words += ["--collision-system", "priority", "--no-see-through-walls", "--initial-heading", "east"]
     words += ["--edge-weights", "crisscross", "--goal", "3", "--channels", "view", "goal"]
     run = tmp_path / "run"
-    words = [*SMALL.split(), *map(str, words), "--evaluate", "none", "--output", str(run)]
+    words = [*SHORT.split(), *map(str, words), "--evaluate", "none", "--output", str(run)]
     assert main(["train", "quickstart", *words]) == 0
     env = load_config(run / "config.json").task.env
     assert (env.map, env.scenario) == (str(tmp_path / "hall.map"), str(tmp_path / "hall.scen"))

@@ -127,13 +127,68 @@ def test_lifelong_episodes_have_a_throughput(editor):
     assert editor.evaluate("player.episodes[0].steps") == 60
 
 
-def test_what_the_solver_refuses_is_one_line(editor):
+def is_in_sight(page, selector):
+    """Return whether an element is within the window and nothing is on top of it."""
+    return page.locator(selector).evaluate(
+        """(element) => {
+        const { left, right, top, bottom } = element.getBoundingClientRect();
+        return element.contains(document.elementFromPoint((left + right) / 2, (top + bottom) / 2));
+        }"""
+    )
+
+
+def test_what_the_solver_refuses_is_one_line_in_sight(editor):
     draw(editor)
+    assert is_in_sight(editor, "#solve")
     editor.fill("#solver-a", "lacan")
     editor.click("#solve")
     editor.wait_for_selector("#message:has-text('lacan')")
     assert "\n" not in editor.locator("#message").inner_text()
     assert editor.locator("#board").is_visible()
+    assert is_in_sight(editor, "#message")
+    editor.locator("#editor-keys").scroll_into_view_if_needed()
+    assert is_in_sight(editor, "#message")  # also from the end of the panel
+
+
+def test_the_failure_of_one_of_two_solvers_is_shown_beside_the_episode(editor):
+    draw(editor)
+    editor.fill("#max-steps", "6")
+    editor.fill("#solver-a", "pibt")
+    editor.fill("#solver-b", "lacam:anytime=False")
+    editor.click("#solve")
+    editor.wait_for_selector("body[data-played='1']")
+    assert "lacam:anytime=False found no plan" in editor.locator("#playback-message").inner_text()
+    assert is_in_sight(editor, "#playback-message")
+    assert "pibt: " not in editor.locator("#playback-message").inner_text()
+
+
+@pytest.mark.parametrize("turning", [True, False])
+def test_the_copied_command_finds_the_plan_of_the_page(editor, files, monkeypatch, turning):
+    """Also of agents that do not face east, and under the limits of the page."""
+    draw(editor)
+    for quarters in (1, 2):
+        editor.locator("#agent-list button").nth(quarters).click()
+        for _ in range(quarters):
+            editor.click("#turn-left")
+    if not turning:
+        editor.uncheck("#turning")
+    editor.fill("#solve-seed", "5")
+    editor.fill("#max-steps", "90")
+    click_and_wait(editor, "#save-scenario", "saved")
+    solve(editor, "pibt", played=1)
+    command = editor.evaluate("solveCommand(editor.drawing, 'pibt', solveLimits())").split()
+    assert ("--initial-heading" in command) == turning
+    monkeypatch.chdir(files)
+    assert command[0] == "mapf-pz"
+    assert main(command[1:]) == 0
+    assert read_plan(files / "plan.json").plan.positions.tolist() == positions(editor)
+
+
+def test_the_command_of_a_lifelong_instance_is_refused(editor):
+    draw(editor)
+    editor.fill("#random-goals", "2")
+    editor.click("#add-agents")
+    click_and_wait(editor, "#copy-command", "expected one goal of agent 4, got 2")
 
 
 def test_a_file_is_replaced_after_a_question(editor, files):

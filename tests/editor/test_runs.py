@@ -115,7 +115,8 @@ def test_a_solver_without_a_plan_has_failed(server):
     run = server.call("solve", **members, max_steps=20, time_limit=50)["run"]
     planned, stepped = server.finished(run)
     assert (planned["state"], stepped["state"]) == ("failed", "done")
-    assert planned["message"] == "lacam:anytime=False found no plan for 2 agents within 50 seconds and 20 steps"
+    reason = "the search has visited all configurations"
+    assert planned["message"] == f"lacam:anytime=False: the instance has no plan: {reason}"
     assert stepped["message"] == "2 of 2 agents are not at their goals after 20 steps"
     assert stepped["unfinished"] == [0, 1]
     assert server.refused("episode", run=run, solver=0)[0] == 409

@@ -1,7 +1,7 @@
 """The PettingZoo environment: PettingZoo's own tests, reproducibility, what agents live through, what they earn."""
 
 import copy
-import operator
+import json
 import pickle
 
 import gymnasium
@@ -23,6 +23,7 @@ from mapf_pz import Action, CardinalAction, Grid, Instance, RewardConfig, Scenar
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.simulator.kernels.observation.channels import CHANNELS
 from mapf_pz.simulator.metrics import EpisodeRecord, episode_metrics
+from mapf_pz.wrappers import ContinuousActions, FlatObservations, centralized_env
 
 EAST, SOUTH, WEST, NORTH = range(4)
 FORWARD, LEFT, RIGHT, WAIT = map(int, Action)
@@ -530,6 +531,38 @@ def test_state_content():
     assert env.state_space.contains(env.state())
 
 
+def test_a_bool_is_a_number_as_in_gymnasium():
+    after = []
+    for action in (True, np.True_, 1, np.int8(1)):
+        env = mapf_pz.parallel_env(num_agents=2)
+        env.reset(seed=0)
+        env.step(dict.fromkeys(env.agents, action))
+        after.append(env.headings.tolist())
+    assert env.action_space("agent_0").contains(True)
+    assert after == after[:1] * 4
+    with pytest.raises(ValueError, match=r"^action array\(\[1\]\) of 'agent_0': expected a whole number from 0 to 3$"):
+        env.step(dict.fromkeys(env.agents, np.array([1])))
+
+
+@pytest.mark.parametrize(
+    ("make", "expected"),
+    [
+        (mapf_pz.parallel_env, "MapfEnv({})"),
+        (mapf_pz.env, "MapfAecEnv(MapfEnv({}))"),
+        (
+            lambda: ContinuousActions(FlatObservations(mapf_pz.parallel_env())),
+            "ContinuousActions(FlatObservations(MapfEnv({})))",
+        ),
+        (centralized_env, "CentralizedEnv(ContinuousActions(MapfEnv({})))"),
+    ],
+)
+def test_repr(make, expected):
+    rules = "action_model='rotate', on_target='nothing'"
+    assert repr(make()) == expected.replace("{}", f"num_agents=4, map 'empty-8-8' of 8 x 8, {rules}")
+    env = mapf_pz.parallel_env(source=RandomObstacles(6, 7, 0.2, 3), on_target="finish", action_model="cardinal")
+    assert repr(env) == "MapfEnv(num_agents=3, maps of 6 x 7, action_model='cardinal', on_target='finish')"
+
+
 # infos.
 
 
@@ -539,7 +572,7 @@ def test_infos_have_constant_keys_and_numbers():
     rng = np.random.default_rng(0)
     while True:
         for info in infos.values():
-            assert list(info) == ["action_mask", "at_goal", "arrived", "blocked", "arrivals", "moved"]
+            assert list(info) == ["action_mask", "at_goal", "arrived", "blocked", "moved", "arrivals"]
             assert info["action_mask"].dtype == np.int8
             assert info["action_mask"][WAIT] == 1
             assert all(isinstance(value, (int, float)) for name, value in info.items() if name != "action_mask")
@@ -548,65 +581,27 @@ def test_infos_have_constant_keys_and_numbers():
         _, _, _, _, infos = env.step({agent: int(rng.integers(4)) for agent in env.agents})
 
 
-METHODS = {
-    "infos[agent]": lambda infos: infos["agent_1"],
-    "a missing agent": lambda infos: infos.get("agent_9"),
-    "get": lambda infos: infos.get("agent_1"),
-    "in": lambda infos: "agent_1" in infos,
-    "len": len,
-    "bool": bool,
-    "list": list,
-    "reversed": lambda infos: list(reversed(infos)),
-    "items": lambda infos: list(infos.items()),
-    "values": lambda infos: list(infos.values()),
-    "repr": repr,
-    "dict": dict,
-    "unpacked": lambda infos: {**infos},
-    "|": lambda infos: infos | {"more": {}},
-    "| on the right": lambda infos: {"more": {}} | infos,
-    "updated with": lambda infos: (other := {}, other.update(infos))[0],
-    "method copy": lambda infos: infos.copy(),
-    "copy": copy.copy,
-    "deepcopy": copy.deepcopy,
-    "pickle": lambda infos: pickle.loads(pickle.dumps(infos)),
-    "pop": lambda infos: (infos.pop("agent_1"), list(infos)),
-    "popitem": lambda infos: (infos.popitem(), list(infos)),
-    "setdefault": lambda infos: (infos.setdefault("agent_1", 3), infos.setdefault("new", {}), list(infos)),
-    "set": lambda infos: (infos.__setitem__("agent_0", 1), list(infos), infos["agent_0"]),
-    "del": lambda infos: (infos.__delitem__("agent_0"), list(infos)),
-    "update": lambda infos: (infos.update(agent_0=1), list(infos), infos["agent_0"]),
-    "|=": lambda infos: list(operator.ior(infos, {"new": {}})),
-    "clear": lambda infos: (infos.clear(), list(infos)),
-}
+def test_infos_are_plain_dictionaries():
+    """Programs written in C, such as the encoder of `json`, read a dictionary without its Python methods."""
+    env = mapf_pz.parallel_env()
+    env.reset(seed=0)
+    _, infos = take(env, FORWARD)
+    assert [type(each) for each in (infos, *infos.values())] == [dict] * 5
+    written = json.loads(json.dumps(infos, default=np.ndarray.tolist))
+    assert written == {agent: info | {"action_mask": info["action_mask"].tolist()} for agent, info in infos.items()}
+    assert list(written) == env.possible_agents
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_infos_are_a_dictionary_whatever_is_done_first(method):
-    """They are built when they are first used, and hold the values of their own step."""
-    seen = []
-    for is_late in (False, True):
-        env = mapf_pz.parallel_env()
-        env.reset(seed=0)
-        _, infos = take(env, FORWARD)
-        plain = infos if is_late else {agent: dict(info) for agent, info in infos.items()}
-        for action in (LEFT, FORWARD, FORWARD):
-            take(env, action)
-        env.reset(seed=1)
-        seen.append(METHODS[method](plain))
-        assert isinstance(plain, dict)
-    assert_same(*seen)
-
-
-def test_infos_are_equal_to_dictionaries():
-    env, twin = mapf_pz.parallel_env(num_agents=1), mapf_pz.parallel_env(num_agents=1)
-    infos, same = env.reset(seed=0)[1], twin.reset(seed=0)[1]
-    for one in (infos, same):
-        one["agent_0"].pop("action_mask")  # NumPy does not compare arrays to one bool
-    assert infos == same
-    assert dict(infos) == same
-    assert infos == dict(same)
-    same["agent_0"]["at_goal"] += 1
-    assert infos != same
+def test_infos_keep_the_values_of_their_step():
+    env = mapf_pz.parallel_env()
+    env.reset(seed=0)
+    _, infos = take(env, FORWARD)
+    kept = copy.deepcopy(infos)
+    for info in take(env, LEFT)[1].values():  # neither do steps share what a user may change
+        info["action_mask"][:] = 9
+        info["blocked"] = 9
+    env.reset(seed=1)
+    assert_same(infos, kept)
 
 
 def test_infos_of_a_start_on_the_goal():

@@ -8,6 +8,8 @@ from mapf_pz.evaluation import Episode
 pytest.importorskip("matplotlib")
 Image = pytest.importorskip("PIL.Image")
 
+from matplotlib.figure import Figure  # noqa: E402
+
 from mapf_pz.evaluation.reports.figures import draw_figures  # noqa: E402
 
 
@@ -29,11 +31,51 @@ def test_a_figure_for_each_task_with_several_numbers_of_agents(tmp_path):
     )
     assert drawn == [tmp_path / "maze--8-x-8.png", tmp_path / "lifelong.png"]
     assert sorted(tmp_path.iterdir()) == sorted(drawn)
-    widths = []
-    for file in drawn:
-        with Image.open(file) as image:
-            widths.append(image.width)
-    assert 2 * widths[0] == pytest.approx(3 * widths[1], abs=3)  # a panel for each metric
+    with Image.open(drawn[0]) as three, Image.open(drawn[1]) as two:
+        assert (three.width, three.height > two.height) == (two.width, True)  # two panels in a row
+
+
+@pytest.fixture
+def drawings(monkeypatch):
+    """Return a list of the figures that are saved."""
+    saved = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, file, **_: (saved.append(figure), file.touch()))
+    return saved
+
+
+def styles_of(figure):
+    """Return the color, marker, line style and fill of each label, in all panels."""
+    lines = [line for panel in figure.axes for line in panel.get_lines()]
+    return {
+        (line.get_label(), line.get_color(), line.get_marker(), line.get_linestyle(), line.get_markerfacecolor())
+        for line in lines
+    }
+
+
+def test_a_policy_has_one_style_in_all_panels_and_figures(tmp_path, drawings):
+    """Also if others have no values in some panels: `stuck` solves nothing."""
+    names = [f"policy {number}" for number in range(12)]
+    tried = []
+    for task in ("maze", "hall"):
+        tried += episodes(task, [4, 8], "stuck", CSR=0.0, ISR=0.1)
+        tried += episodes(task, [4, 8], *(names if task == "maze" else names[::-2]), CSR=1.0, ISR=1.0, SoC_ratio=1.2)
+    published = episodes("hall", [4, 8], "DCC (published)", ISR=0.5)
+    published += episodes("hall", [4, 8], *(f"{number} (published)" for number in range(12)), CSR=1.0, SoC_ratio=1.5)
+    draw_figures(tried, tmp_path, published=published)
+    assert [len(figure.axes) for figure in drawings] == [3, 3]
+    styles = styles_of(drawings[0]) | styles_of(drawings[1])
+    assert len({label for label, *_ in styles}) == len(styles) == len({tuple(style) for _, *style in styles}) == 26
+    for figure in drawings:
+        legend = [text.get_text() for text in figure.legends[0].get_texts()]
+        assert sorted(legend) == sorted({line.get_label() for panel in figure.axes for line in panel.get_lines()})
+
+
+def test_intervals_of_policies_do_not_cover_each_other(tmp_path, drawings):
+    draw_figures(episodes("maze", [4, 8, 64], *"abcdefghij", CSR=1.0), tmp_path)
+    (panel,) = drawings[0].axes
+    places = [segment[0, 0] for lines in panel.collections for segment in lines.get_segments()]
+    assert len(set(places)) == 30
+    assert all(min(abs(place - count) for count in (4, 8, 64)) < 2 for place in places)
 
 
 def test_policies_of_one_number_of_agents_have_no_figure(tmp_path):

@@ -88,8 +88,9 @@ def test_episodes_that_are_not_compared_do_not_count():
 
 
 def own(name, *counts):
-    """Episodes of a policy of ours in a suite."""
-    return [Episode("pibt", "its task", count, 0, {"CSR": 1.0}, suite=suite_label(name)) for count in counts]
+    """Episodes of a policy of ours on all instances of a suite."""
+    suite, numbers = suite_label(name), range(len(load_pogema(name, max(counts))))
+    return [Episode("pibt", "its task", count, k, {"CSR": 1.0}, suite=suite) for count in counts for k in numbers]
 
 
 def test_published_episodes_are_those_of_the_same_tasks():
@@ -112,6 +113,17 @@ def test_episodes_without_a_stated_instance_are_not_paired():
     unpaired = [one.number for one in published if one.policy == "EPH (published)"]
     assert len(set(unpaired)) == len(unpaired) == 128
     assert max(unpaired) < 0
+
+
+def test_published_episodes_are_those_on_the_measured_instances():
+    """Methods whose sources do not state the instances are omitted, unless all are measured."""
+    some = [one for one in own("pogema-warehouse", 32, 64) if one.number in ((2, 7) if one.num_agents == 32 else (0,))]
+    published = published_episodes(some)
+    shown = Counter((one.policy, one.num_agents, one.number) for one in published)
+    assert set(shown.values()) == {1}
+    assert {(num_agents, number) for _, num_agents, number in shown} == {(32, 2), (32, 7), (64, 0)}
+    assert len(shown) == 3 * len({one.policy for one in published}) > 20
+    assert "EPH (published)" not in {one.policy for one in published}
 
 
 @pytest.mark.parametrize("suite", ["", "mine/1 0123456789abcdef", "pogema-mazes/1 0123456789abcdef", "pogema-mazes"])

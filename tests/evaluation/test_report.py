@@ -8,7 +8,7 @@ from experiments.interval_coverage import coverage, distributions
 from mapf_pz.evaluation import Episode, markdown_table, terminal_table
 from mapf_pz.evaluation.reports.formats import cells, comma_separated, latex
 from mapf_pz.evaluation.reports.intervals import difference_interval, interval, mean_interval, wilson
-from mapf_pz.evaluation.reports.report import differences, exhausted, grouped, summaries
+from mapf_pz.evaluation.reports.report import Estimate, differences, exhausted, grouped, summaries
 
 
 def rows(episodes):
@@ -85,6 +85,32 @@ def test_only_success_has_wilsons_interval():
     assert interval("CSR", [1.0] * 3) == wilson(1.0, 3)
     assert interval("ISR", [1.0] * 3) == mean_interval([1.0] * 3, 0, 1)
     assert interval("SoC", [1.0] * 3) == (1, 1)
+
+
+@pytest.mark.parametrize("count", [4, 5, 8, 30])
+def test_ratios_of_solved_episodes_end_at_1(count):
+    low, high = interval("SoC_ratio (solved)", [1.0] * (count - 1) + [1.36])
+    assert low == 1
+    assert high > 1.01
+
+
+@pytest.mark.parametrize("metric", ["runtime", "step_ms", "agent_us"])
+def test_times_have_no_interval(metric):
+    """One of four episodes took longer."""
+    tried = [Episode("a", "maze", 4, k, {metric: value}) for k, value in enumerate((0.5, 0.5, 0.6, 12.0))]
+    (row,) = summaries(tried, [metric]).rows
+    assert row.estimates[metric] == Estimate(3.4, 3.4, 3.4)
+    assert "3.4 |" in markdown_table(tried, [metric])
+    others = [replace(one, policy=name) for name in ("b-1", "b-2") for one in tried]
+    (compared,) = differences([*tried, *others], "a", [metric], {"b": "b-*"}).rows
+    assert compared.estimates[metric] == Estimate(0, 0, 0)
+
+
+def test_the_interval_of_few_values_is_near_them():
+    """Although three of four are almost equal."""
+    low, high = interval("makespan (solved)", [50, 50, 51, 120])
+    assert 0 < low < 20
+    assert 120 < high < 130
 
 
 def test_groups_are_by_task_and_policy():

@@ -120,6 +120,31 @@ def test_several_problems_share_a_canvas(tmp_path):
     assert second.scenario.starts.tolist() == [[0, 0], [3, 8]]
 
 
+@pytest.mark.parametrize("column", ["empty-8-8.map", "../maps/empty-8-8.map", "..\\maps\\empty-8-8.map", "empty-8-8"])
+def test_the_map_beside_a_scenario_comes_first(tmp_path, column):
+    grid = Grid(np.tri(8, 8, dtype=bool), "empty-8-8")
+    write_map(grid, tmp_path / "empty-8-8.map")
+    file = tmp_path / "own.scen"
+    write_scenario(Scenario([[7, 0], [0, 0]], [[7, 7], [1, 1]]), grid, file)
+    file.write_text(file.read_text().replace("empty-8-8.map", column))
+    for scenario in (file, str(file), [str(file), file]):
+        assert (mapf_pz.parallel_env(scenario=scenario).simulator.source.grid.free == grid.free).all()
+    (tmp_path / "empty-8-8.map").unlink()
+    assert mapf_pz.parallel_env(scenario=file).simulator.source.grid.free.all()
+
+
+def test_maps_beside_scenarios_of_different_folders_differ(tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        write_map(Grid(np.ones((3, 4), bool), "own"), tmp_path / name / "own.map")
+        write_scenario(SCENARIO, Grid(np.ones((3, 4), bool), "own"), tmp_path / name / "own.scen")
+    files = [tmp_path / name / "own.scen" for name in ("a", "b")]
+    with pytest.raises(
+        ValueError, match=r"scenario: expected scenarios of one map, got those of '.*/a/own\.map' \(.*/b/own"
+    ):
+        mapf_pz.parallel_env(scenario=files)
+
+
 @pytest.mark.parametrize(
     ("keywords", "message"),
     [

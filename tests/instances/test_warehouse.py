@@ -9,11 +9,9 @@ import pytest
 import mapf_pz
 from mapf_pz import FormatError
 from mapf_pz.evaluation import load_suite
-from mapf_pz.evaluation.episodes import changed_keywords
 from mapf_pz.instances import WarehouseTasks, load_map, load_warehouse
 from mapf_pz.instances.instance import Grid
 from mapf_pz.planners import PIBT
-from mapf_pz.simulator.config import EnvConfig
 
 LAYOUT = ["w.eee", "..@@e", "w.eee"]
 STATIONS = [[0, 0], [2, 0]]
@@ -136,10 +134,6 @@ def test_what_an_environment_refuses(files, monkeypatch, keywords, error, messag
     (files / "no-layout.json").write_text("{}")
     with pytest.raises(error, match=f"^{message}"):
         mapf_pz.parallel_env(**{"map": "depot.json"} | KEYWORDS | keywords)
-
-
-def test_the_command_line_knows_the_field():
-    assert changed_keywords(EnvConfig(goals="alternating", on_target="restart"))["goals"] == "alternating"
 
 
 def test_a_suite_with_alternating_goals(files):

@@ -23,12 +23,19 @@ from mapf_pz.optimization.search import FIRST_SEED, Search
 from mapf_pz.optimization.simulation import Simulation, simulate
 from mapf_pz.optimization.task import GuidanceTask
 from mapf_pz.optimization.usage import Usage
-from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.keywords import EnvKeywords
 
 LIFELONG = GuidanceTask(
-    env=EnvConfig(map="empty-8-8", num_agents=24, action_model="cardinal", on_target="restart", max_steps=60)
+    env=EnvKeywords(
+        {"map": "empty-8-8", "num_agents": 24, "action_model": "cardinal", "on_target": "restart", "max_steps": 60}
+    )
 )
 SHORT = OptimizeConfig(task=LIFELONG, minutes=0.03, jobs=1)
+
+
+def lifelong(**keywords):
+    """Return the environment of `LIFELONG` with other keywords."""
+    return EnvKeywords(LIFELONG.env.keywords | keywords)
 
 
 def test_simulations_depend_on_seed_and_graph_only():
@@ -43,7 +50,7 @@ def test_simulations_depend_on_seed_and_graph_only():
 
 
 def test_the_score_of_one_shot_episodes_is_the_cost_per_agent():
-    env = EnvConfig(map="empty-8-8", num_agents=2, action_model="cardinal", max_steps=60)
+    env = EnvKeywords({"map": "empty-8-8", "num_agents": 2, "action_model": "cardinal", "max_steps": 60})
     task = GuidanceTask(env=env)
     graph = GuidanceGraph.uniform(task.grid.free)
     result = simulate(task, graph, 0)
@@ -55,14 +62,14 @@ def test_the_score_of_one_shot_episodes_is_the_cost_per_agent():
 
 @pytest.mark.parametrize("planner", ["pibt", "epibt:depth=2", "mappo-cardinal", "random"])
 def test_planners_and_policies(planner):
-    task = GuidanceTask(env=replace(LIFELONG.env, num_agents=4, max_steps=20), planner=planner)
+    task = GuidanceTask(env=lifelong(num_agents=4, max_steps=20), planner=planner)
     result = simulate(task, GuidanceGraph.crisscross(task.grid.free), 0)
     assert result.usage.moves.sum() + result.usage.waits.sum() == 4 * 20
 
 
 def test_tasks_need_one_map():
     with pytest.raises(ValueError, match="one map"):
-        GuidanceTask(env=EnvConfig(source=RandomObstacles(8, 8, 0.1, 4)))
+        GuidanceTask(env=EnvKeywords({"source": RandomObstacles(8, 8, 0.1, 4)}))
 
 
 @pytest.mark.parametrize("method", get_args(Method))
@@ -117,7 +124,7 @@ def test_a_resumed_optimization_has_the_configuration_of_the_folder(tmp_path):
     """Also the objects in it, here the map and the weights."""
     grid = Grid(np.ones((4, 5), bool))
     weights = GuidanceGraph.random(grid.free, np.random.default_rng(0))
-    env = replace(LIFELONG.env, map=grid, num_agents=3, edge_weights=weights)
+    env = lifelong(map=grid, num_agents=3, edge_weights=weights)
     config = replace(SHORT, task=GuidanceTask(env=env, planner="epibt:depth=2"), method="piu", seed=5)
     optimize(config, tmp_path)
     assert read_optimization(tmp_path) == config
@@ -181,10 +188,10 @@ def test_selection_is_by_fresh_scores():
 
 def test_the_weights_of_the_task_compete():
     graph = GuidanceGraph.random(LIFELONG.grid.free, np.random.default_rng(0))
-    task = replace(LIFELONG, env=replace(LIFELONG.env, edge_weights=graph))
+    task = replace(LIFELONG, env=lifelong(edge_weights=graph))
     assert [candidate.graph for candidate in baselines(task)][2:] == [graph]
     for name in ("crisscross", "random"):
-        assert len(baselines(replace(LIFELONG, env=replace(LIFELONG.env, edge_weights=name)))) == 2
+        assert len(baselines(replace(LIFELONG, env=lifelong(edge_weights=name)))) == 2
 
 
 def test_ranking_discounts_few_scores():

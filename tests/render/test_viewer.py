@@ -120,6 +120,12 @@ def lorr(**members):
     return json.dumps(plan | members)
 
 
+@pytest.mark.parametrize("schedule", [{"events": []}, {"version": "2024 LoRR", "actualSchedule": []}])
+def test_a_plan_with_an_empty_schedule_is_shown(viewer, schedule):
+    page = viewer("small.map", a__json=lorr(**schedule, tasks=[]))
+    assert page.evaluate("player.episodes[0].steps") == 2
+
+
 @pytest.mark.parametrize(
     ("names", "files", "message"),
     [

@@ -141,6 +141,13 @@ def test_seed_decides_everything():
     assert (first == second).all()
 
 
+def test_keywords_of_a_reset_are_refused():
+    env = BatchedMapfEnv(1)
+    with pytest.raises(TypeError, match="reset: expected no keywords, got options"):
+        env.reset(options={"instance": None})
+    env.reset(env.reset(set_state=False), set_state=False)
+
+
 def test_unknown_keyword_is_named():
     with pytest.raises(TypeError, match="did you mean 'num_agents'"):
         BatchedMapfEnv(2, agents=4)

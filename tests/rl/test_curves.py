@@ -8,7 +8,7 @@ import pytest
 
 from mapf_pz.commands.main import main
 from mapf_pz.errors import FormatError
-from mapf_pz.rl.config_file import save_config
+from mapf_pz.rl.config_file import config_values, save_config
 from mapf_pz.rl.training.curves import EPISODES, Run, draw_curves
 from mapf_pz.rl.training.progress import PROGRESS, append_progress, read_progress, write_progress
 from tests.helpers.small_run import TINY, changed
@@ -21,7 +21,7 @@ def row(number, episodes, rate, **others):
 
 
 def run(*rows, name="run", config=CONFIG):
-    return Run(name, config, list(rows))
+    return Run(name, config_values(dataclasses.replace(config, seed=0, agent_steps=1)), list(rows))
 
 
 def test_points_are_weighted_by_episodes():

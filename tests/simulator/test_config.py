@@ -3,6 +3,7 @@
 import dataclasses
 import pickle
 import sys
+from collections import UserList
 from functools import partial
 from types import ModuleType
 
@@ -140,3 +141,10 @@ def test_what_is_imported_is_no_part_of_a_configuration(plugin):
     assert copy == config == dataclasses.replace(config)
     assert hash(copy) == hash(config)
     assert copy.resolved_source is plugin.it
+
+
+def test_sequences_become_tuples():
+    given = {"channels": ["view", "goal"], "features": ["time"], "view_size": [7, 5], "scenario": ["a.scen"]}
+    for config in (EnvConfig(**given), EnvConfig(**{name: UserList(value) for name, value in given.items()})):
+        assert {name: getattr(config, name) for name in given} == {name: tuple(value) for name, value in given.items()}
+        assert hash(config) == hash(EnvConfig(**given))

@@ -83,7 +83,7 @@ def test_all_on_their_goals_terminates():
     assert (game.terminated, game.truncated, game.rewards) == ([False, False], False, [0, 20])
     game.step([FORWARD, WAIT])
     assert (game.terminated, game.truncated, game.rewards) == ([True, True], False, [20, 0])
-    assert game.metrics() == {"CSR": 1, "ISR": 1, "SoC": 3, "makespan": 2, "ep_length": 2, "SoC_ratio": 3}
+    assert game.metrics() == {"CSR": 1, "ISR": 1, "SoC": 3, "makespan": 2, "ep_length": 2, "SoC_ratio": 1.5}
 
 
 def test_time_limit_truncates():

@@ -4,7 +4,7 @@ from gymnasium import spaces
 from pettingzoo.test import parallel_api_test
 
 import mapf_pz
-from mapf_pz.wrappers import ContinuousActions, FlatObservations, MaskedObservations
+from mapf_pz.wrappers import FlatObservations, MaskedObservations
 
 VARIANTS = [{}, {**mapf_pz.RECOMMENDED, "view_size": (5, 5)}, {"on_target": "finish", "action_model": "cardinal"}]
 
@@ -60,11 +60,6 @@ def test_a_masked_observation_has_the_mask_of_the_infos():
             assert all(np.array_equal(parts["observation"][key], part) for key, part in plain[agent].items())
             blocked += (parts["action_mask"] == 0).sum()
     assert blocked > 0
-
-
-def test_masks_need_discrete_actions():
-    with pytest.raises(TypeError, match="expected Discrete"):
-        MaskedObservations(ContinuousActions(mapf_pz.parallel_env()))
 
 
 def test_supersuit_stacks_flat_observations():

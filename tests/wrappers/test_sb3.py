@@ -62,6 +62,16 @@ def test_interface():
     envs.close()
 
 
+def test_options_are_refused():
+    envs = AgentVecEnv(2, **SMALL)
+    for options in ({"instance": None}, [{}, {"instance": None}, *[{}] * 4]):
+        with pytest.raises(ValueError, match=r"options=.*instance.*: expected none"):
+            envs.set_options(options)
+    for nothing in (None, {}, [{}] * 6):
+        envs.set_options(nothing)
+    envs.reset()
+
+
 @pytest.mark.slow
 def test_algorithms_learn():
     masked = pytest.importorskip("sb3_contrib").MaskablePPO

@@ -30,11 +30,16 @@ observations, infos = env.reset(options={"instance": instance})
 `;
 }
 
-// The command that solves the saved instance.
-function solveCommand(drawing, solver) {
+// The command that solves the saved instance with the same result; a scenario has no headings.
+function solveCommand(drawing, solver, { time_limit, max_steps, seed }) {
+  for (const [agent, { goals }] of drawing.agents.entries())
+    require(goals.length === 1, "copy command", `expected one goal of agent ${agent}, got ${goals.length}: mapf-pz solve has no lifelong episodes`);
   const { name, agents } = drawing, quote = (text) => (/^[\w.:=,+-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);
   const files = `--map ${quote(`${name}.map`)} --scenario ${quote(`${name}.scen`)}`;
   const graph = drawing.weights ? ` --edge-weights ${quote(`${name}.json`)}` : "";
-  const model = drawing.turning ? "" : " --action-model cardinal";
-  return `mapf-pz solve plan.json --planner ${quote(solver)} ${files} --num-agents ${agents.length}${model}${graph}\n`;
+  const isEast = agents.every(({ heading }) => heading === 0), headings = agents.map(({ heading }) => heading).join(" ");
+  const turning = isEast ? "" : ` --initial-heading ${headings}`;
+  const model = drawing.turning ? turning : " --action-model cardinal";
+  const limits = ` --time-limit ${time_limit} --max-steps ${max_steps} --seed ${seed}`;
+  return `mapf-pz solve plan.json --planner ${quote(solver)} ${files} --num-agents ${agents.length}${model}${graph}${limits}\n`;
 }

@@ -24,7 +24,7 @@ class Files {
     };
     for (const [button, files] of Object.entries(saved)) $(button).onclick = () => this.attempt(() => this.save(files));
     $("copy-python").onclick = () => this.attempt(() => this.copy(pythonCode(editor.drawing), "Python"));
-    $("copy-command").onclick = () => this.attempt(() => this.copy(solveCommand(editor.drawing, $("solver-a").value), "command"));
+    $("copy-command").onclick = () => this.attempt(() => this.copy(solveCommand(editor.drawing, $("solver-a").value, solveLimits()), "command"));
   }
 
   map(drawing) { return { name: `${drawing.name}.map`, text: mapText(drawing) }; }

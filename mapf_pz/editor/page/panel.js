@@ -144,5 +144,5 @@ function listItem(content, onClick) {
   return item;
 }
 
-// Shows one line to the user; an empty one removes it.
-function tell(text) { $("message").textContent = text; }
+// Shows one line to the user, on the drawing's screen and on that of the playback; an empty one removes it.
+function tell(text) { for (const place of document.querySelectorAll(".message")) place.textContent = text; }

@@ -13,10 +13,7 @@ class Runs {
 
   async solve() {
     const { editor } = this, solvers = [$("solver-a").value, $("solver-b").value].filter(Boolean);
-    const request = {
-      instance: instanceOf(editor.drawing), solvers, lifelong: editor.lifelong,
-      time_limit: number("time-limit"), max_steps: number("max-steps"), seed: number("solve-seed"),
-    };
+    const request = { instance: instanceOf(editor.drawing), solvers, lifelong: editor.lifelong, ...solveLimits() };
     await this.follow("solve", request);
   }
 
@@ -27,6 +24,7 @@ class Runs {
       this.run = (await this.server.call(name, request)).run;
       const ended = await this.wait();
       const shown = [...ended.keys()].filter((k) => ended[k].state === "done");
+      tell(ended.filter(({ state }) => state !== "done").map(progressText).join("; "));
       const answers = [];
       for (const solver of shown) answers.push({ solver, ...(await this.server.call("episode", { run: this.run, solver })) });
       if (answers.length) await this.play(answers);
@@ -64,13 +62,23 @@ class Runs {
   }
 }
 
-function progressItem({ name, state, step, steps, seconds, message, unfinished }) {
+function progressItem(solver) {
+  return Object.assign(document.createElement("li"), { textContent: progressText(solver) });
+}
+
+// The progress of a solver in one line.
+function progressText({ name, state, step, steps, seconds, message, unfinished }) {
   const parts = [`${name}: ${state}`];
   if (state === "running" && step !== null) parts.push(`step ${step} of ${steps}`);
   parts.push(`${seconds.toFixed(1)} s`);
   if (message) parts.push(message);
   if (unfinished?.length) parts.push(`not at their goals: ${unfinished.slice(0, 20).join(", ")}${unfinished.length > 20 ? ", ..." : ""}`);
-  return Object.assign(document.createElement("li"), { textContent: parts.join(" · ") });
+  return parts.join(" · ");
+}
+
+// The limits and the seed of solvers, as the server reads them.
+function solveLimits() {
+  return { time_limit: number("time-limit"), max_steps: number("max-steps"), seed: number("solve-seed") };
 }
 
 // The drawing as the server reads it.

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import count
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -28,13 +28,35 @@ LABELS = {
 }
 """The metrics to plot, if episodes have them."""
 
-MARKERS = "sv^D<>pPXhd*"
-"""Markers of published methods, which have shades of gray."""
+MARKERS = "osv^D<>pPXh*d"
+COLORS = tuple(f"C{number}" for number in range(10))
+"""Markers and colors of policies in turn: their numbers have no common divisor, so that all pairs come."""
+PANELS_PER_ROW = 2
+MOST_TICKS = 10
+"""Maximum number of numbers of agents that are all named below a panel."""
+SHIFT = 0.004
+"""Distance of a policy's points from those of the one before, as a fraction of the axis of agents."""
 
 Points = dict[int, tuple[float, float, float]]
 """The mean of a metric and its 95 % interval, by the number of agents."""
 Lines = dict[str, dict[str, Points]]
 """The lines of a task's panels: points by metric and policy."""
+
+
+class Style(NamedTuple):
+    """How a policy is drawn, in all panels of all figures."""
+
+    number: int
+    """Position among all policies."""
+    published: bool
+    """Whether it is a published method, which has dashed lines and open markers."""
+
+    @property
+    def keywords(self) -> dict[str, Any]:
+        """The keywords of its lines."""
+        color, marker = COLORS[self.number % len(COLORS)], MARKERS[self.number % len(MARKERS)]
+        others = {"linestyle": "--", "linewidth": 1, "markerfacecolor": "white"} if self.published else {}
+        return {"color": color, "marker": marker, "markersize": 4} | others
 
 
 def draw_figures(
@@ -96,17 +118,24 @@ def _draw(
     published: Mapping[str, Lines],
 ) -> Iterator[Path]:
     names = _file_names(by_task)
+    styles = _styles(by_task, published)
     for task_name, metrics in by_task.items():
         others = published.get(task_name, {})
         shown = [name for name in LABELS if name in metrics]
         if not shown or max(len(points) for points in metrics[shown[0]].values()) < 2:
             continue
-        figure = Figure(figsize=(4.2 * len(shown), 4.2), layout="constrained")
-        for panel, metric in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
-            _draw_panel(panel, metric, metrics[metric], others.get(metric, {}))
+        columns = min(len(shown), PANELS_PER_ROW)
+        rows = -(-len(shown) // columns)
+        figure = Figure(figsize=(6 * columns, 4 * rows + 1), layout="constrained")
+        panels = figure.subplots(rows, columns, squeeze=False).flatten()
+        for panel in panels[len(shown) :]:
+            panel.remove()
+        for panel, metric in zip(panels, shown, strict=False):
+            _draw_panel(panel, metric, metrics[metric] | others.get(metric, {}), styles)
         legends = [panel.get_legend_handles_labels() for panel in figure.axes]
         handles = {label: line for lines, labels in legends for line, label in zip(lines, labels, strict=True)}
-        figure.legend(handles.values(), handles, fontsize=8, loc="outside lower center", ncols=len(shown) + 1)
+        ordered = {label: handles[label] for label in map(_escaped, styles) if label in handles}
+        figure.legend(ordered.values(), ordered, fontsize=8, loc="outside lower center", ncols=2 * columns)
         figure.suptitle(_escaped(f"{task_name} ({suites[task_name]})" if suites[task_name] else task_name))
         file = folder / f"{names[task_name]}.{format}"
         with replacing(file) as temporary:
@@ -129,21 +158,37 @@ def _escaped(name: str) -> str:
     return printable(name).replace("$", r"\$")
 
 
-def _draw_panel(panel: Axes, metric: str, lines: dict[str, Points], published: dict[str, Points]) -> None:
-    """Plot the means of a metric with their 95 % intervals, a line for each policy; published ones without interval."""
+def _styles(by_task: Mapping[str, Lines], published: Mapping[str, Lines]) -> dict[str, Style]:
+    """Return the style of each policy of all tasks, in the order in which they come first, published ones last."""
+    policies = {
+        policy: is_published
+        for tasks, is_published in ((by_task, False), (published, True))
+        for metrics in tasks.values()
+        for lines in metrics.values()
+        for policy in lines
+    }
+    return {policy: Style(number, is_published) for number, (policy, is_published) in enumerate(policies.items())}
+
+
+def _draw_panel(panel: Axes, metric: str, lines: dict[str, Points], styles: Mapping[str, Style]) -> None:
+    """Plot the means of a metric, a line for each policy, and 95 % intervals as vertical lines, not of published ones.
+
+    The points of policies are a little beside each other, so that intervals do not cover each other.
+    """
+    counts = sorted({count for points in lines.values() for count in points})
+    own = [policy for policy in lines if not styles[policy].published]
     for policy, points in lines.items():
-        agents = sorted(points)
-        means, low, high = np.array([points[count] for count in agents]).T
-        panel.plot(agents, means, marker="o", markersize=3, label=_escaped(policy))
-        panel.fill_between(agents, low, high, alpha=0.2)
-    for number, (name, points) in enumerate(published.items()):
-        agents = sorted(points)
-        means = [points[count][0] for count in agents]
-        gray = str(0.15 + 0.6 * number / len(published))
-        marker = MARKERS[number % len(MARKERS)]
-        label = _escaped(name)
-        panel.plot(agents, means, linestyle="--", linewidth=1, marker=marker, markersize=3, color=gray, label=label)
+        style = styles[policy]
+        agents = np.array(sorted(points), np.float64)
+        means, low, high = np.array([points[count] for count in sorted(points)]).T
+        if not style.published:
+            agents += SHIFT * (counts[-1] - counts[0]) * (own.index(policy) - (len(own) - 1) / 2)
+            panel.vlines(agents, low, high, colors=style.keywords["color"], linewidth=1.5, alpha=0.7)
+        panel.plot(agents, means, label=_escaped(policy), **style.keywords)
     panel.set(xlabel="agents", ylabel=LABELS[metric])
+    if len(counts) <= MOST_TICKS:
+        panel.set_xticks(counts)
+    panel.grid(alpha=0.3)
     if metric == "step_ms":
         panel.set_yscale("log")
     elif not metric.startswith("SoC_ratio"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import html
 import io
 from collections.abc import Callable, Iterable, Sequence
 from typing import Literal
@@ -58,7 +59,7 @@ def markdown(table: SummaryTable) -> str:
     """Return a table in Markdown."""
     header, *body = cells(table)
     lines = [header, ["---"] * len(header), *body]
-    text = "".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines)
+    text = "".join(f"| {' | '.join(map(_markdown_cell, line))} |\n" for line in lines)
     return f"{text}\n{_suites(table)}\n" if table.suites else text
 
 
@@ -106,6 +107,11 @@ def _cell(estimate: Estimate | None) -> str:
         return ""
     mean, low, high = (f"{round(value, 9):.3g}" for value in (estimate.mean, estimate.low, estimate.high))
     return mean if low == high else f"{mean} [{low}, {high}]"
+
+
+def _markdown_cell(cell: str) -> str:
+    """Return the text of a cell of Markdown, without HTML."""
+    return html.escape(cell, quote=False).replace("|", "\\|")
 
 
 def _latex_row(cells: Sequence[str]) -> str:

@@ -25,6 +25,12 @@ BOUNDS = {
     "best_ratio": (0.0, math.inf),
 }
 """Bounds of metrics of which a few episodes can be far from all others, such as lifelong episodes with a livelock."""
+LEAST = {"SoC_ratio (solved)": 1.0}
+"""Smallest possible values of metrics, if they are not 0; those of solved episodes are at least their lower bounds."""
+TIMES = ("runtime", "step_ms", "agent_us")
+"""Metrics without intervals: they vary with the machine and its load, of which episodes are no sample."""
+FEWEST_RESAMPLED = 8
+"""Minimum number of values for the studentized bootstrap; with fewer, resamples of almost equal values determine it."""
 UNBOUNDED = -math.inf, math.inf
 BOUND_WEIGHT = 0.5
 """Weight of a bound beside the weights of 1 of the values."""
@@ -32,19 +38,28 @@ BOUND_WEIGHT = 0.5
 
 def bounds_of(metric: str) -> tuple[float, float]:
     """Return the bounds of a metric, none of which is negative."""
-    return (0.0, 1.0) if metric == "CSR" else BOUNDS.get(metric, (0.0, math.inf))
+    return (0.0, 1.0) if metric == "CSR" else BOUNDS.get(metric, (LEAST.get(metric, 0.0), math.inf))
 
 
 def interval(metric: str, values: Sequence[float]) -> tuple[float, float]:
-    """Return the interval of the mean of a metric: Wilson's for `CSR`, which is 0 or 1, otherwise `mean_interval`."""
+    """Return the interval of the mean of a metric: Wilson's for `CSR`, which is 0 or 1, otherwise `mean_interval`.
+
+    That of `TIMES` has length 0.
+    """
+    mean = float(np.mean(values))
     if metric == "CSR":
-        return wilson(float(np.mean(values)), len(values))
+        return wilson(mean, len(values))
+    if metric in TIMES:
+        return mean, mean
     low, high = mean_interval(values, *BOUNDS.get(metric, UNBOUNDED))
-    return max(low, 0.0), high
+    return max(low, bounds_of(metric)[0]), high
 
 
 def difference_interval(metric: str, differences: Sequence[float]) -> tuple[float, float]:
     """Return the interval of the mean difference of a metric between two policies in the same episodes."""
+    if metric in TIMES:
+        mean = float(np.mean(differences))
+        return mean, mean
     low, high = (0.0, 1.0) if metric == "CSR" else BOUNDS.get(metric, UNBOUNDED)
     return mean_interval(differences, low - high, high - low)
 
@@ -56,8 +71,9 @@ def mean_interval(values: ArrayLike, least: float = -math.inf, most: float = mat
     weights: those of the Bayesian bootstrap (Rubin, 1981), in which the bound stands for values that are not in the
     sample (Gaffke, *Three test statistics for a nonparametric one-sided hypothesis on the mean of a nonnegative
     variable*, 2005, whose bound has the weight 1 in place of `BOUND_WEIGHT`). At the side of an infinite bound it is
-    the outer one of Student's and of the studentized bootstrap's (Efron, 1982), which is the mean if all values are
-    equal. One value has an interval of length 0, unless both bounds are finite.
+    Student's, or from `FEWEST_RESAMPLED` values on the outer one of Student's and of the studentized bootstrap's
+    (Efron, 1982); it is the mean if all values are equal. One value has an interval of length 0, unless both bounds are
+    finite.
     """
     array = np.asarray(values, np.float64)
     rng = np.random.default_rng(0)
@@ -92,14 +108,16 @@ def _weighted_means(values: Floats, rng: np.random.Generator) -> Floats:
 
 
 def _studentized(values: Floats, rng: np.random.Generator) -> tuple[float, float]:
-    """Return the outer interval of Student's and of the studentized bootstrap's."""
+    """Return the outer interval of Student's and of the studentized bootstrap's; Student's for few values."""
     count, mean = len(values), float(values.mean())
     if count < 2 or not np.ptp(values):
         return mean, mean
     error = float(values.std(ddof=1)) / math.sqrt(count)
+    student = float(stdtrit(count - 1, LEVELS[1]))
+    if count < FEWEST_RESAMPLED:
+        return mean - error * student, mean + error * student
     resampled = rng.choice(values, (RESAMPLES, count))
     errors = resampled.std(axis=1, ddof=1) / math.sqrt(count)
     usable = errors > 1e-9 * error  # not those of one value only
     quantiles = np.quantile((resampled.mean(axis=1) - mean)[usable] / errors[usable], LEVELS)
-    student = float(stdtrit(count - 1, LEVELS[1]))
     return mean - error * max(student, float(quantiles[1])), mean + error * max(student, -float(quantiles[0]))

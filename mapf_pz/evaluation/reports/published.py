@@ -6,7 +6,7 @@ They are packed with the instances: `mapf_pz/instances/benchmarks/README.md` nam
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Set
 
 import numpy as np
 
@@ -25,25 +25,29 @@ TOLERATED = 0.2
 
 
 def published_episodes(episodes: Iterable[Episode]) -> list[Episode]:
-    """Return the published episodes of the tasks that some episodes belong to, as those of policies `NAME (published)`.
+    """Return the published episodes on the instances of some episodes, as those of policies `NAME (published)`.
 
     There are such episodes for the bundled suites `pogema-*`, whose version and digest must be those of the episodes.
-    An episode has the number of its instance, or a negative one if its source does not state the instance.
+    An episode has the number of its instance, or a negative one if its source does not state the instance; such
+    episodes are returned only if `episodes` are on all instances of the task.
     """
-    tasks = dict.fromkeys((episode.suite, episode.task, episode.num_agents) for episode in episodes)
+    numbers: dict[tuple[str, str, int], set[int]] = {}
+    for episode in episodes:
+        numbers.setdefault((episode.suite, episode.task, episode.num_agents), set()).add(episode.number)
     return [
         published
-        for suite, task, num_agents in tasks
+        for (suite, task, num_agents), measured in numbers.items()
         for name in [suite.partition("/")[0]]
         if pogema.is_bundled(name) and suite == suite_label(name)
-        for published in _of_task(suite, name, task, num_agents)
+        for published in _of_task(suite, name, task, num_agents, measured)
     ]
 
 
-def _of_task(suite: str, name: str, task: str, num_agents: int) -> Iterator[Episode]:
-    """Yield the published episodes of a task."""
-    rows = pogema.read_results(name, num_agents)
+def _of_task(suite: str, name: str, task: str, num_agents: int, measured: Set[int]) -> Iterator[Episode]:
+    """Yield the published episodes of a task on the measured instances, which are given by their numbers."""
     instances = load_pogema(name, num_agents)
+    shown = measured | {-1} if len(measured) == len(instances) else measured
+    rows = [row for row in pogema.read_results(name, num_agents) if row.instance in shown]
     bounds = [] if name.endswith(pogema.LIFELONG) else [int(least_costs(instance).sum()) for instance in instances]
     for position, row in enumerate(rows, 1):
         number = row.instance if row.instance >= 0 else -position

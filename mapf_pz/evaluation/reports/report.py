@@ -9,7 +9,7 @@ from fnmatch import fnmatchcase
 
 import numpy as np
 
-from mapf_pz.evaluation.reports.intervals import bounds_of, difference_interval, interval, mean_interval
+from mapf_pz.evaluation.reports.intervals import TIMES, bounds_of, difference_interval, interval, mean_interval
 from mapf_pz.evaluation.results import METRICS, Episode
 
 SOLVED = " (solved)"
@@ -160,7 +160,7 @@ def _estimate(name: str, runs: Sequence[Sequence[float]], differ: bool) -> Estim
     means = [float(np.mean(values)) for values in runs]
     values = [value for run in runs for value in run]
     low, high = difference_interval(name, values) if differ else interval(name, values)
-    if len(means) > 1:
+    if len(means) > 1 and name not in TIMES:
         # Student's interval over few runs is wide, but it is empty if they are equal.
         least, most = bounds_of(name)
         over_runs = np.clip(mean_interval(means), least - most if differ else least, most - least if differ else most)

@@ -166,10 +166,10 @@ def parse_scenario(text: str, origin: str | Path, grid: Grid | None = None) -> S
 def parse_map_name(text: str) -> str:
     """Return the name of the map in the text of a `.scen` file, without folders and extension; empty if there is none.
 
-    It is that of the first agent.
+    It is that of the first agent. Folders are separated by slashes or backslashes.
     """
     agents = (line.split("\t") for line in islice(_lines(text), 2) if _AGENT.fullmatch(line))
-    return next((PurePosixPath(columns[1]).stem for columns in agents), "")
+    return next((PurePosixPath(columns[1].replace("\\", "/")).stem for columns in agents), "")
 
 
 def format_scenario(scenario: Scenario, grid: Grid) -> str:

@@ -44,7 +44,8 @@ function lorrLetters(path, agent, model, name) {
 // The goals if each agent has one task with one errand, and all are finished; else null.
 function lorrGoals(data, agents, name) {
   const key = data.version === undefined || data.version === null ? "events" : "actualSchedule";
-  if (!("tasks" in data) || !(key in data)) return null;
+  const isEmpty = Array.isArray(data[key]) && !data[key].length;
+  if (!("tasks" in data) || !(key in data) || isEmpty) return null;
   for (const [each, least] of [["tasks", 0], [key, agents]]) {
     const isList = Array.isArray(data[each]) && data[each].length >= least;
     require(isList, name, `expected '${each}' to be a list of at least ${least}`);

@@ -50,8 +50,8 @@ def make_dataset(
     Args:
         config: the planner and the episodes.
         folder: the folder.
-        run: how jobs are run: `map`, sequentially in this process, or the function that
-            `mapf_pz._internal.parallel.job_runner` yields.
+        run: how jobs are run: `map`, sequentially in this process, or a function like it, such as
+            `ProcessPoolExecutor().map`. The order of the results does not matter.
         show: called with the number of shards that are left, at first and after each one.
         command: the command for the card; empty: none.
 

@@ -116,8 +116,13 @@ class BatchedMapfEnv(EnvBase):
         flags = {name: Categorical(2, shape=torch.Size([*batch, 1]), dtype=torch.bool) for name in _DONE}
         self.done_spec = Composite(flags, shape=batch)
 
-    def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
-        """Start new episodes in the environments selected by `_reset`, or in all of them without it."""
+    def _reset(self, tensordict: TensorDictBase | None = None, **keywords: Any) -> TensorDictBase:
+        """Start new episodes in the environments selected by `_reset`, or in all of them without it.
+
+        Raises `TypeError` for keywords, such as the `options` of `MapfEnv.reset`.
+        """
+        if keywords:
+            raise TypeError(f"reset: expected no keywords, got {', '.join(keywords)}")
         mask = None if tensordict is None else tensordict.get("_reset", None)
         chosen = range(self.batch_size[0]) if mask is None else np.flatnonzero(mask.reshape(-1).cpu().numpy()).tolist()
         self.simulator.reset(chosen, {b: self._seeds.pop(b) for b in chosen if b in self._seeds})

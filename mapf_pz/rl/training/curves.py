@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from mapf_pz._internal.atomic import replacing
-from mapf_pz.rl.config import TrainConfig
-from mapf_pz.rl.config_file import CONFIG, load_config
+from mapf_pz._internal.json import parse_object
+from mapf_pz._internal.text import read_text
+from mapf_pz.rl.config_file import CONFIG, CONFIG_FILES
 from mapf_pz.rl.training.progress import Row, read_progress
 
 MEANS = {
@@ -27,6 +28,9 @@ MEANS = {
 EPISODES = 100
 """Minimum number of episodes that a point of a curve is the mean of."""
 
+_OF_ONE_RUN = ("seed", "agent_steps")
+"""Fields of a configuration in which the runs of a curve may differ."""
+
 Points = tuple[np.ndarray, np.ndarray]
 """Million agent steps, and the values there."""
 
@@ -37,24 +41,28 @@ class Run:
 
     name: str
     """Its name in the legend."""
-    config: TrainConfig
-    """Its configuration."""
+    settings: Mapping[str, object]
+    """What its configuration's files contain, by name, without the seed and the length."""
     rows: Sequence[Row]
     """Its progress, one row or more."""
 
     @classmethod
-    def read(cls, folder: Path, trust_remote_code: bool = False) -> Run:
-        """Return the run in a folder.
+    def read(cls, folder: Path) -> Run:
+        """Return the run in a folder, without loading what its configuration names.
 
         Raises:
             FileNotFoundError: There is no run in the folder.
-            FormatError: One of its files is damaged, or names code outside this package without `trust_remote_code`.
+            FormatError: Its progress is damaged, or `config.json` is not JSON.
             ValueError: The run has no progress yet.
         """
         rows = read_progress(folder)
         if not rows:
             raise ValueError(f"{str(folder)!r}: expected a run with one update or more, got none")
-        return cls(folder.name, load_config(folder / CONFIG, trust_remote_code), rows)
+        file = folder / CONFIG
+        config = parse_object(read_text(file), file)
+        settings: dict[str, object] = {name: value for name, value in config.items() if name not in _OF_ONE_RUN}
+        objects = (folder / name for name in set(CONFIG_FILES) - {CONFIG})
+        return cls(folder.name, settings | {file.name: file.read_bytes() for file in objects if file.exists()}, rows)
 
     def curve(self, column: str) -> Points:
         """Return the running mean of a column, weighted by episodes.
@@ -111,14 +119,13 @@ def draw_curves(runs: Sequence[Run], columns: Sequence[str], file: Path) -> None
 
 def _groups(runs: Iterable[Run]) -> list[list[Run]]:
     """Return the runs in groups that differ only in their seeds and lengths."""
-    groups: list[tuple[TrainConfig, list[Run]]] = []
+    groups: list[tuple[Mapping[str, object], list[Run]]] = []
     for run in runs:
-        config = replace(run.config, seed=0, agent_steps=1)
-        same = [group for other, group in groups if other == config]
+        same = [group for settings, group in groups if settings == run.settings]
         if same:
             same[0].append(run)
         else:
-            groups.append((config, [run]))
+            groups.append((run.settings, [run]))
     return [group for _, group in groups]
 
 

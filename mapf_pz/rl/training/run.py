@@ -10,7 +10,7 @@ from torch import nn
 from mapf_pz.errors import FormatError
 from mapf_pz.rl.algorithms.learner import Learner
 from mapf_pz.rl.config import TrainConfig
-from mapf_pz.rl.config_file import CONFIG_FILES, save_config
+from mapf_pz.rl.config_file import CONFIG_FILES, config_values, save_config
 from mapf_pz.rl.policies.folder import WEIGHTS
 from mapf_pz.rl.policies.load import save_weights
 from mapf_pz.rl.training.checkpoint import FOLDER, Checkpoints, Position, read_position, restore
@@ -103,7 +103,7 @@ class RunFolder:
         for logger in self._loggers:
             logger.close()
         if self._rows:
-            draw_curves([Run(self.path.name, config, self._rows)], CURVES, self.path / CURVE)
+            draw_curves([Run(self.path.name, config_values(config), self._rows)], CURVES, self.path / CURVE)
 
     def _recent_score(self) -> float:
         """Return the mean CSR or throughput over the rows with the latest episodes, or 0 if no episode has ended."""

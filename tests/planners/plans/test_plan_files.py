@@ -363,6 +363,19 @@ def test_malformed_lorr(changes, message):
 
 
 @pytest.mark.parametrize(
+    "changes", [{"events": [], "tasks": []}, {"events": []}, LORR_2024 | {"actualSchedule": [], "tasks": []}]
+)
+def test_an_empty_schedule_is_none(changes):
+    """Paths are complete without it."""
+    name = "events" if "version" not in changes else "actualSchedule"
+    without = {key: value for key, value in (LORR | changes).items() if key not in (name, "tasks")}
+    found, expected = parse_plan(lorr(**changes), "p"), parse_plan(json.dumps(without), "p")
+    assert found.schedule is expected.schedule is None
+    assert np.array_equal(found.plan.positions, expected.plan.positions)
+    assert found.claims == expected.claims == {"sum of costs": 6, "makespan": 3, "tasks finished": 1}
+
+
+@pytest.mark.parametrize(
     ("path", "message"),
     [
         ("[(0,0,0,0,0):(F 2,W 1", "p: expected a segment '[(0,row,col,heading,counter):(F 10,...)]' in the path"),

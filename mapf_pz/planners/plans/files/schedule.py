@@ -21,12 +21,12 @@ _Assigned = tuple[tuple[int, int], ...]
 
 
 def parse_schedule(data: JsonObject, num_agents: int, origin: str | Path) -> Schedule | None:
-    """Return the schedule in a plan file's JSON object, or None if there is none.
+    """Return the schedule in a plan file's JSON object, or None if there is none or it is an empty list.
 
     Raises `FormatError` if it is malformed.
     """
     name = "events" if data.get("version") is None else "actualSchedule"
-    if "tasks" not in data or name not in data:
+    if "tasks" not in data or data.get(name, []) == []:
         return None
     parse = {"events": _from_2023, "actualSchedule": _from_2024}[name]
     entries = list_member(data, name, origin, num_agents)[:num_agents]
