@@ -230,6 +230,31 @@ def test_json_bombs(tmp_path, name, bomb):
             refused(lambda: JSON_READERS[name](tmp_path / name), re.escape(name))
 
 
+@pytest.mark.parametrize("grid", [GRID, None])
+def test_arrays_that_are_larger_than_the_map(tmp_path, grid):
+    weights = np.ones((5, 3000, 3000), np.float32)
+    with np.errstate(all="ignore"):
+        np.savez_compressed(tmp_path / "a.npz", move=weights[:4], wait=weights[0], map="tiny", digest="0")
+        np.savez_compressed(tmp_path / "moves.npz", moves=weights[:4])
+    with bounded(megabytes=1):
+        refused(lambda: load_guidance(tmp_path / "a.npz", grid), "expected arrays of at most")
+        refused(lambda: load_moves(tmp_path / "moves.npz", GRID), "expected arrays of at most")
+
+
+@pytest.mark.parametrize("name", ["a.json", "a.w"])
+def test_weights_beyond_all_numbers(tmp_path, name):
+    content = as_json(GGO | {"weights": GGO["weights"][:-1] + [-(10**400)]} if name == "a.json" else [10**400] * 60)
+    (tmp_path / name).write_bytes(content)
+    refused(lambda: load_guidance(tmp_path / name, GRID), "expected a number as weight")
+
+
+def test_a_suite_of_too_many_tasks(tmp_path):
+    entry = {"map": "den312d", "num_agents": 1}
+    for tasks in ([entry] * 1001, [entry | {"num_agents": [1] * 1001}], [entry | {"num_agents": [1] * 501}] * 2):
+        (tmp_path / "mine.json").write_bytes(as_json({"tasks": tasks}))
+        refused(lambda: load_suite(tmp_path / "mine.json"), "expected at most 1000 tasks, got 100[12]")
+
+
 @pytest.mark.parametrize("member", ["reward", "view_size", "initial_heading", "channels", "edge_weights"])
 def test_every_depth_of_nesting(tmp_path, member):
     for depth in [1, 40, 70, *range(700, 1000, 5)]:

@@ -6,6 +6,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import redirect_stdout
 from functools import partial
 from importlib import import_module
 from inspect import signature
@@ -68,15 +69,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Raises:
         SystemExit: after a command's `--help` (0), or if its options are invalid (2).
     """
-    try:
+    with redirect_stdout(sys.stdout or open(os.devnull, "w")):  # a process may start without a standard output
         try:
-            return _main(list(sys.argv[1:] if arguments is None else arguments))
-        finally:
-            if sys.stdout is not None:  # as it is if the process has started without it
+            try:
+                return _main(list(sys.argv[1:] if arguments is None else arguments))
+            finally:
                 sys.stdout.flush()
-    except BrokenPipeError:  # the reader, such as `head`, has exited
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes once more at exit
-        return BROKEN_PIPE
+        except OSError as error:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes once more at exit
+            if isinstance(error, BrokenPipeError):  # the reader, such as `head`, has exited
+                return BROKEN_PIPE
+            return _print_error("mapf-pz", f"standard output: {error}", 1)
 
 
 def _main(words: list[str]) -> int:

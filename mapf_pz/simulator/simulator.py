@@ -29,7 +29,6 @@ from mapf_pz.simulator.observer import Observer
 from mapf_pz.simulator.source import goals_per_agent, make_source
 from mapf_pz.simulator.transition import Transition
 
-
 MAX_OBSERVATION_BYTES = 2**32
 """Maximum size of the observations and past actions of all agents in a batch."""
 

@@ -1,10 +1,19 @@
 """Files are written as a whole or not at all."""
 
 import errno
+import re
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mapf_pz._internal.atomic import naming, replacing, write_whole
+from mapf_pz.instances import Grid, Instance, Scenario, write_map, write_scenario
+from mapf_pz.planners import Plan
+from mapf_pz.planners.plans.files import write_plan
+
+GRID = Grid(np.ones((1, 2), np.bool_), "tiny")
+SCENARIO = Scenario([[0, 0]], [[0, 1]])
 
 
 def test_a_file_is_replaced_when_it_is_complete(tmp_path):
@@ -18,14 +27,45 @@ def test_a_file_is_replaced_when_it_is_complete(tmp_path):
     assert list(tmp_path.iterdir()) == [file]
 
 
-def test_a_link_in_the_place_of_the_temporary_file_is_not_followed(tmp_path):
-    (other := tmp_path / "other").write_bytes(b"kept")
-    with replacing(tmp_path / "table.md") as beside:
-        pass
-    beside.symlink_to(other)
-    write_whole(tmp_path / "table.md", b"new")
-    assert (other.read_bytes(), (tmp_path / "table.md").read_bytes()) == (b"kept", b"new")
-    assert not (tmp_path / "table.md").is_symlink()
+def test_two_processes_write_a_file_at_the_same_time(tmp_path):
+    file = tmp_path / "table.md"
+    with replacing(file) as first, replacing(file) as second:
+        first.write_bytes(b"first")
+        second.write_bytes(b"second")
+    assert file.read_bytes() == b"first"
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def _write_map(file):
+    write_map(GRID, file)
+
+
+def _write_scenario(file):
+    write_scenario(SCENARIO, GRID, file)
+
+
+def _write_plan(file):
+    write_plan(Plan(np.array([[[0, 0]], [[0, 1]]])), file, Instance(GRID, SCENARIO))
+
+
+@pytest.mark.parametrize(
+    ("name", "write"),
+    [("a.map", _write_map), ("a.scen", _write_scenario), ("a.txt", _write_plan), ("a.csv", _write_plan)],
+)
+def test_a_full_disk_keeps_the_old_file(tmp_path, monkeypatch, name, write):
+    file = tmp_path / name
+    file.write_bytes(b"old")
+
+    def fill(path, content):
+        path.open("wb").close()
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", fill)
+    monkeypatch.setattr(Path, "write_text", fill)
+    with pytest.raises(OSError, match=rf"^\[Errno 28\] No space left on device: '{re.escape(str(file))}'$"):
+        write(file)
+    assert file.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [file]
 
 
 @pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt()])

@@ -2,10 +2,12 @@ import itertools
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -151,6 +153,30 @@ def test_a_reader_that_exits_early(words, unbuffered):
     done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, check=False, env=environment)
     os.close(write)
     assert (done.returncode, done.stderr) == (141, "")
+
+
+@pytest.mark.parametrize("words", [["maps", "list"], ["maps", "--help"]], ids=str)
+def test_a_closed_standard_output(words):
+    command = shlex.join([sys.executable, "-m", "mapf_pz", *words])
+    done = subprocess.run(["sh", "-c", f"{command} >&-"], stderr=subprocess.PIPE, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+def test_a_full_standard_output():
+    command = shlex.join([sys.executable, "-m", "mapf_pz", "--version"])
+    done = subprocess.run(["sh", "-c", f"{command} >/dev/full"], stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == "mapf-pz: standard output: [Errno 28] No space left on device\n"
+
+
+def test_errors_have_no_control_characters(monkeypatch, capsys):
+    def fail() -> None:
+        raise ValueError("a\n\x1b[31mred\x1b[0m\x07 name")
+
+    monkeypatch.setattr(cli, "fail", fail, raising=False)
+    monkeypatch.setitem(COMMANDS, "fail", Command("mapf_pz.commands.main:fail", "fails"))
+    assert run(capsys, "fail") == (1, [], ["mapf-pz fail: a ?[31mred?[0m? name"])
 
 
 def test_internal_errors_have_a_traceback(monkeypatch):

@@ -175,6 +175,11 @@ def test_markdown():
     ]
 
 
+def test_names_are_no_html_in_markdown():
+    text = markdown_table([Episode("<b>mine</b>", "<img src=x onerror=alert(1)>", 4, 0, {"CSR": 1.0})])
+    assert "| &lt;img src=x onerror=alert(1)&gt; | 4 | &lt;b&gt;mine&lt;/b&gt; |" in text
+
+
 def test_latex():
     table = summaries([*EPISODES[:4], Episode("a_b&c", "maze", 8, 1, {"CSR": 1.0})], ["CSR"])
     assert latex(table).splitlines() == [

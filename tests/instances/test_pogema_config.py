@@ -31,6 +31,10 @@ MAPS = """
 """
 
 
+MERGES = "a0: &a0 {k: 1}\n" + "".join(f"a{n}: &a{n} {{<<: [{f'*a{n - 1}, ' * 9}]}}\n" for n in range(1, 9))
+"""Nested merge keys, which would copy a member 9**8 times."""
+
+
 def converted(folder, on_target="nothing", seed="0", maps="open", drawn=MAPS, config=CONFIG):
     (folder / "maps.yaml").write_text(drawn)
     file = folder / "07-mine-mapf.yaml"
@@ -117,7 +121,13 @@ def test_lifelong_sequences_cover_three_hundred_steps(tmp_path):
         ({"drawn": "open: '..'"}, "map 'open', seed 0: the map has no cells for 2 agents"),
         ({"drawn": "open: '@@$'"}, "map 'open', seed 0: the map has 2 starts and 1 goals for 2 agents"),
         ({"drawn": "open: [1"}, r"maps\.yaml:\d+: expected YAML: "),
-        ({"drawn": "[" * 9999}, r"maps\.yaml"),
+        (
+            {"drawn": "[" * 50_000},
+            r"maps\.yaml:1: expected YAML with at most 20 levels and 100 aliases, and no merge keys",
+        ),
+        ({"drawn": "a: " + "[" * 21 + "]" * 21}, r"maps\.yaml:1: expected YAML with at most 20 levels"),
+        ({"drawn": "a: &x 1\nb: [" + "*x, " * 101 + "]"}, r"maps\.yaml:2: expected YAML with at most 20 levels"),
+        ({"drawn": MERGES}, r"maps\.yaml:2: expected YAML with at most 20 levels"),
         ({"drawn": "- 3"}, r"maps\.yaml: expected the file to be a mapping"),
         ({"config": "environment: 3"}, r"07-mine-mapf\.yaml: expected environment to be a mapping, got 3"),
         ({"config": "environment: !!python/object/apply:os.getcwd []"}, "expected YAML: could not determine a cons"),

@@ -11,7 +11,6 @@ from mapf_pz._internal.npz import read_npz, write_npz
 from mapf_pz.errors import FormatError
 from mapf_pz.instances.instance import Grid
 
-
 MAX_HEADER_BYTES = 2**12
 """Maximum size of the header of the array."""
 

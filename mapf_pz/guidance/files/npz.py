@@ -14,7 +14,6 @@ from mapf_pz.guidance.files.weights import check_shape, checked_weights
 from mapf_pz.guidance.graph import GuidanceGraph
 from mapf_pz.instances.instance import Grid
 
-
 MAX_BYTES, MAX_OTHER_BYTES = 2**27, 2**16
 """Maximum size of all arrays, and of those besides the weights, which have at most 64 bits each."""
 

@@ -93,6 +93,8 @@ def _read_yaml(file: Path) -> JsonObject:
     try:
         _check_events(yaml.parse(text, loader), file)
         content = yaml.load(text, loader)
+    except FormatError:
+        raise
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or "it cannot be read"
