@@ -12,8 +12,8 @@ from uuid import uuid4
 def replacing(file: Path) -> Generator[Path]:
     """Yield a temporary file in the same folder with the same extension, which replaces `file` at the end.
 
-    After an error, the old file remains. An `OSError` names `file`. Of several processes that write the file at the
-    same time, each has a temporary file of its own.
+    After an error, the old file remains. An `OSError` names `file`. Processes that write the file at the same
+    time have separate temporary files.
     """
     temporary = file.with_name(f".{uuid4().hex}.new{file.suffix}")
     try:

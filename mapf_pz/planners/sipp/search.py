@@ -95,8 +95,7 @@ def find_path(
     leads_to, weight, choices, cost = problem.leads_to, problem.weight, scratch.choices, scratch.cost
     table, steps, headings = problem.table[agent], problem.steps[problem.table[agent]], num_headings(problem.to_go)
     goal, start, heading = problem.goals[agent], problem.starts[agent], problem.headings[agent] % headings
-    # An agent that stays can end when no other agent enters its goal any more; one that disappears, at any time.
-    opens = 0 if problem.disappear else visits[last_visit(visits, near, goal, FOREVER)].end + 1
+    opens = _first_end(problem, goal, reservations)
     limit = min(limit, top.size - 1)
     shortest = unpack_steps(steps[start], heading)
     if opens > limit or shortest > limit or cost_at(problem.to_go, table, start, heading) == np.inf:
@@ -145,6 +144,17 @@ def find_path(
     top[lowest : highest + 1] = NONE
     scratch.count[1] += expanded
     return NONE if found == NONE else _trace(agent, found, headings, problem.disappear, reservations, states)
+
+
+@jit
+def _first_end(problem: SippProblem, goal: int, reservations: Reservations) -> int:
+    """Return the first step in which an agent can end at its goal.
+
+    An agent that stays must come after all other visits to the goal; one that disappears may come at any time.
+    """
+    if problem.disappear:
+        return 0
+    return reservations.visits[last_visit(reservations.visits, reservations.near, goal, FOREVER)].end + 1
 
 
 @jit

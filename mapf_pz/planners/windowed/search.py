@@ -107,10 +107,8 @@ def find_path(
         for k in range(5 if headings == 1 else 4):
             direction, turned = _act(headings, heading, (k + rotation) & 3 if k < 4 else 4)
             there = here if direction == WAIT_WEIGHT else leads_to[direction, here]
-            cost = weight[direction, here]
-            stays = here == goal and direction == WAIT_WEIGHT and turned == heading
-            if cost < np.inf and (passed or (stays and not passing)):
-                cost = np.float32(0.0)
+            is_free = passed or (not passing and here == goal and direction == WAIT_WEIGHT and turned == heading)
+            cost = np.float32(0.0) if is_free and weight[direction, here] < np.inf else weight[direction, here]
             cost = np.float32(
                 cost + states[state].cost + _price_of_collisions(used, fixed, price, step + 1, here, there)
             )
