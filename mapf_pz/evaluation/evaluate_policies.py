@@ -85,7 +85,7 @@ def evaluate(
     folder = None if output is None else Path(output)
     with locked(folder):
         identities = Identities.of(factories, tasks)
-        results = Results(folder, identities, overwrite)
+        results = Results(folder, identities, overwrite, tasks)
         done = results.done()
         pending = [
             Job(name, factory, task, episodes, identities.one(name, task.label))
