@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 from mapf_pz._internal.lock import locked
 from mapf_pz._internal.parallel import run_jobs
 from mapf_pz.evaluation.batch import MAX_AGENTS
-from mapf_pz.evaluation.episodes import Policy, PolicyFactory, run_episodes
+from mapf_pz.evaluation.episodes import AnyEnv, Policy, PolicyFactory, run_episodes
 from mapf_pz.evaluation.external.command import PREFIX, CommandFactory
 from mapf_pz.evaluation.identity import Identities
 from mapf_pz.evaluation.policies import factory_for, policy_factory
@@ -30,6 +30,18 @@ class Job(NamedTuple):
     factory: PolicyFactory
     task: EvaluationTask
     episodes: Sequence[int]
+    identities: Identities
+    """Those of the policy and the task at the start of the evaluation."""
+
+    def make(self, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:
+        """Return the environment and the policy; raises as `check`."""
+        made = self.factory(keywords)
+        self.check()  # that what was loaded is what the identities were computed from
+        return made
+
+    def check(self) -> None:
+        """Raise `ValueError` if files of the policy or the task have changed since the start of the evaluation."""
+        self.identities.check_unchanged({self.name: self.factory}, [self.task])
 
 
 def evaluate(
@@ -58,7 +70,8 @@ def evaluate(
 
     Raises:
         ValueError: a policy or suite is unknown, they are incompatible, two tasks have the same label, or the folder
-            contains results of the same names with other identities.
+            contains results of the same names with other identities; or a file of a policy or a task was replaced
+            during the evaluation, of which the episodes before are kept.
         BlockingIOError: another process is writing to the folder.
         TypeError: an object is not a policy.
         FileNotFoundError, FormatError: a file of the suite is missing or malformed.
@@ -71,10 +84,11 @@ def evaluate(
     _check_names(tasks)
     folder = None if output is None else Path(output)
     with locked(folder):
-        results = Results() if folder is None else Results(folder, Identities.of(factories, tasks), overwrite)
+        identities = Identities.of(factories, tasks)
+        results = Results(folder, identities, overwrite, tasks)
         done = results.done()
         pending = [
-            Job(name, factory, task, episodes)
+            Job(name, factory, task, episodes, identities.one(name, task.label))
             for task in tasks
             for name, factory in factories.items()
             for episodes in _in_chunks(
@@ -125,10 +139,11 @@ def _in_chunks(episodes: Sequence[int], size: int) -> Iterator[Sequence[int]]:
 
 
 def _run(job: Job) -> list[Episode]:
-    """Run the episodes of a job."""
+    """Run the episodes of a job; raises as `Job.check`."""
     task = job.task
     notes: dict[int, str] = {}
-    measured = list(run_episodes(job.factory, task, job.episodes, notes.__setitem__))
+    measured = list(run_episodes(job.make, task, job.episodes, notes.__setitem__))
+    job.check()  # of files that were read, or programs that were run, in each episode
     return [
         Episode(*_key(job.name, task, e), metrics, task.instance_name(e), task.seed + e, task.suite, notes.get(e, ""))
         for e, metrics in zip(job.episodes, measured, strict=True)

@@ -3,6 +3,9 @@
 The identity of a policy has the version and the digest of the code, and what determines its decisions: the digests of
 its weights and configuration, its options and its seed. The identity of a task has its rules, its seed, and the digests
 of its instances and edge weights. A folder keeps both by name in `identities.json`.
+
+Processes load policies and tasks from their files, once for each job. So identities are computed again after files are
+read, and before the episodes of a job are written: a file that was replaced ends the evaluation.
 """
 
 from __future__ import annotations
@@ -172,6 +175,18 @@ class Identities:
     def updated(self, other: Identities) -> Identities:
         """Return these identities, with those of `other` in the place of the same names."""
         return Identities({**self.policies, **other.policies}, {**self.tasks, **other.tasks})
+
+    def one(self, policy: str, task: str) -> Identities:
+        """Return those of one policy, by its name, and one task, by its label."""
+        return Identities({policy: self.policies[policy]}, {task: self.tasks[task]})
+
+    def check_unchanged(self, policies: Mapping[str, object], tasks: Iterable[EvaluationTask]) -> None:
+        """Raise `ValueError` if one of these policies or tasks has another identity now; where there is none, pass."""
+        known = [name for name, identity in self.policies.items() if identity is not None]
+        labels = [label for label, identity in self.tasks.items() if identity is not None]
+        changed = self.changes(Identities.of(policies, tasks), known, labels).first
+        if changed is not None:
+            raise ValueError(f"{changed} from the start of the evaluation; expected files that do not change")
 
     def changes(self, now: Identities, policies: Iterable[str], tasks: Iterable[str]) -> Changes:
         """Return what is different in `now`, out of these policies and tasks."""

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import os
-from collections.abc import Iterable
+import re
+import sys
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from reprlib import repr as shortened
 
 from mapf_pz._internal.atomic import naming, write_whole
 from mapf_pz._internal.printable import from_cell, to_cell
-from mapf_pz._internal.text import read_text
+from mapf_pz._internal.text import read_bytes
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.identity import IDENTITIES_FILE, Identities
-from mapf_pz.evaluation.task import task_label
+from mapf_pz.evaluation.task import EvaluationTask, task_label
+from mapf_pz.simulator.metrics import metric_names
 
 METRICS = (
     "CSR",
@@ -33,14 +38,22 @@ METRICS = (
 )
 """All metrics, in the order of the file's columns. Which of them an episode has depends on its mode."""
 COLUMNS = ("policy", "task", "num_agents", "episode", "instance", "seed", "suite", *METRICS, "note")
-_OLD_START = "policy,task,num_agents,episode,instance,seed,CSR,"
+_HEADER = f"{','.join(COLUMNS)}\n".encode()
+_OLD_START = b"policy,task,num_agents,episode,instance,seed,CSR,"
 """Start of the files of earlier versions."""
 _OUTDATED = "results of an earlier version, without suites: evaluate again in another folder, or with overwrite"
 EPISODES_FILE = "episodes.csv"
 NOTHING = Identities()
 """No policies and no tasks, as for reading episodes."""
-MAX_BYTES, MAX_ROW_BYTES = 2**30, 2**20
-"""Maximum size of the file of episodes (about ten million episodes), and of a row in it."""
+MAX_BYTES = 2**30
+"""Maximum size of the file of episodes (about ten million episodes)."""
+_SHARES = ("CSR", "ISR", "collisions")
+"""The metrics that are at most 1."""
+_OPTIONAL = {"best_ratio", "runtime", "step_ms", "agent_us"}
+_ONE_SHOT, _LIFELONG = ((*metric_names(mode), "collisions") for mode in ("nothing", "restart"))
+"""The other metrics of an episode, all of which it has."""
+_WHOLE = re.compile(r"[0-9]{1,18}")
+_NUMBER = re.compile(r"[0-9]+(\.[0-9]+)?(e[+-]?[0-9]+)?")
 
 
 @dataclass(frozen=True)
@@ -80,13 +93,22 @@ class Episode:
 class Results:
     """Episodes in memory and, with a folder, in its file `episodes.csv`, to which finished episodes are appended."""
 
-    def __init__(self, folder: Path | None = None, identities: Identities = NOTHING, overwrite: bool = False) -> None:
-        """Start, or resume if the folder contains episodes.
+    def __init__(
+        self,
+        folder: Path | None = None,
+        identities: Identities = NOTHING,
+        overwrite: bool = False,
+        tasks: Sequence[EvaluationTask] = (),
+    ) -> None:
+        """Start, or resume if the folder contains episodes, which no other process may write to.
+
+        An incomplete last line, from a killed evaluation, is removed from the file.
 
         Args:
             folder: the folder; None: episodes are only in memory.
             identities: the policies and tasks that are to be evaluated.
             overwrite: delete the episodes of those policies and tasks if they have another identity.
+            tasks: the tasks, whose episodes must have their instances and seeds.
 
         Raises:
             ValueError: there are such episodes, and `overwrite` is False.
@@ -98,18 +120,25 @@ class Results:
             return
         folder.mkdir(parents=True, exist_ok=True)
         recorded = Identities.read(folder)
-        outdated = overwrite and _is_outdated(self._file)
-        if self._file.exists() and not outdated:
-            self.episodes = _read(self._file)
+        found, size = {}, 0
+        if self._file.exists() and not (overwrite and _is_outdated(self._file)):
+            found, size = _read(self._file)
         changes = recorded.changes(
-            identities, (episode.policy for episode in self.episodes), (episode.task_label for episode in self.episodes)
+            identities, (one.policy for one in found.values()), (one.task_label for one in found.values())
         )
         if changes.first is not None and not overwrite:
             raise ValueError(f"{folder}: {changes.first}; expected another folder, or overwrite")
-        kept = [e for e in self.episodes if e.policy not in changes.policies and e.task_label not in changes.tasks]
-        if outdated or len(kept) < len(self.episodes) or not self._file.exists() or not self._file.stat().st_size:
-            self.episodes = kept
-            _write_all(self._file, kept)
+        kept = {
+            line: one
+            for line, one in found.items()
+            if one.policy not in changes.policies and one.task_label not in changes.tasks
+        }
+        _check_tasks(kept, tasks, self._file)
+        self.episodes = list(kept.values())
+        if not size or len(kept) < len(found):
+            _write_all(self._file, self.episodes)
+        elif size < self._file.stat().st_size:
+            os.truncate(self._file, size)
         if recorded.updated(identities) != recorded:
             recorded.updated(identities).write(folder)
 
@@ -126,7 +155,7 @@ class Results:
 
 
 def read_episodes(folder: Path) -> list[Episode]:
-    """Return the episodes of an evaluation.
+    """Return the episodes of an evaluation, which may still run. Nothing is written.
 
     Raises:
         FileNotFoundError: the folder has no evaluation.
@@ -135,7 +164,7 @@ def read_episodes(folder: Path) -> list[Episode]:
     file = folder / EPISODES_FILE
     if not file.is_file():
         raise FileNotFoundError(f"{folder}: expected the folder of an evaluation, with a file {EPISODES_FILE}")
-    return _read(file)
+    return list(_read(file)[0].values())
 
 
 def discard(folder: Path) -> None:
@@ -157,22 +186,35 @@ def _write_all(file: Path, episodes: Iterable[Episode]) -> None:
     write_whole(file, text.getvalue().encode())
 
 
-def _read(file: Path) -> list[Episode]:
-    """Read the episodes. An incomplete last line, from a killed evaluation, is removed from the file."""
-    header = ",".join(COLUMNS) + "\n"
-    if file.is_file():
-        _remove_partial_line(file, header.encode())
-    text = read_text(file, MAX_BYTES)
-    if text.startswith(_OLD_START):
+def _read(file: Path) -> tuple[dict[int, Episode], int]:
+    """Return the episodes by their lines, and the size of these lines in bytes, 0 if there is no header.
+
+    An incomplete last line is ignored: a killed evaluation has left it, or a running one is writing it.
+    """
+    content = read_bytes(file, MAX_BYTES)
+    start, size = content.removeprefix(codecs.BOM_UTF8), content.rfind(b"\n") + 1
+    if start.startswith(_OLD_START):
         raise FormatError(file, _OUTDATED, 1)
-    if text and not text.startswith(header):
+    if not start.startswith(_HEADER) and not _HEADER.startswith(start):
         raise FormatError(file, f"expected the columns {', '.join(COLUMNS)}", 1)
+    try:
+        text = content[:size].decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise FormatError(file, "expected UTF-8 text", content.count(b"\n", 0, error.start) + 1) from None
     rows = csv.reader(io.StringIO(text, newline=""), strict=True)
     next(rows, None)
+    episodes: dict[int, Episode] = {}
+    lines: dict[tuple[str, str, int, int], int] = {}
     try:
-        return [_episode(row, rows.line_num, file) for row in rows]
+        for row in rows:
+            episode = _episode(row, rows.line_num, file)
+            first = lines.setdefault(episode.key, rows.line_num)
+            if first != rows.line_num:
+                raise FormatError(file, f"the same policy, task and episode as in line {first}", rows.line_num)
+            episodes[rows.line_num] = episode
     except csv.Error as error:
         raise FormatError(file, f"expected CSV: {error}", rows.line_num) from None
+    return episodes, size
 
 
 def _is_outdated(file: Path) -> bool:
@@ -180,27 +222,52 @@ def _is_outdated(file: Path) -> bool:
     if not file.is_file():
         return False
     with file.open("rb") as content:
-        return content.read(len(_OLD_START)) == _OLD_START.encode()
+        return content.read(len(_OLD_START)) == _OLD_START
 
 
-def _remove_partial_line(file: Path, header: bytes) -> None:
-    """Remove an incomplete last line, which may end within a character, if the file has the expected header."""
-    with file.open("r+b") as out:
-        start = out.read(len(header))
-        size = out.seek(0, os.SEEK_END)
-        first = out.seek(max(0, size - MAX_ROW_BYTES))
-        end = out.read()
-        if header.startswith(start) and not end.endswith(b"\n") and (b"\n" in end or not first):
-            out.truncate(first + end.rfind(b"\n") + 1)
+def _check_tasks(episodes: Mapping[int, Episode], tasks: Iterable[EvaluationTask], file: Path) -> None:
+    """Raise `FormatError` for an episode, by its line, that has another instance, seed or suite than its task."""
+    by_label = {task.label: task for task in tasks}
+    for line, episode in episodes.items():
+        task = by_label.get(episode.task_label)
+        if task is not None:
+            number = episode.number
+            expected = {"instance": task.instance_name(number), "seed": task.seed + number, "suite": task.suite}
+            for name, value in expected.items():
+                got = getattr(episode, name)
+                if got != value:
+                    raise FormatError(file, f"{name}={shortened(got)}: expected {value!r}, that of the task", line)
 
 
 def _episode(row: list[str], line: int, file: Path) -> Episode:
+    """Return the episode of a row; raises `FormatError`."""
     if len(row) != len(COLUMNS):
         raise FormatError(file, f"expected an episode of {len(COLUMNS)} values, got {len(row)}", line)
+    cells = dict(zip(COLUMNS, map(from_cell, row), strict=True))
     try:
-        policy, task_name, num_agents, number, instance, seed, suite, *values, note = map(from_cell, row)
-        named = zip(METRICS, values, strict=True)
-        metrics = {name: float(value) for name, value in named if value}
-        return Episode(policy, task_name, int(num_agents), int(number), metrics, instance, int(seed), suite, note)
+        num_agents, number, seed = (_whole(name, cells[name]) for name in ("num_agents", "episode", "seed"))
+        metrics = {name: _metric(name, cells[name]) for name in METRICS if cells[name]}
     except ValueError as error:
-        raise FormatError(file, f"expected an episode: {error}", line) from None
+        raise FormatError(file, str(error), line) from None
+    expected = _LIFELONG if "avg_throughput" in metrics else _ONE_SHOT
+    if metrics.keys() - _OPTIONAL != set(expected):
+        raise FormatError(file, f"expected the metrics {', '.join(expected)}, got {', '.join(metrics) or 'none'}", line)
+    instance, suite, note = (cells[name] for name in ("instance", "suite", "note"))
+    return Episode(cells["policy"], cells["task"], num_agents, number, metrics, instance, seed, suite, note)
+
+
+def _whole(name: str, text: str) -> int:
+    """Return the whole number in a column; raises `ValueError` if there is something else."""
+    least = 1 if name == "num_agents" else 0
+    if not _WHOLE.fullmatch(text) or int(text) < least:
+        raise ValueError(f"{name}={shortened(text)}: expected a whole number, {least} or more")
+    return int(text)
+
+
+def _metric(name: str, text: str) -> float:
+    """Return the metric in a column; raises `ValueError` if there is something else."""
+    most = 1 if name in _SHARES else sys.float_info.max
+    if not _NUMBER.fullmatch(text) or float(text) > most:
+        expected = "a number from 0 to 1" if name in _SHARES else "a finite number, 0 or more"
+        raise ValueError(f"{name}={shortened(text)}: expected {expected}")
+    return float(text)

@@ -17,6 +17,7 @@ from mapf_pz._internal.atomic import replacing
 from mapf_pz._internal.npz import read_npz, write_npz
 from mapf_pz._internal.text import read_text
 from mapf_pz.errors import FormatError
+from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.guidance import GuidanceGraph, save_guidance
 from mapf_pz.instances.instance import Grid
 from mapf_pz.optimization.candidate import Candidate, Origin
@@ -27,14 +28,16 @@ from mapf_pz.optimization.search import Progress
 from mapf_pz.optimization.update_model import UpdateModel
 from mapf_pz.optimization.usage import Usage
 from mapf_pz.rl.config_file import CONFIG, read_config, write_config_files
+from mapf_pz.rl.inputs import sources_digest
 from mapf_pz.simulator.saved_config import object_files
+from mapf_pz.simulator.source import make_source
 
 GRAPH_FILE, HISTORY_FILE, CANDIDATES_FILE = "guidance.json", "history.csv", "candidates.npz"
 MODEL_FILE = "model.npz"
 SAVE_SECONDS = 20
 """Seconds between two saves of the candidates."""
 _ADAPTER = TypeAdapter(OptimizeConfig)
-_SCORES = "scores"
+_SCORES, _INPUTS = "scores", "inputs"
 _COLUMNS = ("move", "wait", "rule", "direction", "waiting", "flow", "moves", "waits")
 
 
@@ -45,6 +48,7 @@ class OptimizationFolder:
         """Prepare the folder for an optimization, or to continue the one with this history."""
         self.path = path
         self._grid = config.task.grid
+        self._inputs = _inputs_digest(config)
         files = object_files(config.task.config) | {CONFIG: _ADAPTER.dump_json(config, indent=2)}
         path.mkdir(parents=True, exist_ok=True)
         self._rows = list(rows)
@@ -75,11 +79,17 @@ class OptimizationFolder:
         return len(self._rows)
 
     def load_candidates(self) -> list[Candidate]:
-        """Return the candidates in the folder; none if there are none yet."""
+        """Return the candidates in the folder; none if there are none yet.
+
+        Raises `FormatError` if they are malformed, or of other inputs: a map, a scenario, a policy or a model.
+        """
         file = self.path / CANDIDATES_FILE
         if not file.exists():
             return []
-        arrays = read_npz(file, (_SCORES, *_COLUMNS))
+        arrays = read_npz(file, (_SCORES, _INPUTS, *_COLUMNS))
+        if str(arrays[_INPUTS]) != self._inputs:
+            changed = "of which a file has changed: expected another output"
+            raise FormatError(file, f"candidates for another map, scenario, policy or model, {changed}")
         try:
             return [_candidate(arrays, index, self._grid) for index in range(len(arrays[_SCORES]))]
         except (ValueError, LookupError, TypeError) as error:
@@ -95,7 +105,7 @@ class OptimizationFolder:
     def _save(self, candidates: Sequence[Candidate]) -> None:
         self._saved = time.monotonic()
         self._save_history()
-        write_npz(self.path / CANDIDATES_FILE, _arrays(candidates))
+        write_npz(self.path / CANDIDATES_FILE, {_INPUTS: self._inputs, **_arrays(candidates)})
 
     def _save_history(self) -> None:
         with replacing(self.path / HISTORY_FILE) as temporary, temporary.open("w", newline="") as file:
@@ -125,6 +135,13 @@ def read_optimization(path: Path, trust_remote_code: bool = False) -> OptimizeCo
         raise FileNotFoundError(f"{str(path)!r} holds no optimization to resume")
     config = read_config(_ADAPTER, path / CONFIG, trust_remote_code)
     return replace(config, task=replace(config.task, trust_remote_code=trust_remote_code))
+
+
+def _inputs_digest(config: OptimizeConfig) -> str:
+    """Return the digest of the maps and scenarios, the policy and the model that an optimization reads."""
+    task = config.task
+    policy = policy_factory(task.planner, trust_remote_code=task.trust_remote_code)
+    return sources_digest([make_source(task.config)], getattr(policy, "identity", None), config.model)
 
 
 def _read_history(file: Path) -> list[Progress]:

@@ -85,7 +85,8 @@ def resume(
     Raises:
         BlockingIOError: Another process is writing to the folder.
         FileNotFoundError: The folder holds no optimization.
-        FormatError: One of its files is malformed, or names such code without `trust_remote_code`.
+        FormatError: One of its files is malformed, or names such code without `trust_remote_code`; or a file that it
+            reads has changed: a map, a scenario, a policy or a model.
     """
     changes = {name: value for name, value in (("minutes", minutes), ("jobs", jobs)) if value is not None}
     with locked(folder):

@@ -4,11 +4,13 @@ from dataclasses import replace
 
 import pytest
 
+from mapf_pz.commands.main import main
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation import Episode, EvaluationTask, evaluate
 from mapf_pz.evaluation.identity import Identities
-from mapf_pz.evaluation.results import COLUMNS, METRICS, Results
+from mapf_pz.evaluation.results import COLUMNS, METRICS, Results, read_episodes
 from mapf_pz.instances import RandomObstacles
+from mapf_pz.simulator.metrics import metric_names
 from tests.evaluation.test_episodes import TIMES, Right
 from tests.helpers.text_instances import drawn
 
@@ -145,23 +147,53 @@ def test_results_state_their_suite(tmp_path):
     [
         ("right,drawn,1", f"expected an episode of {len(COLUMNS)} values, got 3"),
         ("", f"expected an episode of {len(COLUMNS)} values, got 0"),
-        ("right,drawn,1,two,,0," + "," * (len(METRICS) + 1), "expected an episode: .*'two'"),
-        ("right,drawn,1,2,,0,,high" + "," * len(METRICS), "expected an episode: .*'high'"),
-        (
-            "right,drawn,1,2,,0,," + "x" * 9999 + "," * len(METRICS),
-            r"expected an episode: .* float: 'x{443} \.\.\.$",
-        ),
-        ("right,drawn,1,2,,one," + "," * (len(METRICS) + 1), "expected an episode: .*'one'"),
         ('right,"drawn,1,2,,0,' + "," * (len(METRICS) + 1), "expected CSV"),
+        ({"num_agents": "0"}, "num_agents='0': expected a whole number, 1 or more"),
+        ({"episode": "two"}, "episode='two': expected a whole number, 0 or more"),
+        ({"episode": "1_0"}, "episode='1_0': expected a whole number, 0 or more"),
+        ({"seed": "-5"}, "seed='-5': expected a whole number, 0 or more"),
+        ({"seed": "9" * 9999}, r"seed='9+\.\.\.9+': expected a whole number"),
+        ({"ISR": "high"}, "ISR='high': expected a number from 0 to 1"),
+        ({"CSR": "5"}, "CSR='5': expected a number from 0 to 1"),
+        ({"ISR": "-1"}, "ISR='-1': expected a number from 0 to 1"),
+        ({"collisions": "nan"}, "collisions='nan': expected a number from 0 to 1"),
+        ({"SoC": "1_0"}, "SoC='1_0': expected a finite number, 0 or more"),
+        ({"makespan": "inf"}, "makespan='inf': expected a finite number"),
+        ({"step_ms": "Infinity"}, "step_ms='Infinity': expected a finite number"),
+        ({"SoC_ratio": "1e999"}, "SoC_ratio='1e999': expected a finite number"),
+        ({"SoC": ""}, "expected the metrics CSR, ISR, SoC, makespan, .*, got CSR, ISR, SoC_ratio"),
+        ({"avg_throughput": "0.5"}, "expected the metrics avg_throughput, ep_length, .*, got CSR, ISR, SoC"),
+        (dict.fromkeys(METRICS, ""), "expected the metrics CSR, .*, got none"),
+        ({"episode": "0"}, "the same policy, task and episode as in line 2"),
+        ({"seed": "7"}, "seed=7: expected 1000001, that of the task"),
+        ({"instance": "other"}, "instance='other': expected 'drawn', that of the task"),
+        ({"suite": "other"}, "suite='other': expected '', that of the task"),
     ],
 )
 def test_a_malformed_row_is_an_error(tmp_path, row, message):
     evaluated(Right(), TASKS[:1], tmp_path)
     lines = (tmp_path / "episodes.csv").read_text().splitlines()
-    lines[2] = row
+    cells = dict(zip(COLUMNS, lines[2].split(","), strict=True))
+    lines[2] = row if isinstance(row, str) else ",".join((cells | row).values())
     (tmp_path / "episodes.csv").write_text("\n".join(lines) + "\n")
     with pytest.raises(FormatError, match=rf"episodes\.csv:[34]: {message}"):
         evaluated(Right(), TASKS[:1], tmp_path)
+
+
+def test_bytes_that_are_no_text(tmp_path):
+    (tmp_path / "episodes.csv").write_bytes(f"{HEADER}\n".encode() + b"\xff\n")
+    with pytest.raises(FormatError, match=r"episodes\.csv:2: expected UTF-8 text"):
+        read_episodes(tmp_path)
+
+
+def test_reading_does_not_write(tmp_path):
+    whole, _ = evaluated(Right(), TASKS, tmp_path)
+    file = tmp_path / "episodes.csv"
+    partial = file.read_bytes()[:-5]
+    file.write_bytes(partial)
+    assert read_episodes(tmp_path) == whole[:-1]
+    assert main(["report", str(tmp_path)]) == 0
+    assert file.read_bytes() == partial
 
 
 def test_more_and_fewer_episodes(tmp_path):
@@ -183,7 +215,8 @@ def test_policies_can_be_added(tmp_path):
 @pytest.mark.parametrize("name", ["a,b", 'say "go"', "line\u2028separator", "a\nb", "Straße", "=1+1", "'=", "@x"])
 def test_names_come_back_as_they_were(tmp_path, name):
     results = Results(tmp_path)
-    episodes = [Episode(name, "drawn", 1, number, {"CSR": 0.1 + number, "runtime": 1e-300}) for number in range(3)]
+    required = dict.fromkeys((*metric_names("nothing"), "collisions"), 0.1)
+    episodes = [Episode(name, "drawn", 1, n, required | {"SoC": 0.1 + n, "runtime": 1e-300}) for n in range(3)]
     for episode in episodes:
         results.add(episode)
     assert Results(tmp_path).episodes == episodes

@@ -11,7 +11,7 @@ import pytest
 from mapf_pz.commands.main import main
 from mapf_pz.errors import FormatError
 from mapf_pz.guidance import GuidanceGraph, load_guidance
-from mapf_pz.instances import RandomObstacles
+from mapf_pz.instances import RandomObstacles, load_map, write_map
 from mapf_pz.instances.instance import Grid
 from mapf_pz.optimization.candidate import Candidate, ranked
 from mapf_pz.optimization.config import Method, OptimizeConfig
@@ -143,6 +143,18 @@ def test_candidates_of_another_map_are_refused(tmp_path):
     config.write_text(config.read_text().replace("empty-8-8", "empty-16-16"))
     with pytest.raises(ValueError, match=r"candidates\.npz: .*map"):
         resume(tmp_path)
+
+
+def test_a_map_that_was_changed_in_place_is_refused(tmp_path):
+    file = tmp_path / "mine.map"
+    write_map(load_map("empty-8-8"), file)
+    optimize(replace(SHORT, task=GuidanceTask(env=lifelong(map=file))), tmp_path / "run")
+    before = file.read_text()
+    file.write_text(before.replace("map\n.", "map\n@"))
+    with pytest.raises(FormatError, match=r"candidates\.npz: candidates for another map, .* has changed"):
+        resume(tmp_path / "run")
+    file.write_text(before)
+    resume(tmp_path / "run", minutes=0.02)
 
 
 @pytest.mark.parametrize("change", ["rules", "scores", "usage"])

@@ -15,6 +15,7 @@ from torchrl.envs import Transform
 
 import mapf_pz
 from mapf_pz.commands.main import main
+from mapf_pz.instances import load_map, write_map
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.algorithms.named import ALGORITHMS
 from mapf_pz.rl.config import ModelConfig
@@ -65,6 +66,22 @@ def stopped(tmp_path_factory):
 def run(stopped, tmp_path):
     """A copy of that folder."""
     return shutil.copytree(stopped, tmp_path / "run")
+
+
+def test_a_map_that_was_changed_in_place_is_refused(tmp_path):
+    file = tmp_path / "mine.map"
+    write_map(load_map("empty-8-8"), file)
+    env = dataclasses.replace(TINY.task.env, map=file)
+    task = dataclasses.replace(TINY.task, env=env)
+    train_interrupted(dataclasses.replace(TINY, task=task), tmp_path / "run", 3)
+    before = file.read_text()
+    file.write_text(before.replace("map\n.", "map\n@"))
+    with pytest.raises(mapf_pz.FormatError, match="expected the inputs to be those of its run"):
+        resume(tmp_path / "run")
+    assert len(steps(tmp_path / "run")) == 3
+    file.write_text(before)
+    resume(tmp_path / "run")
+    assert len(steps(tmp_path / "run")) == 6
 
 
 @pytest.mark.parametrize("algorithm", ["mappo", "ippo", "central-ppo"])

@@ -1,7 +1,9 @@
 import dataclasses
+import shutil
 
 import numpy as np
 import pytest
+import safetensors.torch as safetensors
 
 import mapf_pz
 from mapf_pz.commands.main import main
@@ -126,3 +128,24 @@ def test_a_policy_of_images_refuses_more(tmp_path):
         with pytest.raises(ValueError, match=r"this policy observes an image \(10, 3, 3\), got a"):
             policy.act(env.reset(seed=0)[0])
     policy.act(make_env(policy).reset(seed=0)[0])
+
+
+def test_a_loaded_policy_does_not_change_with_its_file(tmp_path):
+    shutil.copytree(bundled() / "mappo", tmp_path / "mine")
+    file = tmp_path / "mine" / "policy.safetensors"
+    # Weights of 32 bits, which need no conversion, are not a view of the file either.
+    safetensors.save_file({name: weight.float() for name, weight in safetensors.load_file(file).items()}, file)
+    policy = load_policy(tmp_path / "mine")
+    before = policy.identity
+    header = 8 + int.from_bytes(file.read_bytes()[:8], "little")
+    with file.open("r+b") as out:  # in place, as `cp` does
+        out.seek(header)
+        out.write(bytes(file.stat().st_size - header))
+    assert policy.identity == before
+    assert load_policy(tmp_path / "mine").identity != before
+
+
+def test_a_file_of_weights_that_is_too_large(monkeypatch):
+    monkeypatch.setattr("mapf_pz.rl.policies.load.MAX_WEIGHTS_BYTES", 1000)
+    with pytest.raises(mapf_pz.FormatError, match=r"policy\.safetensors: expected at most 1000 bytes"):
+        load_policy("mappo")

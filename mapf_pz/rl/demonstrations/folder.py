@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
-from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
-
-import numpy as np
 
 from mapf_pz._internal.atomic import naming, write_whole
 from mapf_pz._internal.json import JsonObject, parse_object
 from mapf_pz._internal.text import read_text
 from mapf_pz.errors import FormatError
+from mapf_pz.guidance.library import weights_digest
 from mapf_pz.instances.instance import Grid, Scenario
 from mapf_pz.rl.demonstrations.config import RULES, DatasetConfig
 from mapf_pz.rl.demonstrations.shard import FORMAT
+from mapf_pz.rl.inputs import sources_digest
 from mapf_pz.simulator.config import EnvConfig
 
 SETTINGS_FILE, CARD_FILE = "dataset.json", "README.md"
@@ -56,10 +55,15 @@ def shard_files(folder: Path) -> list[Path]:
     return sorted(folder.glob(_SHARDS))
 
 
+def dataset_files(folder: Path) -> list[Path]:
+    """Return the files of a dataset that determine its demonstrations."""
+    return [folder / SETTINGS_FILE, *shard_files(folder)]
+
+
 def open_folder(folder: Path, config: DatasetConfig) -> JsonObject:
     """Create the folder of a dataset, or resume it; return its settings.
 
-    Raises `ValueError` if it contains a dataset with other settings.
+    Raises `ValueError` if it contains a dataset with other settings, or of files with another content.
     """
     settings = _settings(config)
     text = json.dumps(settings, indent=2).encode()
@@ -89,6 +93,11 @@ def read_rules(folder: Path) -> EnvConfig:
         raise FormatError(file, f"rules: {' '.join(str(error).split())}") from None
 
 
+def inputs_digest(config: DatasetConfig) -> str:
+    """Return the digest of all maps and scenarios of a dataset, and of its edge weights, whose files are read."""
+    return sources_digest(map(config.source, config.agent_counts), weights_digest(config.env.edge_weights))
+
+
 def _settings(config: DatasetConfig) -> JsonObject:
     """Return the settings that determine the demonstrations, as JSON."""
     env = config.env
@@ -105,7 +114,7 @@ def _settings(config: DatasetConfig) -> JsonObject:
         "shard_size": config.shard_size,
         "solved_only": config.solved_only,
         "seed": config.seed,
-        "instances": _digest(config),
+        "inputs": inputs_digest(config),
     }
 
 
@@ -125,13 +134,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Scenario):
         return f"{len(value)} agents"
     return str(value) if isinstance(value, Path) else value
-
-
-def _digest(config: DatasetConfig) -> str:
-    """Return a hash of an instance for each number of agents, which depends on the content of the files."""
-    digest = sha256()
-    for num_agents in config.agent_counts:
-        instance = config.source(num_agents).sample(np.random.default_rng(config.seed))
-        for array in (instance.grid.free, instance.scenario.starts, instance.scenario.goals):
-            digest.update(str(array.shape).encode() + array.tobytes())
-    return digest.hexdigest()

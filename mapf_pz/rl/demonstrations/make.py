@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,7 +15,7 @@ from mapf_pz.planners.deadline import WorkClock
 from mapf_pz.rl.demonstrations.card import card
 from mapf_pz.rl.demonstrations.config import DatasetConfig
 from mapf_pz.rl.demonstrations.demonstration import Demonstration, demonstrate
-from mapf_pz.rl.demonstrations.folder import CARD_FILE, ShardJob, open_folder, shard_jobs
+from mapf_pz.rl.demonstrations.folder import CARD_FILE, ShardJob, inputs_digest, open_folder, shard_jobs
 from mapf_pz.rl.demonstrations.shard import write_shard
 from mapf_pz.simulator.simulator import Simulator
 
@@ -57,7 +58,8 @@ def make_dataset(
 
     Raises:
         BlockingIOError: another process is writing to the folder.
-        ValueError: a setting is invalid, or the folder contains a dataset with other settings.
+        ValueError: a setting is invalid, the folder contains a dataset with other settings or inputs, or a file was
+            replaced meanwhile.
         FileNotFoundError, FormatError: the file of a map or scenario is missing or malformed.
     """
     folder = Path(folder)
@@ -65,14 +67,17 @@ def make_dataset(
         settings = open_folder(folder, config)
         left = [job for job in shard_jobs(config) if not (folder / job.file).exists()]
         show(len(left))
-        for number, shard in enumerate(run(make_shard, left), 1):
+        for number, shard in enumerate(run(partial(make_shard, inputs=settings["inputs"]), left), 1):
             write_shard(folder / shard.file, shard.demonstrations, shard.shape, shard.num_agents)
             show(len(left) - number)
         write_whole(folder / CARD_FILE, card(folder, settings, config, command).encode())
 
 
-def make_shard(job: ShardJob) -> FinishedShard:
-    """Run the planner in the episodes of a shard."""
+def make_shard(job: ShardJob, inputs: str) -> FinishedShard:
+    """Run the planner in the episodes of a shard.
+
+    Raises `ValueError` unless the digest of the dataset's inputs, which are read from their files, is `inputs`.
+    """
     config = job.config
     simulator = Simulator(config.env_config(job.num_agents))
     planner = planner_of(config.planner, config.seed)
@@ -81,5 +86,7 @@ def make_shard(job: ShardJob) -> FinishedShard:
     planner.compile(config.env.action_model)
     episodes = range(job.first, job.first + job.episodes)
     made = [demonstrate(simulator, planner, config.seed + episode) for episode in episodes]
+    if inputs_digest(config) != inputs:
+        raise ValueError("a map, scenario or edge weights differ from the start; expected files that do not change")
     kept = [d for d in made if not config.solved_only or d.metrics.get("CSR", 1) == 1]
     return FinishedShard(job.file, simulator.shape, job.num_agents, kept)

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import torch
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save
+from safetensors.torch import load, save
 from torch import Tensor, nn
 
 from mapf_pz._internal.atomic import write_whole
+from mapf_pz._internal.text import read_bytes
 from mapf_pz.errors import FormatError
 from mapf_pz.rl.algorithms.named import algorithm_of
 from mapf_pz.rl.config import TrainConfig
@@ -17,6 +18,8 @@ from mapf_pz.rl.config_file import CONFIG, load_config
 from mapf_pz.rl.policies.folder import WEIGHTS, policy_folder, policy_names
 from mapf_pz.rl.policies.policy import LearnedPolicy, SharedPolicy, TeamPolicy
 
+MAX_WEIGHTS_BYTES = 2**30
+"""Maximum size of a file of weights."""
 _DAMAGE = (SafetensorError, RuntimeError, ValueError, TypeError, LookupError, OverflowError)
 
 
@@ -32,7 +35,7 @@ def load_policy(
     temperature: float | None = None,
     trust_remote_code: bool = False,
 ) -> LearnedPolicy:
-    """Load a trained policy.
+    """Load a trained policy. It does not change with its files: they are read once.
 
     Args:
         policy: one of `policy_names()`, the folder of a training run, the weights file in it, or an address
@@ -47,16 +50,18 @@ def load_policy(
     Raises:
         FileNotFoundError: There is no such policy.
         ImportError, OSError: The policy cannot be downloaded.
-        FormatError: The files do not fit together, or name code without `trust_remote_code`.
+        FormatError: The files do not fit together, are too large, or name code without `trust_remote_code`.
         ValueError: The temperature is negative or not finite.
     """
     folder = policy_folder(policy)
     config = _config_in(folder, policy, trust_remote_code)
+    file = folder / WEIGHTS
+    content = read_bytes(file, min(MAX_WEIGHTS_BYTES, file.stat().st_size))  # which allocates the limit
     try:
-        network = _network(config, load_file(folder / WEIGHTS))
+        network = _network(config, load(content))
     except _DAMAGE as error:
         reason = " ".join(str(error).split())
-        raise FormatError(folder / WEIGHTS, f"not the weights that {CONFIG} describes: {reason[:200]}") from None
+        raise FormatError(file, f"not the weights that {CONFIG} describes: {reason[:200]}") from None
     algorithm = algorithm_of(config.algorithm)
     kind = TeamPolicy if algorithm.centralized else SharedPolicy
     if temperature is None:

@@ -39,6 +39,8 @@ class Position:
     score: float
     """Mean CSR, or throughput of lifelong episodes, of the latest training episodes; without any (`bc`), of the latest
     validation; 0 before the first one. The newest of equal checkpoints is the best."""
+    inputs: str = ""
+    """The digest of the files that the run reads, `inputs_digest`; empty in checkpoints of earlier versions."""
 
 
 class Checkpoints:

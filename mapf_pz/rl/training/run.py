@@ -11,7 +11,9 @@ from mapf_pz.errors import FormatError
 from mapf_pz.rl.algorithms.learner import Learner
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG_FILES, config_values, save_config
-from mapf_pz.rl.policies.folder import WEIGHTS
+from mapf_pz.rl.demonstrations.folder import dataset_files
+from mapf_pz.rl.inputs import sources_digest
+from mapf_pz.rl.policies.folder import WEIGHTS, policy_folder
 from mapf_pz.rl.policies.load import save_weights
 from mapf_pz.rl.training.checkpoint import FOLDER, Checkpoints, Position, read_position, restore
 from mapf_pz.rl.training.curves import Run, draw_curves
@@ -36,6 +38,7 @@ class RunFolder:
         self.path = path
         self.checkpoints = Checkpoints(path)
         self._rows: list[Row] = []
+        self._inputs = ""
         self._saved_steps = 0  # agent steps at the latest checkpoint
         self._loggers: list[ProgressLogger] = []
 
@@ -65,6 +68,7 @@ class RunFolder:
 
     def prepare(self, config: TrainConfig) -> None:
         """Prepare the folder: remove files that are newer than the restored checkpoint, or all if none was restored."""
+        self._inputs = inputs_digest(config)
         self.path.mkdir(parents=True, exist_ok=True)
         if self._rows:
             self.checkpoints.sweep()
@@ -93,7 +97,7 @@ class RunFolder:
         if not self._rows or self._rows[-1]["agent_steps"] < self._saved_steps + interval:
             return
         score = self._recent_score() if "episodes" in self._rows[-1] else self._validation_score()
-        position = Position(len(self._rows), int(self._rows[-1]["agent_steps"]), score)
+        position = Position(len(self._rows), int(self._rows[-1]["agent_steps"]), score, self._inputs)
         self.checkpoints.save(learner, position)
         self._saved_steps = position.agent_steps
 
@@ -123,3 +127,11 @@ class RunFolder:
             if not math.isnan(score):
                 return score
         return 0.0
+
+
+def inputs_digest(config: TrainConfig) -> str:
+    """Return the digest of a run's maps and scenarios, its demonstrations, and the weights of its initial policy."""
+    initial = None if config.initial_policy is None else policy_folder(config.initial_policy) / WEIGHTS
+    dataset = config.imitation.dataset if config.algorithm == "bc" else None
+    files = {} if dataset is None else {file.name: file for file in dataset_files(Path(dataset))}
+    return sources_digest([config.task.source], files, initial)

@@ -30,7 +30,7 @@ from mapf_pz.rl.training.checkpoint import read_position
 from mapf_pz.rl.training.launch import connecting, is_first, launched_size, local_rank
 from mapf_pz.rl.training.loggers import check_loggers
 from mapf_pz.rl.training.ranks import Ranks
-from mapf_pz.rl.training.run import RunFolder
+from mapf_pz.rl.training.run import RunFolder, inputs_digest
 from mapf_pz.rl.training.updates import updates
 from mapf_pz.simulator.seeds import FIRST_RESUMED_SEED
 
@@ -117,7 +117,8 @@ def resume(
     Raises:
         BlockingIOError: Another process is writing to the folder.
         FileNotFoundError: The folder has no configuration, no progress or no checkpoint.
-        FormatError: One of them is damaged, or they do not belong together.
+        FormatError: One of them is damaged, or they do not belong together; or a file that the run reads has changed:
+            a map, a scenario, demonstrations, or the initial policy.
         ValueError: The run is already longer than `agent_steps`.
     """
     run = RunFolder(Path(folder))
@@ -128,6 +129,9 @@ def resume(
         position = read_position(checkpoint)
         if position.agent_steps != position.updates * config.steps_per_update:
             raise FormatError(checkpoint, f"not a checkpoint of the run that {CONFIG} describes")
+        if position.inputs not in ("", inputs_digest(config)):
+            expected = "those of its run, of which a file has changed: maps, scenarios, demonstrations, initial policy"
+            raise FormatError(checkpoint, f"expected the inputs to be {expected}")
         if agent_steps is not None:
             if agent_steps < position.agent_steps:
                 raise ValueError(

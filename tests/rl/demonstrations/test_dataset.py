@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mapf_pz._internal.parallel import job_runner
-from mapf_pz.guidance import GuidanceGraph
-from mapf_pz.instances import InstanceList, MapMixture, load_map
+from mapf_pz.guidance import GuidanceGraph, save_guidance
+from mapf_pz.instances import InstanceList, MapMixture, load_map, place, write_scenario
 from mapf_pz.instances.instance import Instance
 from mapf_pz.planners import PIBT, PLANNERS, planner_of
 from mapf_pz.rl.demonstrations import load_dataset, make_dataset
@@ -176,6 +176,44 @@ def test_another_map_file_of_the_same_name(tmp_path):
     file.write_text("type octile\nheight 2\nwidth 6\nmap\n......\n....@@\n")
     with pytest.raises(ValueError, match="contains demonstrations with other settings"):
         make_dataset(config, tmp_path / "data")
+
+
+@pytest.mark.parametrize("during", [False, True])
+@pytest.mark.parametrize("changed", ["0.scen", "1.scen", "2.scen", "weights.npz"])
+def test_a_changed_input(tmp_path, changed, during):
+    grid = load_map("empty-8-8")
+
+    def write(name, seed):
+        rng = np.random.default_rng(seed)
+        if name == "weights.npz":
+            save_guidance(GuidanceGraph.random(grid.free, rng), tmp_path / name, grid)
+        else:
+            write_scenario(place(grid, 2, rng), grid, tmp_path / name)
+
+    files = {name: seed for seed, name in enumerate(["0.scen", "1.scen", "2.scen", "weights.npz"])}
+    for name, seed in files.items():
+        write(name, seed)
+    scenarios = [tmp_path / name for name in list(files)[:3]]
+    env = EnvConfig(map="empty-8-8", scenario=scenarios, edge_weights=tmp_path / "weights.npz", max_steps=20)
+    config = small(env=env, num_agents=None, episodes=2, shard_size=1)
+    if during:
+        with pytest.raises(ValueError, match="a map, scenario or edge weights differ from the start"):
+            make_dataset(config, tmp_path / "data", show=lambda left: write(changed, 9) if left == 1 else None)
+        assert len(list((tmp_path / "data").glob("shard-*"))) == 1
+        write(changed, files[changed])
+    else:
+        with pytest.raises(KeyboardInterrupt):
+            make_dataset(config, tmp_path / "data", run=interrupted)
+        write(changed, 9)
+        with pytest.raises(ValueError, match="contains demonstrations with other settings"):
+            make_dataset(config, tmp_path / "data")
+        write(changed, files[changed])
+    assert len(made(tmp_path / "data", config)) == 2
+
+
+def interrupted(make, jobs):
+    yield make(jobs[0])
+    raise KeyboardInterrupt
 
 
 def test_unsolved_episodes_are_omitted(tmp_path):
