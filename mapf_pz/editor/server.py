@@ -30,6 +30,8 @@ from mapf_pz.editor.task import Task
 from mapf_pz.evaluation.policies import PlannerFactory, TrainedFactory, bundled_policies, policy_factory
 from mapf_pz.evaluation.solver import solver_of
 from mapf_pz.guidance.library import is_guidance_file
+from mapf_pz.rl.policies.folder import FILES, policy_folder
+from mapf_pz.rl.policies.hub import is_address
 
 HOST = "127.0.0.1"
 """The address of the server, which only this machine can reach."""
@@ -127,14 +129,22 @@ class Editor:
         return {"run": self._runs.start(tasks)}
 
     def _check_solver(self, solver: str, lifelong: bool) -> None:
-        """Raise `ValueError` for an unknown name or option, and `Refusal` for a file outside the folders."""
+        """Raise `ValueError` for an unknown name or option; `Refusal` for files that are not inside the folders."""
         if not lifelong:
             solver_of(solver)
         factory = policy_factory(solver)
         if isinstance(factory, TrainedFactory) and factory.name not in bundled_policies():
-            self._folders.inside(factory.name)
+            self._check_run(factory.name)
         if isinstance(factory, PlannerFactory) and is_guidance_file(factory.edge_weights):
             self._folders.inside(factory.edge_weights)
+
+    def _check_run(self, name: str) -> None:
+        """Raise `Refusal` unless this is a training run, all of whose files are inside the folders."""
+        if is_address(name):  # loading it would contact the network
+            raise Refusal(403, f"{name}: expected a planner, a policy of the package, or a run inside the folders")
+        self._folders.inside(name)
+        for file in FILES:
+            self._folders.inside(policy_folder(name) / file)
 
     def progress(self, request: requests.RunRequest) -> dict[str, Any]:
         """Return the progress of the solvers."""

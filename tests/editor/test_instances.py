@@ -119,5 +119,16 @@ def test_solvers_read_only_files_inside_the_folders(server, tmp_path):
     (tmp_path / "run").mkdir()
     for solver in (str(tmp_path / "run"), f"{tmp_path / 'run'}+pibt:patience=2"):
         assert server.refused("solve", instance=GIVEN, solvers=[solver])[0] == 403
+    (tmp_path / "files" / "policy.safetensors").symlink_to(tmp_path / "run" / "policy.safetensors")
+    assert server.refused("solve", instance=GIVEN, solvers=[str(tmp_path / "files")])[0] == 403
     weights = f"pibt:edge_weights={tmp_path / 'graph.json'}"
     assert server.refused("solve", instance=GIVEN, solvers=[weights], lifelong=True)[0] == 403
+
+
+@pytest.mark.parametrize("address", ["hf://me/policy", "hf://me/policy@v1"])
+@pytest.mark.parametrize("options", ["", "+pibt", ":temperature=0", "+pibt:patience=2"])
+def test_no_solver_is_downloaded(server, monkeypatch, tmp_path, address, options):
+    monkeypatch.chdir(tmp_path / "files")  # relative paths are inside the folder
+    status, message = server.refused("solve", instance=GIVEN, solvers=["pibt", address + options])
+    assert status == 403
+    assert message == f"{address}: expected a planner, a policy of the package, or a run inside the folders"
