@@ -13,6 +13,8 @@ from mapf_pz.instances.instance import Grid
 Room = tuple[int, int]  # row and column in the grid of rooms
 Passage = tuple[Room, Room]
 
+MAX_SIZE = 2**30
+"""Maximum of every number of cells."""
 _TURNS = 0.2
 """Probability of a turn of a wall of `walls` at each post."""
 _DOORS = 0.6
@@ -187,6 +189,8 @@ def _check(least: int = 1, **sizes: int) -> None:
     for name, size in sizes.items():
         if size < least:
             raise ValueError(f"{name}={size}: expected a number of cells, {least} or more")
+        if size > MAX_SIZE:
+            raise ValueError(f"{name}={size}: expected a number of cells, at most {MAX_SIZE}")
 
 
 def _stripes(count: int, width: int, gap: int) -> Bools:

@@ -202,6 +202,7 @@ def test_rooms_are_connected_and_have_one_door_a_wall(shape, size):
         (lambda: generate.random(3, 3, float("nan"), rng()), "density=nan"),
         (lambda: generate.maze(1, 9, rng()), "height=1"),
         (lambda: generate.maze(9, 9, rng(), corridor=0), "corridor=0"),
+        (lambda: generate.maze(9, 9, rng(), corridor=2**63), "corridor=9223372036854775808"),
         (lambda: generate.room(9, 9, rng(), size=1), "size=1"),
         (lambda: generate.primal2(9, 0, rng(), 0.5), "width=0"),
         (lambda: generate.primal2(9, 9, rng(), 0.5, components=0), "components=0"),
