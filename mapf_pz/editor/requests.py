@@ -93,6 +93,11 @@ class GenerateRequest(Request):
 
 
 @dataclass(frozen=True, kw_only=True)
+class CancelRequest(Request):
+    """Request to end the generation of a map."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class GraphRequest(Request):
     """Request of the weights of a guidance graph."""
 

@@ -19,7 +19,7 @@ from starlette.routing import Route
 from mapf_pz._internal.interrupts import interruptible
 from mapf_pz.editor import requests
 from mapf_pz.editor.access import Access
-from mapf_pz.editor.catalog import all_names, generated, graph, opened
+from mapf_pz.editor.catalog import all_names, graph, mixture_of, opened
 from mapf_pz.editor.folders import Folders
 from mapf_pz.editor.instances import graph_of, instance_of
 from mapf_pz.editor.page import editor_page
@@ -88,7 +88,8 @@ class Editor:
             "names": (requests.NamesRequest, self.names),
             "list": (requests.ListRequest, lambda request: folders.entries(request.path)),
             "open": (requests.OpenRequest, lambda request: opened(request, folders)),
-            "generate": (requests.GenerateRequest, generated),
+            "generate": (requests.GenerateRequest, self.generate),
+            "cancel": (requests.CancelRequest, self.cancel),
             "graph": (requests.GraphRequest, graph),
             "save": (requests.SaveRequest, self.save),
             "solve": (requests.SolveRequest, self.solve),
@@ -111,6 +112,15 @@ class Editor:
     def names(self, request: requests.NamesRequest) -> dict[str, Any]:
         """Return what is available by name, and the folders."""
         return all_names() | {"folders": [str(path) for path in self._folders.paths]}
+
+    def generate(self, request: requests.GenerateRequest) -> dict[str, Any]:
+        """Return a generated map."""
+        return self._runs.generation.run(mixture_of(request), request.seed)
+
+    def cancel(self, request: requests.CancelRequest) -> dict[str, Any]:
+        """End the generation of a map."""
+        self._runs.generation.stop()
+        return {}
 
     def save(self, request: requests.SaveRequest) -> dict[str, Any]:
         """Write a file."""
