@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from mapf_pz._internal.json import parse_object, text_member
 from mapf_pz._internal.signatures import field_docs
 from mapf_pz._internal.suggest import expected_names
@@ -18,7 +16,6 @@ from mapf_pz.evaluation.policies import bundled_policies
 from mapf_pz.guidance.library import GENERATED, guidance_graph, guidance_names
 from mapf_pz.instances import (
     MapMixture,
-    format_map,
     format_scenario,
     load_map,
     load_problem,
@@ -93,10 +90,10 @@ def _middle(value: Any) -> Any:
     return type(value[0])((value[0] + value[1]) / 2) if is_range else value
 
 
-def generated(request: GenerateRequest) -> dict[str, Any]:
-    """Return a generated map: the first that `mapf-pz maps generate` writes with these options and this seed.
+def mixture_of(request: GenerateRequest) -> MapMixture:
+    """Return the family and the options of a map to generate.
 
-    Raises `ValueError` for an unknown family or option, or an invalid value.
+    Raises `ValueError` for an unknown family or option, or an invalid value, and `Refusal` for a large map.
     """
     if request.family not in FAMILIES:
         raise ValueError(f"family {request.family!r}: {expected_names(request.family, FAMILIES)}")
@@ -106,9 +103,7 @@ def generated(request: GenerateRequest) -> dict[str, Any]:
             raise ValueError(f"option {name!r}: {request.family} has the options {', '.join(known)}")
     check_shape(request.options.get("height", 1), request.options.get("width", 1))
     options: dict[str, Any] = request.options
-    mixture = MapMixture(maps=(request.family,), **options)
-    grid = mixture.source(num_agents=1).sample(np.random.default_rng(request.seed)).grid
-    return {"name": grid.name, "map": format_map(grid)}
+    return MapMixture(maps=(request.family,), **options)
 
 
 def graph(request: GraphRequest) -> dict[str, Any]:

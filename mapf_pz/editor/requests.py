@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, TypeVar
 
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
-from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.config import MAX_WHOLE, EnvConfig
 
 MAX_STEPS = 100_000
 """Maximum number of steps of an episode."""
@@ -17,7 +17,11 @@ Steps = Annotated[int, Field(ge=1, le=MAX_STEPS)]
 """A number of steps."""
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 """A random seed."""
-Cell = tuple[int, int]
+Whole = Annotated[int, Field(ge=-MAX_WHOLE, le=MAX_WHOLE)]
+"""A whole number, which kernels can read in any case."""
+Number = Annotated[int | float, Field(ge=-MAX_WHOLE, le=MAX_WHOLE)]
+"""A number, which is finite."""
+Cell = tuple[Whole, Whole]
 """[row, col]."""
 Kind = TypeVar("Kind", bound="Request")
 
@@ -82,10 +86,15 @@ class GenerateRequest(Request):
 
     family: str
     """Name of the family."""
-    options: dict[str, int | float] = field(default_factory=dict[str, "int | float"])
+    options: dict[str, Number] = field(default_factory=dict[str, Number])
     """Options of the family by name."""
     seed: Seed = 0
     """Random seed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CancelRequest(Request):
+    """Request to end the generation of a map."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,7 +131,7 @@ class EditedInstance(Request):
     """The start of each of N agents."""
     goals: list[list[Cell]]
     """The goals of each agent, in order."""
-    headings: list[int] | None = None
+    headings: list[Whole] | None = None
     """The headings of agents that turn, 0 to 3 for east, south, west, north; None: agents do not turn."""
     weights: str | None = None
     """Edge weights, base64 of (5, H, W) little-endian float32: east, south, west, north, and waiting.
@@ -151,7 +160,7 @@ class SolveRequest(Request):
 class RunRequest(Request):
     """Request of the progress of a run, or to stop it."""
 
-    run: int
+    run: Whole
     """Number of the run."""
 
 
@@ -167,9 +176,9 @@ class EpisodeRequest(RunRequest):
 class StepRequest(EpisodeRequest):
     """Request to resume an episode from one of its steps."""
 
-    start: Annotated[int, Field(alias="from", ge=0)]
+    start: Annotated[int, Field(alias="from", ge=0, le=MAX_STEPS)]
     """The number of steps that are kept."""
-    actions: dict[int, int] = field(default_factory=dict[int, int])
+    actions: dict[Whole, Whole] = field(default_factory=dict[Whole, Whole])
     """Actions in the next step by agent; the policy moves the others."""
     steps: Steps = 1
     """Number of steps that are added."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from ctypes import c_int64
-from multiprocessing import forkserver, get_all_start_methods, get_context, set_forkserver_preload
+from multiprocessing import RawValue, forkserver, get_all_start_methods, get_context, set_forkserver_preload
+from multiprocessing.process import BaseProcess
 from threading import Lock
 from typing import Any, Literal
 
@@ -13,12 +14,15 @@ from mapf_pz._internal.interrupts import unheard_by_children
 from mapf_pz._internal.parallel import use_one_thread
 from mapf_pz.editor.requests import Refusal
 from mapf_pz.editor.task import Outcome, Task
-from mapf_pz.editor.worker import Failure, work
+from mapf_pz.editor.worker import Failure, send_map, work
+from mapf_pz.instances import MapMixture
 
 State = Literal["running", "done", "failed", "stopped"]
 """What a solver does."""
 CAN_FORK = "forkserver" in get_all_start_methods()
 """Whether processes are forked from one that has loaded what policies need; otherwise each loads it."""
+MAX_GENERATION_SECONDS = 60.0
+"""Time limit of the generation of a map."""
 LOADED = ["mapf_pz.editor.worker", "mapf_pz.rl.policies.load"]
 """The modules that this process loads, if they are installed."""
 
@@ -31,6 +35,17 @@ def start_fork_server() -> None:
         forkserver.ensure_running()
 
 
+def start_worker(target: Callable[..., object], *arguments: object) -> tuple[BaseProcess, Any]:
+    """Start a process that calls `target` with one end of a connection and the arguments; return it and our end."""
+    context = get_context("forkserver") if CAN_FORK else get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=target, args=(theirs, *arguments), daemon=True)
+    with unheard_by_children():
+        process.start()
+    theirs.close()
+    return process, ours
+
+
 class SolverProcess:
     """A process in which a solver runs; afterward, it answers requests about the episode. Its methods block threads."""
 
@@ -40,13 +55,8 @@ class SolverProcess:
         """The solver's task."""
         self.state: State = "running"
         """The state at the latest call of `update`."""
-        context = get_context("forkserver") if CAN_FORK else get_context("spawn")
-        self._connection, theirs = context.Pipe()
-        self._step = context.RawValue(c_int64, 0)
-        self._process = context.Process(target=work, args=(task, theirs, self._step), daemon=True)
-        with unheard_by_children():
-            self._process.start()
-        theirs.close()
+        self._step = RawValue(c_int64, 0)
+        self._process, self._connection = start_worker(work, task, self._step)
         self._lock = Lock()
         self._start("run")
 
@@ -136,14 +146,57 @@ class SolverProcess:
             raise Refusal(409, f"{self.task.solver}: expected a solver that is done, got one that is {self.state}")
 
 
+class MapGeneration:
+    """The generation of maps, one at a time, in a process that can be ended."""
+
+    def __init__(self) -> None:
+        """Start without a process."""
+        self._lock = Lock()
+        self._process: BaseProcess | None = None
+
+    def run(self, mixture: MapMixture, seed: int) -> dict[str, str]:
+        """Return the name and the file of a map; the generation before ends.
+
+        Raises `Refusal` if the map cannot be generated, after `MAX_GENERATION_SECONDS`, and if it is stopped.
+        """
+        with self._lock:
+            self._end()
+            process, connection = start_worker(send_map, mixture, seed)
+            self._process = process
+        with connection:
+            try:
+                if not connection.poll(MAX_GENERATION_SECONDS):
+                    raise Refusal(400, f"map: its generation takes longer than {MAX_GENERATION_SECONDS:g} seconds")
+                answer = connection.recv()
+            except (EOFError, OSError):
+                raise Refusal(409, "map: its generation was stopped") from None
+            finally:
+                process.kill()
+        if isinstance(answer, Failure):
+            raise Refusal(400, answer.message)
+        return answer
+
+    def stop(self) -> None:
+        """End the generation at once, if there is one."""
+        with self._lock:
+            self._end()
+
+    def _end(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.join()
+
+
 class Runs:
-    """The runs of the server, one at a time."""
+    """The runs of the server, and the generation of maps: one of each at a time."""
 
     def __init__(self) -> None:
         """Start without a run."""
         self._lock = Lock()
         self._number = 0
         self._solvers: list[SolverProcess] = []
+        self.generation = MapGeneration()
+        """The generation of maps."""
 
     def start(self, tasks: Sequence[Task]) -> int:
         """Start a run of a solver for each task, and return its number; the run before ends.
@@ -186,6 +239,7 @@ class Runs:
     def close(self) -> None:
         """End all processes."""
         self._stop()
+        self.generation.stop()
 
     def _of(self, number: int, index: int) -> SolverProcess:
         solvers = self.solvers(number)

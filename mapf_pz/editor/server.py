@@ -19,7 +19,7 @@ from starlette.routing import Route
 from mapf_pz._internal.interrupts import interruptible
 from mapf_pz.editor import requests
 from mapf_pz.editor.access import Access
-from mapf_pz.editor.catalog import all_names, generated, graph, opened
+from mapf_pz.editor.catalog import all_names, graph, mixture_of, opened
 from mapf_pz.editor.folders import Folders
 from mapf_pz.editor.instances import graph_of, instance_of
 from mapf_pz.editor.page import editor_page
@@ -30,6 +30,8 @@ from mapf_pz.editor.task import Task
 from mapf_pz.evaluation.policies import PlannerFactory, TrainedFactory, bundled_policies, policy_factory
 from mapf_pz.evaluation.solver import solver_of
 from mapf_pz.guidance.library import is_guidance_file
+from mapf_pz.rl.policies.folder import FILES, policy_folder
+from mapf_pz.rl.policies.hub import is_address
 
 HOST = "127.0.0.1"
 """The address of the server, which only this machine can reach."""
@@ -86,7 +88,8 @@ class Editor:
             "names": (requests.NamesRequest, self.names),
             "list": (requests.ListRequest, lambda request: folders.entries(request.path)),
             "open": (requests.OpenRequest, lambda request: opened(request, folders)),
-            "generate": (requests.GenerateRequest, generated),
+            "generate": (requests.GenerateRequest, self.generate),
+            "cancel": (requests.CancelRequest, self.cancel),
             "graph": (requests.GraphRequest, graph),
             "save": (requests.SaveRequest, self.save),
             "solve": (requests.SolveRequest, self.solve),
@@ -110,6 +113,15 @@ class Editor:
         """Return what is available by name, and the folders."""
         return all_names() | {"folders": [str(path) for path in self._folders.paths]}
 
+    def generate(self, request: requests.GenerateRequest) -> dict[str, Any]:
+        """Return a generated map."""
+        return self._runs.generation.run(mixture_of(request), request.seed)
+
+    def cancel(self, request: requests.CancelRequest) -> dict[str, Any]:
+        """End the generation of a map."""
+        self._runs.generation.stop()
+        return {}
+
     def save(self, request: requests.SaveRequest) -> dict[str, Any]:
         """Write a file."""
         return self._folders.save(request.path, request.text, request.overwrite)
@@ -127,14 +139,22 @@ class Editor:
         return {"run": self._runs.start(tasks)}
 
     def _check_solver(self, solver: str, lifelong: bool) -> None:
-        """Raise `ValueError` for an unknown name or option, and `Refusal` for a file outside the folders."""
+        """Raise `ValueError` for an unknown name or option; `Refusal` for files that are not inside the folders."""
         if not lifelong:
             solver_of(solver)
         factory = policy_factory(solver)
         if isinstance(factory, TrainedFactory) and factory.name not in bundled_policies():
-            self._folders.inside(factory.name)
+            self._check_run(factory.name)
         if isinstance(factory, PlannerFactory) and is_guidance_file(factory.edge_weights):
             self._folders.inside(factory.edge_weights)
+
+    def _check_run(self, name: str) -> None:
+        """Raise `Refusal` unless this is a training run, all of whose files are inside the folders."""
+        if is_address(name):  # loading it would contact the network
+            raise Refusal(403, f"{name}: expected a planner, a policy of the package, or a run inside the folders")
+        self._folders.inside(name)
+        for file in FILES:
+            self._folders.inside(policy_folder(name) / file)
 
     def progress(self, request: requests.RunRequest) -> dict[str, Any]:
         """Return the progress of the solvers."""

@@ -1,4 +1,4 @@
-"""The process of a solver, which answers requests one by one until it is ended."""
+"""The processes of solvers, which answer requests one by one until they are ended, and those that generate maps."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any
 
+import numpy as np
+
 from mapf_pz._internal.parallel import start_process
 from mapf_pz.editor.episode import PolicyEpisode
 from mapf_pz.editor.planned import PlannedPaths
 from mapf_pz.editor.task import OnStep, Solving, Task
 from mapf_pz.errors import USER_ERRORS
+from mapf_pz.instances import MapMixture, format_map
 
 
 @dataclass(frozen=True)
@@ -24,16 +27,15 @@ class Failure:
     """One-line message."""
 
 
-def work(task: Task, connection: Connection[Any, Any], step: c_int64) -> None:
+def work(connection: Connection[Any, Any], task: Task, step: c_int64) -> None:
     """Answer requests, each the name of a method of `Solving` and its arguments, by its result or a `Failure`.
 
     Args:
-        task: the solver's task.
         connection: the requests and answers.
+        task: the solver's task.
         step: shared memory, which is set to the number of steps after each step.
     """
-    start_process()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server ends this process
+    _start()
 
     def show(number: int) -> None:
         step.value = number
@@ -44,12 +46,33 @@ def work(task: Task, connection: Connection[Any, Any], step: c_int64) -> None:
         try:
             solving = solving or _solving(task, show)
             answer = getattr(solving, method)(*arguments)
-        except USER_ERRORS as error:
-            answer = Failure(" ".join(str(error).split()) or type(error).__name__)
         except Exception as error:
-            traceback.print_exc()
-            answer = Failure(f"internal error, see the terminal: {type(error).__name__}")
+            answer = _failure(error)
         connection.send(answer)
+
+
+def send_map(connection: Connection[Any, Any], mixture: MapMixture, seed: int) -> None:
+    """Send the name and the file of the map that `mapf-pz maps generate` writes first, or a `Failure`."""
+    _start()
+    try:
+        grid = mixture.source(num_agents=1).sample(np.random.default_rng(seed)).grid
+        answer = {"name": grid.name, "map": format_map(grid)}
+    except Exception as error:
+        answer = _failure(error)
+    connection.send(answer)
+
+
+def _start() -> None:
+    start_process()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server ends this process
+
+
+def _failure(error: Exception) -> Failure:
+    """Return an error as an answer; prints the traceback of a bug."""
+    if isinstance(error, USER_ERRORS):
+        return Failure(" ".join(str(error).split()) or type(error).__name__)
+    traceback.print_exception(error)
+    return Failure(f"internal error, see the terminal: {type(error).__name__}")
 
 
 def _solving(task: Task, on_step: OnStep) -> Solving:

@@ -13,6 +13,8 @@ from mapf_pz.instances.instance import Grid
 Room = tuple[int, int]  # row and column in the grid of rooms
 Passage = tuple[Room, Room]
 
+MAX_SIZE = 2**30
+"""Maximum of every number of cells."""
 _TURNS = 0.2
 """Probability of a turn of a wall of `walls` at each post."""
 _DOORS = 0.6
@@ -73,18 +75,20 @@ def walls(height: int, width: int, rng: np.random.Generator, density: float) -> 
 
 def _grow_wall(free: Bools, post: Room, rng: np.random.Generator, length: int) -> int:
     """Grow a wall of at most `length` cells from a post, which may be part of a wall; return the number of cells."""
-    (row, col), before, way = post, np.count_nonzero(free), int(rng.integers(4))
+    (row, col), way = post, int(rng.integers(4))
+    grown = int(free[post])  # counting the free cells of the map takes as long as many walls
     free[post] = False
     for _ in range(length // 2):
         if rng.random() < _TURNS:
-            way = (way + int(rng.choice((1, 3)))) % 4
+            way = (way + (1, 3)[rng.integers(2)]) % 4
         down, right = ((0, 1), (1, 0), (0, -1), (-1, 0))[way]
         end = row + 2 * down, col + 2 * right
         if not (0 < end[0] < free.shape[0] - 1 and 0 < end[1] < free.shape[1] - 1 and free[end]):
             break
+        grown += int(free[row + down, col + right]) + 1
         free[row + down, col + right] = free[end] = False
         row, col = end
-    return int(before - np.count_nonzero(free))
+    return grown
 
 
 def primal2(
@@ -187,6 +191,8 @@ def _check(least: int = 1, **sizes: int) -> None:
     for name, size in sizes.items():
         if size < least:
             raise ValueError(f"{name}={size}: expected a number of cells, {least} or more")
+        if size > MAX_SIZE:
+            raise ValueError(f"{name}={size}: expected a number of cells, at most {MAX_SIZE}")
 
 
 def _stripes(count: int, width: int, gap: int) -> Bools:

@@ -119,11 +119,13 @@ def _check_names(name: str, value: Any) -> None:
 
 
 def _check_range(name: str, value: Any, kind: Any, least: int) -> None:
-    """Raise `ValueError` unless `value` is a number of at least `least`, or two in ascending order."""
+    """Raise `ValueError` unless `value` is a number from `least` to `MAX_SIZE`, or two in ascending order."""
     ends = _bounds(value)
     numbers = all(isinstance(end, kind) and not isinstance(end, bool) for end in ends)
     if len(ends) != 2 or not numbers or not least <= ends[0] <= ends[1]:
         raise ValueError(f"{name}={value!r}: expected {least} or more, or a range such as ({least}, {least + 4})")
+    if ends[1] > generate.MAX_SIZE:
+        raise ValueError(f"{name}={value!r}: expected at most {generate.MAX_SIZE}")
 
 
 def _bounds(value: float | tuple[float, float]) -> tuple[Any, Any]:

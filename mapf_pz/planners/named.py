@@ -25,6 +25,8 @@ PLANNERS: dict[str, type[Planner]] = {
     "cbs": CBS,
 }
 """The planners by name."""
+MAX_OPTION = 2**30
+"""Maximum absolute value of an option."""
 
 
 def planner_of(name: str, seed: int = 0, env: MapfEnv | None = None) -> Planner:
@@ -70,4 +72,6 @@ def parse_options(name: str, defaults: Mapping[str, Any], text: str) -> dict[str
             options[key] = None
         if not isinstance(options[key], (int, float)):
             raise ValueError(f"option {option!r}: expected a number, True or False")
+        if abs(options[key]) > MAX_OPTION:
+            raise ValueError(f"option {option!r}: expected -{MAX_OPTION} to {MAX_OPTION}")
     return options

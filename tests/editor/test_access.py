@@ -3,7 +3,9 @@
 import json
 
 import pytest
+from pydantic import TypeAdapter
 
+from mapf_pz.editor import requests
 from mapf_pz.editor import server as editor_server
 from tests.helpers.editor_server import TOKEN
 
@@ -93,6 +95,46 @@ def test_malformed_requests(server, body, error):
     status, answer = server.post("list", body)
     assert status == 400
     assert answer["error"].startswith(error)
+
+
+LIMITS = {"maximum", "exclusiveMaximum", "le"}
+
+
+def unbounded(schema, place):
+    """Yield the places of numbers without a maximum in the JSON schema of a request."""
+    if isinstance(schema, list):
+        for part in schema:
+            yield from unbounded(part, place)
+    elif isinstance(schema, dict) and not schema.keys() & LIMITS:
+        if schema.get("type") in ("integer", "number"):
+            yield place
+        for name, part in schema.items():
+            yield from unbounded(part, f"{place}.{name}")
+
+
+def test_every_number_of_a_request_is_bounded():
+    kinds = [kind for kind in vars(requests).values() if isinstance(kind, type) and issubclass(kind, requests.Request)]
+    assert len(kinds) > 10
+    for kind in kinds:
+        assert list(unbounded(TypeAdapter(kind).json_schema(), kind.__name__)) == []
+
+
+LARGE = {"9223372036854775808": "less", "1e400": "less", "-1e400": "greater", "NaN": "greater"}
+
+
+@pytest.mark.parametrize("number", LARGE)
+@pytest.mark.parametrize(
+    ("function", "body", "place"),
+    [
+        ("generate", '{"family": "maze", "options": {"corridor": %s}}', "options.corridor"),
+        ("generate", '{"family": "room", "options": {"room_size": %s}}', "options.room_size"),
+        ("generate", '{"family": "random", "options": {"density": %s}}', "options.density"),
+    ],
+)
+def test_large_numbers_are_refused(server, function, body, place, number):
+    status, answer = server.post(function, body % number)
+    assert status == 400
+    assert answer["error"].startswith(f"{place}: Input should be {LARGE[number]} than or equal to ")
 
 
 def test_a_bug_is_one_line(server, monkeypatch):

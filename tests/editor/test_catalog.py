@@ -1,6 +1,8 @@
 """What the page offers by name is what the package has."""
 
 import base64
+import multiprocessing
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -59,6 +61,7 @@ def test_problems_are_opened(server, tmp_path, in_a_file):
         assert getattr(copy, name) == getattr(original, name)
 
 
+@pytest.mark.usefixtures("forked_solvers")
 def test_families_generate_the_maps_of_the_command(server, tmp_path):
     families = {family["name"]: family for family in server.call("names")["families"]}
     assert list(families) == ["random", "walls", "maze", "primal2", "room", "warehouse"]
@@ -94,6 +97,37 @@ def test_maps_that_cannot_be_generated(server, members, error):
     status, message = server.refused("generate", **members)
     assert status == 400
     assert message.startswith(error)
+
+
+LONGEST = {"family": "primal2", "options": {"height": 1024, "width": 1024, "primal2_components": 1}}
+
+
+@pytest.mark.usefixtures("forked_solvers")
+@pytest.mark.parametrize("end", ["cancel", "generate", "close"])
+def test_the_generation_of_a_map_is_ended(server, end):
+    before, answers = set(multiprocessing.active_children()), []
+    thread = Thread(target=lambda: answers.append(server.refused("generate", **LONGEST)))
+    thread.start()
+    while not (started := set(multiprocessing.active_children()) - before):
+        pass
+    if end == "cancel":
+        assert server.call("cancel") == {}
+    elif end == "generate":
+        assert server.call("generate", family="random")["name"] == "random-12-12-15"
+    else:
+        server.runs.close()
+    thread.join()
+    assert answers == [(409, "map: its generation was stopped")]
+    assert not any(process.is_alive() for process in started)
+
+
+@pytest.mark.usefixtures("forked_solvers")
+def test_the_generation_of_a_map_has_a_time_limit(server, monkeypatch):
+    monkeypatch.setattr("mapf_pz.editor.run.MAX_GENERATION_SECONDS", 0)
+    before = set(multiprocessing.active_children())
+    assert server.refused("generate", **LONGEST) == (400, "map: its generation takes longer than 0 seconds")
+    for process in set(multiprocessing.active_children()) - before:
+        process.join()
 
 
 def test_graphs(server):

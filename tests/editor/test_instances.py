@@ -54,12 +54,12 @@ def test_weights():
         ({"starts": [[0, 0], [0, 3]]}, "agent 1: start [row 0, col 3] is outside of map 'two' (3 x 3)"),
         ({"starts": [[0, 0], [-1, 2]]}, "agent 1: start [row -1, col 2] is outside of map 'two' (3 x 3)"),
         ({"starts": [[0, 0], [0, 0]]}, "agent 1: start [row 0, col 0] is also another agent's start"),
-        ({"starts": [[0, 0], [0, 10**30]]}, "scenario starts: expected whole numbers [row, col] for each agent"),
+        ({"starts": [[0, 0], [0, 10**30]]}, "instance.starts.1.1: Input should be less than or equal to 10737"),
         ({"goals": [[[0, 2]], [[1, 1]]]}, "agent 1: goal [row 1, col 1] is an obstacle of map 'two' (3 x 3)"),
         ({"goals": [[[0, 2]], [[2, 2]]]}, "agent 1: no path on map 'two' leads from its start [row 0, col 2] to"),
         ({"headings": [0]}, "headings: expected 2 numbers 0 to 3"),
         ({"headings": [0, 4]}, "headings: expected 2 numbers 0 to 3"),
-        ({"headings": [0, 10**30]}, "headings: expected numbers"),
+        ({"headings": [0, 10**30]}, "instance.headings.1: Input should be less than or equal to 1073741824"),
     ],
 )  # fmt: skip
 def test_instances_that_are_refused(server, changes, error):
@@ -119,5 +119,16 @@ def test_solvers_read_only_files_inside_the_folders(server, tmp_path):
     (tmp_path / "run").mkdir()
     for solver in (str(tmp_path / "run"), f"{tmp_path / 'run'}+pibt:patience=2"):
         assert server.refused("solve", instance=GIVEN, solvers=[solver])[0] == 403
+    (tmp_path / "files" / "policy.safetensors").symlink_to(tmp_path / "run" / "policy.safetensors")
+    assert server.refused("solve", instance=GIVEN, solvers=[str(tmp_path / "files")])[0] == 403
     weights = f"pibt:edge_weights={tmp_path / 'graph.json'}"
     assert server.refused("solve", instance=GIVEN, solvers=[weights], lifelong=True)[0] == 403
+
+
+@pytest.mark.parametrize("address", ["hf://me/policy", "hf://me/policy@v1"])
+@pytest.mark.parametrize("options", ["", "+pibt", ":temperature=0", "+pibt:patience=2"])
+def test_no_solver_is_downloaded(server, monkeypatch, tmp_path, address, options):
+    monkeypatch.chdir(tmp_path / "files")  # relative paths are inside the folder
+    status, message = server.refused("solve", instance=GIVEN, solvers=["pibt", address + options])
+    assert status == 403
+    assert message == f"{address}: expected a planner, a policy of the package, or a run inside the folders"

@@ -106,6 +106,8 @@ def test_wrong_guidance_graphs_of_planners(name, message):
         ("epibt:seed=5", "option 'seed=5': EPIBT has the options depth, time_limit, rounds, num_threads"),
         ("epibt:depth", "option 'depth': expected a number, True or False"),
         ("epibt:depth=", "option 'depth=': expected a number, True or False"),
+        ("windowed:rounds=1073741825", "option 'rounds=1073741825': expected -1073741824 to 1073741824"),
+        ("epibt:time_limit=1e400", "option 'time_limit=1e400': expected -1073741824 to 1073741824"),
         ("epibt:depth=five", "option 'depth=five': expected a number, True or False"),
         ("epibt:depth='5'", "option \"depth='5'\": expected a number, True or False"),
         ("epibt:depth=[5]", "option 'depth=[5]': expected a number, True or False"),
@@ -175,12 +177,12 @@ def test_options_of_trained_policies():
     ("name", "message"),
     [
         ("mappo:temperature=-1", "temperature=-1: expected a finite number, 0 or more"),
-        ("mappo:temperature=1e999", "temperature=inf: expected a finite number, 0 or more"),
+        ("mappo:temperature=1e999", "option 'temperature=1e999': expected -1073741824 to 1073741824"),
         ("central-ppo:temperature=-1", "temperature=-1: expected a finite number, 0 or more"),
         ("mappo+pibt:patience=-1", "patience=-1: expected a whole number, 0 or more"),
         ("mappo+pibt:patience=1.5", "patience=1.5: expected a whole number, 0 or more"),
         ("mappo+pibt:depth=2", "depth=2: expected a number of actions from 3 to 8"),
-        ("mappo+pibt:patience=1e999", "patience=inf: expected a whole number, 0 or more"),
+        ("mappo+pibt:patience=1e999", "option 'patience=1e999': expected -1073741824 to 1073741824"),
     ],
 )
 def test_wrong_options_of_trained_policies(name, message):

@@ -1,4 +1,5 @@
 import json
+from hashlib import sha1
 from importlib import resources
 
 import numpy as np
@@ -202,6 +203,7 @@ def test_rooms_are_connected_and_have_one_door_a_wall(shape, size):
         (lambda: generate.random(3, 3, float("nan"), rng()), "density=nan"),
         (lambda: generate.maze(1, 9, rng()), "height=1"),
         (lambda: generate.maze(9, 9, rng(), corridor=0), "corridor=0"),
+        (lambda: generate.maze(9, 9, rng(), corridor=2**63), "corridor=9223372036854775808"),
         (lambda: generate.room(9, 9, rng(), size=1), "size=1"),
         (lambda: generate.primal2(9, 0, rng(), 0.5), "width=0"),
         (lambda: generate.primal2(9, 9, rng(), 0.5, components=0), "components=0"),
@@ -234,3 +236,12 @@ def test_the_readme_of_the_maps_lists_them_all():
     for name in BUNDLED:
         assert f"`{name}` | " in text
         assert str(load_map(name).free.sum()) in text
+
+
+def test_walls_of_a_seed_do_not_change():
+    digest = sha1()
+    for seed in range(60):
+        generator = rng(seed)
+        grid = generate.walls(1 + seed % 40, 1 + 7 * seed % 41, generator, seed % 10 / 10)
+        digest.update(grid.free.tobytes() + str(generator.integers(2**40)).encode())
+    assert digest.hexdigest() == "19cab4b00e5e7519153db95253734ce023d5eb15"

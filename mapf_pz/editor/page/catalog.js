@@ -22,6 +22,7 @@ class Catalog {
     const { files } = this;
     $("family").onchange = () => this.showOptions();
     $("generate").onclick = () => files.attempt(() => this.generate());
+    $("cancel").onclick = () => files.attempt(() => this.server.call("cancel"));
     $("use-graph").onclick = () => files.attempt(() => this.useGraph($("graph").value));
     $("open").onclick = () => files.attempt(() => this.open($("open-name").value, $("open-scenario").value));
     $("open-name").oninput = () => fillOptions($("scenario-names"), this.names.scenarios[$("open-name").value] ?? []);
@@ -41,7 +42,9 @@ class Catalog {
     const family = this.names.families.find(({ name }) => name === $("family").value);
     const options = Object.fromEntries(family.options.map(({ name, type }) => [name, parsedOption($(`option-${name}`).value, type)]));
     const seed = parsedOption($("option-seed").value, "int");
-    const { name, map } = await this.server.call("generate", { family: family.name, options, seed });
+    $("cancel").disabled = false;
+    const { name, map } = await this.server.call("generate", { family: family.name, options, seed })
+      .finally(() => { $("cancel").disabled = true; });
     this.editor.open(drawingOf(parseMap(map, `${name}.map`)));
   }
 
