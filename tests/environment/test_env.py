@@ -372,7 +372,7 @@ def test_finish_takes_agents_away_one_by_one():
     ("resting_since", "shortest", "metrics"),
     [
         ([1, -1], [2, -1], {"CSR": 0, "ISR": 0.5, "SoC": 4, "makespan": 3, "ep_length": 3, "SoC_ratio": 2}),
-        ([0, 0], [0, 0], {"CSR": 1, "ISR": 1, "SoC": 0, "makespan": 0, "ep_length": 3, "SoC_ratio": 1}),
+        ([1, 1], [0, 0], {"CSR": 1, "ISR": 1, "SoC": 2, "makespan": 1, "ep_length": 3, "SoC_ratio": 1}),
     ],
 )
 def test_metrics_of_goals_out_of_reach_and_at_the_start(resting_since, shortest, metrics):

@@ -18,6 +18,7 @@ from mapf_pz.rl.config import ModelConfig, OptimizationConfig, TaskConfig, Train
 from mapf_pz.rl.config_file import CONFIG, config_files, load_config
 from mapf_pz.rl.networks.observation_shape import ObservationShape
 from mapf_pz.simulator import Simulator
+from mapf_pz.simulator.keywords import EnvKeywords
 from mapf_pz.wrappers import CentralizedEnv, CentralizedVectorEnv, ContinuousActions, RecordEpisode
 from tests.helpers.small_run import changed
 
@@ -415,7 +416,6 @@ def test_train_then_play(tmp_path, algorithm):
     planes = mapf_pz.parallel_env(**policy.env_kwargs | OFF).observation_space("agent_0")["image"].shape[0]
     assert env.observation_space("agent_0")["image"].shape[0] == 2 * 3 * planes
     assert [episode.metrics["ep_length"] for episode in evaluate({"it": policy}, [task])] == [10, 10]
-    render(
-        EpisodeOptions(tmp_path / "end.png", (str(tmp_path),), EnvConfig(map="empty-8-8", num_agents=4, max_steps=3))
-    )
+    keywords = EnvKeywords({"map": "empty-8-8", "num_agents": 4, "max_steps": 3})
+    render(EpisodeOptions(tmp_path / "end.png", (str(tmp_path),), keywords))
     assert (tmp_path / "end.png").stat().st_size > 0
