@@ -9,10 +9,8 @@ import numpy as np
 from mapf_pz._internal.arrays import Floats, Ints
 from mapf_pz._internal.npz import read_npz, write_npz
 from mapf_pz.errors import FormatError
+from mapf_pz.guidance.files.npz import MAX_BYTES
 from mapf_pz.instances.instance import Grid
-
-MAX_HEADER_BYTES = 2**12
-"""Maximum size of the header of the array."""
 
 
 def load_moves(path: str | Path, grid: Grid) -> Floats:
@@ -23,7 +21,7 @@ def load_moves(path: str | Path, grid: Grid) -> Floats:
         FormatError: The file is malformed, is for a map of another size, or has a number that is negative or not
             finite.
     """
-    moves = read_npz(path, ("moves",), 4 * 8 * grid.free.size + MAX_HEADER_BYTES)["moves"]
+    moves = read_npz(path, ("moves",), MAX_BYTES)["moves"]
     if moves.shape != (4, *grid.shape) or moves.dtype.kind not in "iuf":
         expected = f"expected numbers 'moves' {(4, *grid.shape)} for map {grid.name!r}"
         raise FormatError(path, f"{expected}, got {moves.dtype} {moves.shape}")

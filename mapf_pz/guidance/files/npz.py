@@ -14,14 +14,13 @@ from mapf_pz.guidance.files.weights import check_shape, checked_weights
 from mapf_pz.guidance.graph import GuidanceGraph
 from mapf_pz.instances.instance import Grid
 
-MAX_BYTES, MAX_OTHER_BYTES = 2**27, 2**16
-"""Maximum size of all arrays, and of those besides the weights, which have at most 64 bits each."""
+MAX_BYTES = 2**27
+"""Maximum size of the arrays of a file."""
 
 
 def read(path: str | Path, grid: Grid | None) -> GuidanceGraph:
     """Read a guidance graph; raises as `load_guidance`."""
-    most = MAX_BYTES if grid is None else min(5 * 8 * grid.free.size + MAX_OTHER_BYTES, MAX_BYTES)
-    arrays = read_npz(path, ("move", "wait", "map", "digest"), most)
+    arrays = read_npz(path, ("move", "wait", "map", "digest"), MAX_BYTES)
     move, wait = arrays["move"], arrays["wait"]
     if move.ndim != 3 or move.shape != (4, *wait.shape) or move.dtype.kind != "f" or wait.dtype.kind != "f":
         expected = "expected floating-point numbers 'move' (4, H, W) and 'wait' (H, W)"
