@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import Any
 
 from mapf_pz.editor.task import Outcome, Task, agents_away, plan_message
-from mapf_pz.evaluation.solver import no_plan_text, solver_of
-from mapf_pz.planners import Plan, record_plan
-from mapf_pz.planners.base import lower_bound
+from mapf_pz.evaluation.solver import no_plan_text
+from mapf_pz.planners import Plan, planner_of, record_plan
+from mapf_pz.planners.base import action_model_of, lower_bound
 from mapf_pz.planners.plans.files import format_plan
 from mapf_pz.render.recording import episode_data
 
@@ -18,9 +18,10 @@ class PlannedPaths:
     """The plan of a planner of whole paths."""
 
     def __init__(self, task: Task) -> None:
-        """Create the planner of a task; raises `ValueError` for an unknown name or option."""
+        """Create the planner of a task, and compile it; raises `ValueError` for an unknown name or option."""
         self._task = task
-        self._solver = solver_of(task.solver, task.seed)
+        self._solver = planner_of(task.solver, task.seed)
+        self._solver.compile(action_model_of(task.instance))
         self._plan: Plan | None = None
 
     def run(self) -> Outcome:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from ctypes import c_int64
+from ctypes import c_double, c_int64
 from multiprocessing import RawValue, forkserver, get_all_start_methods, get_context, set_forkserver_preload
 from multiprocessing.process import BaseProcess
 from threading import Lock
@@ -13,7 +14,7 @@ from typing import Any, Literal
 from mapf_pz._internal.interrupts import unheard_by_children
 from mapf_pz._internal.parallel import use_one_thread
 from mapf_pz.editor.requests import Refusal
-from mapf_pz.editor.task import Outcome, Task
+from mapf_pz.editor.task import Outcome, Task, check_memory
 from mapf_pz.editor.worker import Failure, send_map, work
 from mapf_pz.instances import MapMixture
 
@@ -23,6 +24,8 @@ CAN_FORK = "forkserver" in get_all_start_methods()
 """Whether processes are forked from one that has loaded what policies need; otherwise each loads it."""
 MAX_GENERATION_SECONDS = 60.0
 """Time limit of the generation of a map."""
+MAX_OVERTIME = 30.0
+"""Seconds after its time limit at which a solver is ended. Most end earlier by themselves, with a result."""
 LOADED = ["mapf_pz.editor.worker", "mapf_pz.rl.policies.load"]
 """The modules that this process loads, if they are installed."""
 
@@ -55,16 +58,23 @@ class SolverProcess:
         """The solver's task."""
         self.state: State = "running"
         """The state at the latest call of `update`."""
-        self._step = RawValue(c_int64, 0)
-        self._process, self._connection = start_worker(work, task, self._step)
+        self._step, self._started_at = RawValue(c_int64, 0), RawValue(c_double, 0.0)
+        self._process, self._connection = start_worker(work, task, self._step, self._started_at)
         self._lock = Lock()
         self._start("run")
 
     def update(self) -> State:
-        """Receive the solver's outcome, if there is one, or notice that the process has ended; return the state."""
+        """Receive the solver's outcome, if there is one, or notice that the process has ended; return the state.
+
+        A process that works for `MAX_OVERTIME` longer than its time limit is ended.
+        """
         with self._lock:
             if self.state in ("running", "done") and self._connection.poll():
                 self._finish(self._received())
+            elif self.state == "running" and self._seconds() > self._time_limit + MAX_OVERTIME:
+                self._process.kill()
+                limit = f"{MAX_OVERTIME:g} seconds after its time limit of {self._time_limit:g} seconds"
+                self._finish(Failure(f"{self.task.solver} had no result {limit}, and was ended"))
         return self.state
 
     def progress(self) -> dict[str, Any]:
@@ -76,8 +86,8 @@ class SolverProcess:
             "state": self.state,
             "step": None if running and self.task.plans_paths else step,
             "steps": self.task.max_steps,
-            "seconds": time.monotonic() - self._started if running else self._outcome.seconds,
-            "message": "" if running else self._outcome.message,
+            "seconds": self._seconds() if running else self._outcome.seconds,
+            "message": ("" if self._started_at.value else "compiling") if running else self._outcome.message,
             "unfinished": [] if running else list(self._outcome.unfinished),
         }
 
@@ -112,7 +122,7 @@ class SolverProcess:
         with self._lock:
             self._process.join()
             if self.state == "running":
-                self._outcome = Outcome("stopped", self._step.value, seconds=time.monotonic() - self._started)
+                self._outcome = Outcome("stopped", self._step.value, seconds=self._seconds())
             self.state = "stopped"
             self._connection.close()
 
@@ -120,9 +130,14 @@ class SolverProcess:
         """Send a request that is answered by an `Outcome`."""
         self.state = "running"
         self._outcome = Outcome("", 0)
-        self._started = time.monotonic()
+        self._time_limit = self.task.time_limit if method == "run" else math.inf
+        self._started_at.value = 0.0
         self._step.value = 0
         self._connection.send((method, arguments))
+
+    def _seconds(self) -> float:
+        """Return how long the solver has been working, without the compilation of kernels."""
+        return time.monotonic() - self._started_at.value if self._started_at.value else 0.0
 
     def _received(self) -> Any:
         """Wait for an answer, and return it; a `Failure` if the process has ended."""
@@ -134,8 +149,7 @@ class SolverProcess:
 
     def _finish(self, answer: Outcome | Failure) -> None:
         if isinstance(answer, Failure):
-            seconds = time.monotonic() - self._started
-            answer = Outcome(answer.message, self._step.value, seconds=seconds)
+            answer = Outcome(answer.message, self._step.value, seconds=self._seconds())
             self.state = "failed"
         else:
             self.state = "done"
@@ -201,11 +215,12 @@ class Runs:
     def start(self, tasks: Sequence[Task]) -> int:
         """Start a run of a solver for each task, and return its number; the run before ends.
 
-        Raises `Refusal` (status 409) while another run is running.
+        Raises `Refusal` (status 409) while another run is running, and as `check_memory`.
         """
         with self._lock:
             self._require_idle()
             self._stop()
+            check_memory(tasks)
             self._solvers = [SolverProcess(task) for task in tasks]
             return self._next()
 

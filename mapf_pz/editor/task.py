@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
+from mapf_pz.editor.requests import Refusal
 from mapf_pz.evaluation.solver import costs_text
 from mapf_pz.guidance.library import EdgeWeights
 from mapf_pz.instances import Instance
 from mapf_pz.planners import PLANNERS, Plan
 from mapf_pz.planners.base import PlanFollower
+from mapf_pz.simulator.kernels.cost_tables import default_bytes
 
 OnStep: TypeAlias = "Callable[[int], object]"
 """Is called with the number of steps after each step."""
@@ -42,6 +44,15 @@ class Task:
         """Whether the solver plans whole paths, before the first step, instead of single steps."""
         planner = PLANNERS.get(self.solver.partition(":")[0])
         return not self.lifelong and planner is not None and issubclass(planner, PlanFollower)
+
+    @property
+    def table_bytes(self) -> int:
+        """Memory of the cost to go to the first goals of all agents, which all planners look up, in bytes."""
+        scenario, cells = self.instance.scenario, self.instance.grid.free.size + 1
+        first = scenario.goals.reshape(len(scenario), -1, 2)[:, 0]
+        num_headings = 1 if self.instance.headings is None else 4
+        per_cell = 4 * (1 if self.edge_weights is None else num_headings + 1)  # as in `CostTables`
+        return per_cell * cells * len(np.unique(first, axis=0))
 
 
 @dataclass(frozen=True)
@@ -74,6 +85,15 @@ class Solving(Protocol):
     def episode(self) -> dict[str, Any]:
         """Return the result as the response to `episode`."""
         ...
+
+
+def check_memory(tasks: Sequence[Task]) -> None:
+    """Raise `Refusal` if solvers that run at the same time need more than half of the memory that can be used."""
+    needed = sum(task.table_bytes for task in tasks)
+    allowed = default_bytes(needed)
+    if needed > allowed:
+        takes = f"the cost to go to all goals takes {needed / 2**30:.1f} GiB"
+        raise Refusal(400, f"memory: {takes}, expected at most {allowed / 2**30:.1f} GiB: use fewer agents or cells")
 
 
 def plan_message(plan: Plan, instance: Instance, bound: int) -> str:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import signal
+import time
 import traceback
-from ctypes import c_int64
+from ctypes import c_double, c_int64
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any
@@ -27,13 +28,14 @@ class Failure:
     """One-line message."""
 
 
-def work(connection: Connection[Any, Any], task: Task, step: c_int64) -> None:
+def work(connection: Connection[Any, Any], task: Task, step: c_int64, started_at: c_double) -> None:
     """Answer requests, each the name of a method of `Solving` and its arguments, by its result or a `Failure`.
 
     Args:
         connection: the requests and answers.
         task: the solver's task.
         step: shared memory, which is set to the number of steps after each step.
+        started_at: shared memory, which is set to `time.monotonic()` when the work begins, after kernels are compiled.
     """
     _start()
 
@@ -45,6 +47,7 @@ def work(connection: Connection[Any, Any], task: Task, step: c_int64) -> None:
         method, arguments = connection.recv()
         try:
             solving = solving or _solving(task, show)
+            started_at.value = time.monotonic()
             answer = getattr(solving, method)(*arguments)
         except Exception as error:
             answer = _failure(error)

@@ -14,6 +14,7 @@ from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.guidance import GuidanceGraph, save_guidance
 from mapf_pz.instances import Grid, Instance, Scenario, format_map, format_scenario, load_map
 from mapf_pz.instances.sources import InstanceList
+from mapf_pz.planners import planner_of
 from mapf_pz.planners.plans.plan import reached
 from mapf_pz.simulator.source import sample_instance
 from tests.editor.test_instances import encoded
@@ -263,6 +264,12 @@ def test_a_run_is_stopped(server, endless):
     assert server.finished(run + 1)[0]["state"] == "done"
 
 
+def wait_for_the_end(connection, *_):
+    """Receive requests, and answer none."""
+    while True:
+        connection.recv()
+
+
 def test_a_crash_is_reported(server, endless):
     run, process = endless
     os.kill(process.pid, signal.SIGKILL)
@@ -293,3 +300,46 @@ def test_agents_at_their_goals_need_no_step(server):
     for solver in ("pibt", "random", "lacam:anytime=False"):
         _, [progress] = solved(server, edited(instance), solver, time_limit=1000)
         assert (progress["step"], progress["unfinished"]) == (0, [])
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("action_model", ["rotate", "cardinal"])
+def test_memory_is_checked_before_a_run(server, monkeypatch, action_model, weighted):
+    instance = sampled(action_model)
+    given = edited(instance)
+    graph = GuidanceGraph.random(instance.grid.free, np.random.default_rng(3))
+    if weighted:
+        given["weights"] = encoded(np.concatenate([graph.move, graph.wait[None]]))
+    weights = graph if weighted else "uniform"
+    with pytest.raises(MemoryError) as raised:
+        planner_of("pibt").solve(instance, edge_weights=weights, distance_bytes=1)
+    needed = int(str(raised.value).partition(" takes ")[2].partition(" ")[0])
+    monkeypatch.setattr("mapf_pz.simulator.kernels.cost_tables.CACHE_BYTES", 0)
+    monkeypatch.setattr("mapf_pz.simulator.kernels.cost_tables.usable_memory", lambda: 4 * needed - 2)
+    before = multiprocessing.active_children()
+    status, message = server.refused("solve", instance=given, solvers=["pibt", "lacam"])
+    assert status == 400
+    assert message.startswith("memory: the cost to go to all goals takes 0.0 GiB, expected at most 0.0 GiB: use fewer")
+    assert multiprocessing.active_children() == before
+    _, [progress] = solved(server, given, "pibt", max_steps=3, time_limit=1000)
+    assert progress["step"] == 3
+
+
+def test_a_solver_that_does_not_end_by_itself_is_ended(server, monkeypatch, endless):
+    run, process = endless
+    while server.call("progress", run=run)["solvers"][0]["step"] < 3:  # it works on
+        pass
+    monkeypatch.setattr("mapf_pz.editor.run.MAX_OVERTIME", -80_000)
+    [progress] = server.finished(run)
+    limits = "-80000 seconds after its time limit of 80000 seconds"
+    assert (progress["state"], progress["message"]) == ("failed", f"pibt had no result {limits}, and was ended")
+    process.join()
+
+
+def test_progress_is_without_compilation(server, monkeypatch):
+    monkeypatch.setattr("mapf_pz.editor.run.work", wait_for_the_end)  # as if kernels were compiled without end
+    run = server.call("solve", instance=edited(sampled()), solvers=["cbs"], time_limit=1)["run"]
+    [progress] = server.call("progress", run=run)["solvers"]
+    assert (progress["state"], progress["seconds"], progress["message"]) == ("running", 0, "compiling")
+    server.call("stop", run=run)
+    assert server.call("progress", run=run)["solvers"][0]["seconds"] == 0
