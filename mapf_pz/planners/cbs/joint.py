@@ -221,6 +221,7 @@ def _choose(
     bit = 1 << agent
     has_ended = before[num_agents] & bit != 0
     cell = before[agent] // headings
+    has_disappeared = _has_disappeared(group, before, is_first, agent)
     if action == 0:
         if not has_ended and (cell != group.goals[agent] or before[num_agents + 1] < first_end[agent]):
             return False
@@ -229,12 +230,11 @@ def _choose(
     else:
         after = next_state(group.moves, headings, before[agent], action - 1)
         is_second_wait = action > 1 and after == before[agent]
-        has_ended |= _has_disappeared(group, before, is_first, agent)
-        if has_ended or is_second_wait or group.distance[agent, after] == UNREACHED:
+        if has_ended or has_disappeared or is_second_wait or group.distance[agent, after] == UNREACHED:
             return False
         row[num_agents] &= ~bit
     row[agent] = after
-    if _has_disappeared(group, before, is_first, agent):
+    if has_disappeared:
         return True
     next_cell = after // headings
     if action > 0 and is_forbidden(constraints, at[0], at[1], cell, next_cell):
