@@ -237,7 +237,7 @@ def test_arrays_that_are_larger_than_the_map(tmp_path, grid):
     with np.errstate(all="ignore"):
         np.savez_compressed(tmp_path / "a.npz", move=weights[:4], wait=weights[0], map="tiny", digest="0")
         np.savez_compressed(tmp_path / "moves.npz", moves=weights[:4])
-    with bounded(megabytes=80):  # 64 of them for reading any file
+    with bounded(megabytes=1):
         refused(lambda: load_guidance(tmp_path / "a.npz", grid), "expected arrays of at most")
         refused(lambda: load_moves(tmp_path / "moves.npz", GRID), "expected arrays of at most")
 

@@ -42,7 +42,11 @@ def read_bytes(path: str | Path, max_bytes: int | None = None) -> bytes:
             raise FormatError(path, "expected a file, got a folder or device")
         raise FileNotFoundError(f"{path}: no such file")
     with open(path, "rb") as file:
-        data = file.read(limit + 1)
+        # Reading allocates as much as it asks for: not more than the size that the file states.
+        stated = min(os.fstat(file.fileno()).st_size, limit)
+        data = file.read(stated + 1)
+        if stated < len(data) <= limit:  # the file grows, or states no size, such as those in /proc
+            data += file.read(limit + 1 - len(data))
     if len(data) > limit:
         raise FormatError(path, f"expected at most {limit} bytes")
     return data

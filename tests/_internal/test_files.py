@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from mapf_pz._internal.atomic import naming, replacing, write_whole
+from mapf_pz._internal.text import read_bytes
+from mapf_pz.errors import FormatError
 from mapf_pz.instances import Grid, Instance, Scenario, write_map, write_scenario
 from mapf_pz.planners import Plan
 from mapf_pz.planners.plans.files import write_plan
@@ -96,3 +98,12 @@ def test_errors_name_what_they_are_about(tmp_path):
         raise OSError("encoder error -2")
     with pytest.raises(FileNotFoundError, match="inner"), naming(tmp_path):
         (tmp_path / "inner").read_bytes()
+
+
+@pytest.mark.skipif(not Path("/proc/version").exists(), reason="there is no /proc")
+def test_a_file_that_states_no_size_is_read_to_its_end():
+    file = Path("/proc/version")
+    assert file.stat().st_size == 0
+    assert read_bytes(file) == file.read_bytes() != b""
+    with pytest.raises(FormatError, match="expected at most 5 bytes"):
+        read_bytes(file, 5)

@@ -56,7 +56,7 @@ def load_policy(
     folder = policy_folder(policy)
     config = _config_in(folder, policy, trust_remote_code)
     file = folder / WEIGHTS
-    content = read_bytes(file, min(MAX_WEIGHTS_BYTES, file.stat().st_size))  # which allocates the limit
+    content = read_bytes(file, MAX_WEIGHTS_BYTES)
     try:
         network = _network(config, load(content))
     except _DAMAGE as error:
