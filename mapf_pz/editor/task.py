@@ -14,7 +14,7 @@ from mapf_pz.guidance.library import EdgeWeights
 from mapf_pz.instances import Instance
 from mapf_pz.planners import PLANNERS, Plan
 from mapf_pz.planners.base import PlanFollower
-from mapf_pz.simulator.kernels.cost_tables import default_bytes
+from mapf_pz.simulator.kernels.cost_tables import default_bytes, table_bytes
 
 OnStep: TypeAlias = "Callable[[int], object]"
 """Is called with the number of steps after each step."""
@@ -51,8 +51,7 @@ class Task:
         scenario, cells = self.instance.scenario, self.instance.grid.free.size + 1
         first = scenario.goals.reshape(len(scenario), -1, 2)[:, 0]
         num_headings = 1 if self.instance.headings is None else 4
-        per_cell = 4 * (1 if self.edge_weights is None else num_headings + 1)  # as in `CostTables`
-        return per_cell * cells * len(np.unique(first, axis=0))
+        return table_bytes(cells, num_headings, self.edge_weights is None) * len(np.unique(first, axis=0))
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,11 @@ CACHE_BYTES = 2**30
 """Where no bound is given: tables that are no longer used are kept up to this size."""
 
 
+def table_bytes(cells: int, num_headings: int, unit_weights: bool) -> int:
+    """Return the size of a table in bytes; `cells` is C + 1, and the others are as in `CostTables`."""
+    return 4 * cells * (1 if unit_weights else num_headings + 1)
+
+
 class CostTables:
     """One cost-to-go table per map and goal, shared by all agents and episodes that head for it.
 
@@ -46,7 +51,7 @@ class CostTables:
         """Whether the cost to go is the number of steps."""
         self._world = world
         num_maps, cells = world.obstacle.shape
-        self._table_bytes = 4 * cells * (1 if unit_weights else num_headings + 1)
+        self._table_bytes = table_bytes(cells, num_headings, unit_weights)
         self._max_bytes = default_bytes(num_goals * self._table_bytes) if max_bytes is None else max_bytes
         room = max(1, min(self._max_bytes // self._table_bytes, num_maps * (cells - 1)))
         self.arrays = Distances(
