@@ -40,7 +40,6 @@ def until_killed(kill_some, kills, size, folder):
         counters = Tally()
         (folder / str(number)).mkdir()
         kill_some(folder / str(number), kills, size * 4**number, random.Random(0), counters)
-        assert counters.lost == 0
         if counters.kills.total() == kills:
             return counters
 

@@ -16,7 +16,7 @@ from mapf_pz.evaluation import load_suite
 from mapf_pz.evaluation.identity import Identities
 from mapf_pz.evaluation.results import COLUMNS, Results
 from mapf_pz.guidance import load_guidance, load_moves
-from mapf_pz.instances import load_instance, load_map, load_pogema, load_problem, load_scenario
+from mapf_pz.instances import convert_pogema, load_instance, load_map, load_pogema, load_problem, load_scenario
 from mapf_pz.instances.instance import Grid, Scenario
 from mapf_pz.planners.plans.files import Selection, read_plan
 from tests.helpers.corrupt_files import Case, as_json, bounded, changed, fuzzed, outcome, refused
@@ -38,6 +38,8 @@ LORR = {
 }
 ENTRY = {"map_name": "m", "seed": 0, "agents_xy": [[0, 0], [1, 0]], "targets_xy": [[0, 2], [1, 2]]}
 LIFELONG = ENTRY | {"targets_xy": [[[0, 2], [0, 1], [0, 0]], [[1, 2], [1, 1]]]}
+CONFIG = b"environment: {on_target: nothing, seed: {grid_search: [0, 1]}, num_agents: 2, map_name: &n m}\n"
+YAML = {"maps.yaml": b"m: |-\n  ..$!\n  .#..\n", "set.yaml": CONFIG}
 POGEMA = {"set.maps.json": as_json({"m": ["..@", "$!."]}), "set.mapf.json": as_json([ENTRY, LIFELONG])}
 PLAN = {
     "actionModel": "MAPF_T",
@@ -70,20 +72,9 @@ SUITE = {
     "description": "Mine.",
     "tasks": [
         {"map": "tiny.map", "num_agents": [1, 2], "max_steps": 20, "seed": 7, "episodes": 5, "name": "a"},
-        {
-            "map": "tiny.map",
-            "scenarios": ["tiny.scen"],
-            "num_agents": 2,
-            "name": "b",
-            "env": {"frame": "map", "action_model": "cardinal"},
-        },
+        {"map": "tiny.map", "scenarios": ["tiny.scen"], "num_agents": 2, "env": {"action_model": "cardinal"}},
         {"random": [5, 7, 0.1], "num_agents": 2, "best": 1.5, "env": {"view_size": [3, 3], "channels": ["view"]}},
-        {
-            "pogema": "set.mapf.json",
-            "num_agents": 2,
-            "name": "set",
-            "env": {"initial_heading": [0, 1]},
-        },
+        {"pogema": "set.mapf.json", "num_agents": 2, "name": "set", "env": {"initial_heading": [0, 1]}},
         {"lorr": "a.json", "max_steps": 6, "name": "lorr"},
     ],
 }
@@ -124,14 +115,13 @@ def plan(file):
 CASES = {
     "map": Case({"a.map": MAP}, lambda folder: load_map(folder / "a.map")),
     "scenario": Case({"a.scen": SCEN}, lambda folder: load_scenario(folder / "a.scen")),
-    "map and scenario": Case(
-        {"tiny.map": MAP, "a.scen": SCEN}, lambda folder: load_instance(folder / "tiny.map", folder / "a.scen")
-    ),
+    "map and scenario": Case({"m.map": MAP, "a.scen": SCEN}, lambda at: load_instance(at / "m.map", at / "a.scen")),
     "drawing": Case(
         {"a": MAP.partition(b"map\n")[2]}, lambda folder: load_map((folder / "a").read_text("utf-8", "replace") + "\n")
     ),
     "problem": Case(LORR, lambda folder: load_problem(folder / "a.json").instance(3)),
     "pogema": Case(POGEMA, lambda folder: load_pogema(folder / "set.mapf.json", 2)),
+    "pogema in YAML": Case(YAML, lambda folder: convert_pogema(folder / "set.yaml", folder / "maps.yaml", folder)),
     "plan of 2023": plan(as_json(PLAN)),
     "plan of 2024": plan(as_json(PLAN_2024)),
     "plan of 2026": plan(as_json(PLAN_2026)),
@@ -152,9 +142,7 @@ CASES = {
     "guidance graph in an archive": guidance(
         "a.npz", archive(move=np.full((4, 2, 6), 2.0), wait=np.ones((2, 6)), map="tiny", digest="0")
     ),
-    "moves": Case(
-        {"a.npz": archive(moves=np.ones((4, 2, 6)))}, lambda folder: load_moves(folder / "a.npz", GRID).any()
-    ),
+    "moves": Case({"a": archive(moves=np.ones((4, 2, 6)))}, lambda folder: load_moves(folder / "a", GRID).any()),
 }
 
 
@@ -218,13 +206,14 @@ JSON_READERS = {
     "mine.json": load_suite,
     "guidance.json": load_guidance,
     "guidance.w": lambda file: load_guidance(file, GRID),
+    "maps.yaml": lambda file: convert_pogema(file.with_name("set.yaml"), file, file.parent),
 }
 
 
 @pytest.mark.parametrize("name", JSON_READERS)
 @pytest.mark.parametrize("bomb", BOMBS, ids=lambda bomb: f"{bomb[:5].decode()} of {len(bomb)}")
 def test_json_bombs(tmp_path, name, bomb):
-    Case(LORR | POGEMA, load_problem).written(tmp_path)
+    Case(LORR | POGEMA | YAML, load_problem).written(tmp_path)
     for content in (bomb, b'{"teamSize": %s}' % bomb, b'{"tasks": [{"num_agents": %s}]}' % bomb):
         (tmp_path / name).write_bytes(content)
         with bounded():
@@ -266,14 +255,8 @@ def test_every_depth_of_nesting(tmp_path, member):
 
 # Files that name others.
 
-OUTSIDE = [
-    "../tiny.map",
-    "../../etc/passwd.map",
-    "in/../../tiny.map",
-    "{outside}/tiny.map",
-    "link/tiny.map",
-    "/etc/a.map",
-]
+INDIRECT = ["../tiny.map", "../../etc/passwd.map", "in/../../tiny.map", "link/tiny.map"]
+OUTSIDE = [*INDIRECT, "{outside}/tiny.map", "/etc/a.map"]
 NAMES = [*OUTSIDE, "x" * 300 + ".map", "x" * 5000 + ".map", "a\nb.map", "a\0.map", "\ud800.map", "\u2028.map"]
 
 
@@ -309,10 +292,8 @@ def test_no_path_in_a_suite_leaves_its_folder(folders, monkeypatch, name, with_b
 def test_no_path_in_a_problem_leaves_its_folder(folders, name, member):
     outside, folder = folders
     told = {member: name.replace("{outside}", str(outside))}
-    read = Case(LORR | {"a.json": as_json(PROBLEM | told)}, lambda folder: load_problem(folder / "a.json")).written(
-        folder
-    )
-    refused(read, "in the folder of the JSON" if name in OUTSIDE else None)
+    case = Case(LORR | {"a.json": as_json(PROBLEM | told)}, lambda folder: load_problem(folder / "a.json"))
+    refused(case.written(folder), "in the folder of the JSON" if name in OUTSIDE else None)
 
 
 def test_folders_below_and_benchmark_folders_are_inside(folders, tmp_path, monkeypatch):
