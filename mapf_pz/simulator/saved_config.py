@@ -22,10 +22,11 @@ from pydantic import (
     ValidationInfo,
     create_model,
 )
-from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
 
 from mapf_pz._internal.plugins import NAMED_PARTS, check_trusted
+from mapf_pz._internal.text import read_bytes
 from mapf_pz.errors import FormatError
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.guidance.library import guidance_graph, is_guidance_file
@@ -48,6 +49,8 @@ _TYPES = {
         *(FixedMap, FixedScenario, InstanceList, SourceMixture, WarehouseTasks),
     )
 }
+MAX_OBJECT_BYTES = 2**30
+"""Maximum size of the file of an object."""
 _DAMAGE = (
     *(SafetensorError, OSError, ValueError, TypeError, LookupError, AttributeError),
     *(OverflowError, RecursionError, MemoryError),
@@ -229,18 +232,20 @@ def _read_object(file: Path) -> Any:
     """Return the object that a file holds; raises `FormatError` if the file is missing or damaged."""
     objects: list[Any] = []
 
-    def read(stored: Any, tensors: Any) -> Any:
+    def read(stored: Any, arrays: dict[str, np.ndarray]) -> Any:
         if isinstance(stored, list):
-            return tuple(read(part, tensors) for part in stored)
+            return tuple(read(part, arrays) for part in stored)
         if not isinstance(stored, dict):
             return stored
-        return tensors.get_tensor(stored["array"]) if "array" in stored else objects[stored["object"]]
+        return arrays[stored["array"]] if "array" in stored else objects[stored["object"]]
 
     try:
-        with safe_open(str(file), "np") as tensors:
-            for entry in json.loads(tensors.metadata()["objects"]):
-                made = {name: read(stored, tensors) for name, stored in entry["fields"].items()}
-                objects.append(_TYPES[entry["type"]](**made))
+        content = read_bytes(file, MAX_OBJECT_BYTES)
+        arrays = load(content)
+        header = json.loads(content[8 : 8 + int.from_bytes(content[:8], "little")])
+        for entry in json.loads(header["__metadata__"]["objects"]):
+            made = {name: read(stored, arrays) for name, stored in entry["fields"].items()}
+            objects.append(_TYPES[entry["type"]](**made))
         return objects[-1]
     except _DAMAGE as error:
         raise FormatError(file, f"not a saved value of {file.stem}: {' '.join(str(error).split())}") from None
