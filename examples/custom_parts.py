@@ -23,7 +23,7 @@ def draw_congestion(inputs: ObservationInputs, image: np.ndarray, plane: int) ->
     image[:, :, plane] = (inputs.others.count / image[0, 0, plane].size)[..., None, None]
 
 
-congestion = Channel(draw_congestion)
+congestion = Channel(draw_congestion, symmetry="cells")
 
 
 def pace(transition: Transition) -> np.ndarray:

@@ -128,8 +128,9 @@ class ImitationConfig:
     wait_share: float = 0.2
     """Fraction of the expert's waits at goals that are learned from."""
     augment: bool = False
-    """Whether states are turned and mirrored at random each time they are learned from (data augmentation). It needs
-    cardinal actions, and channels and features that can be transformed: not `orientation` and `location`."""
+    """Whether states are turned and mirrored at random each time they are learned from (data augmentation); egocentric
+    views are only mirrored. It needs a view of odd width, and users' channels and features that state their `symmetry`.
+    """
     buffer_size: int = 400_000
     """Number of agent steps in the replay buffer, which replaces the oldest ones."""
     dataset: str | None = None

@@ -41,13 +41,14 @@ class ObservationLayout:
         self.num_actions = len(CardinalAction if config.action_model == "cardinal" else Action)
         self.channels = tuple(map(channel_of, config.channels))
         self.features = tuple(map(feature_of, config.features))
-        self._sizes = [feature.size(self.num_actions, config.num_last_actions) for feature in self.features]
+        self.feature_sizes = tuple(feature.size(self.num_actions, config.num_last_actions) for feature in self.features)
+        """How many numbers each feature is."""
         self._user_parts = tuple(self._find_user_parts())
         self.planes = image_planes(self.channels)
         """Where each channel is drawn in the agent's own image."""
         self.num_own_planes = sum(channel.planes for channel in self.channels)
         """K, the planes of the agent's own observation."""
-        self.num_own_features = sum(self._sizes)
+        self.num_own_features = sum(self.feature_sizes)
         """F, the features of the agent's own observation."""
         self.num_features = config.num_frames * (1 + config.num_neighbors) * self.num_own_features
         """Number of features of the whole observation."""
@@ -58,7 +59,7 @@ class ObservationLayout:
             if channel.draw is not None:
                 name = f"channel {getattr(channel.draw, '__name__', channel.draw)}"
                 yield UserPart(name, True, slice(end - channel.planes, end), channel.low, channel.high)
-        for feature, size, end in zip(self.features, self._sizes, accumulate(self._sizes), strict=True):
+        for feature, size, end in zip(self.features, self.feature_sizes, accumulate(self.feature_sizes), strict=True):
             if feature not in FEATURES.values():
                 name = f"feature {getattr(feature.write, '__name__', feature.write)}"
                 yield UserPart(name, False, slice(end - size, end), -1, 1)
@@ -88,13 +89,13 @@ class ObservationLayout:
         if name not in self._config.features:
             return None
         k = self._config.features.index(name)
-        start = self.own_features.start + sum(self._sizes[:k])
-        return slice(start, start + self._sizes[k])
+        start = self.own_features.start + sum(self.feature_sizes[:k])
+        return slice(start, start + self.feature_sizes[k])
 
     @property
     def feature_names(self) -> tuple[str, ...]:
         """(F,) names of the agent's own features, numbered if a feature has several numbers."""
-        return _numbered(self._config.features, self._sizes, "feature")
+        return _numbered(self._config.features, self.feature_sizes, "feature")
 
     @property
     def plane_names(self) -> tuple[str, ...]:
@@ -147,7 +148,7 @@ class ObservationLayout:
     def write_features(self, inputs: ObservationInputs, features: Floats) -> None:
         """Fill `features` (B, N, F) float32 with all agents' own features."""
         at = 0
-        for feature, size in zip(self.features, self._sizes, strict=True):
+        for feature, size in zip(self.features, self.feature_sizes, strict=True):
             feature.write(inputs, features, at)
             at += size
 

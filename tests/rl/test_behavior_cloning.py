@@ -200,6 +200,13 @@ def test_recurrent_policies_are_refused(tmp_path, dataset):
     refused(tmp_path, config, ValueError, "^recurrent=8: expected 0 with bc, which uses single steps$")
 
 
+def test_augmented_locations_are_refused(tmp_path, dataset):
+    imitation = ImitationConfig(dataset=dataset, augment=True)
+    config = cloning(dataset, imitation=imitation, task=changed(SHIELDED, features=("location",)))
+    message = "^augment: expected no feature 'location' with bc, whose maps have any size$"
+    refused(tmp_path, config, ValueError, message)
+
+
 @pytest.mark.parametrize("sizes", [[3], [5, 1, 4], [1, 1, 1, 1], [20], []])
 def test_parts_are_divided_into_batches_of_one_size(sizes):
     numbers = torch.arange(sum(sizes))

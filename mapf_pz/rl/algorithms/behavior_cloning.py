@@ -25,13 +25,21 @@ class BehaviorCloning(Imitation):
     """
 
     def __init__(self, config: TrainConfig) -> None:
-        """Build the network; raises `ValueError` with `recurrent` or `communication`, or without a dataset."""
+        """Build the network.
+
+        Raises `ValueError` without a dataset, with `recurrent` or `communication`, and with `augment` for the feature
+        `location`, which cannot be transformed: it is relative to the size of the map, and sizes differ.
+        """
         if config.model.communication:
             expected = f"0 with {config.algorithm}, which uses separate agent steps"
             raise ValueError(f"communication={config.model.communication}: expected {expected}")
         if config.imitation.dataset is None:
             expected = f"the folder of a dataset with {config.algorithm} (`mapf-pz dataset make` makes one)"
             raise ValueError(f"dataset=None: expected {expected}")
+        if config.imitation.augment and "location" in config.task.env.features:
+            raise ValueError(
+                f"augment: expected no feature 'location' with {config.algorithm}, whose maps have any size"
+            )
         self._folder = config.imitation.dataset
         super().__init__(config)
 

@@ -43,7 +43,9 @@ class ImitationLearner(Learner):
         self._wait = wait_action(config.task.env.action_model)
         self._minibatch_size = config.optimization.minibatch_size * config.task.num_agents
         self._sample_size = config.task.num_agents if config.model.communication else 1  # in agent steps
-        self._symmetries = Symmetries.of_env(config.task.env).to(self.device) if config.imitation.augment else None
+        self._symmetries = None
+        if config.imitation.augment:
+            self._symmetries = Symmetries.of_env(config.task.env, config.task.source.shape).to(self.device)
         self._buffer = TensorDictReplayBuffer(
             storage=LazyTensorStorage(config.imitation.buffer_size // self._sample_size, device=self.device),
             batch_size=self._minibatch_size // self._sample_size,

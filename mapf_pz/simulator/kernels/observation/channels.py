@@ -9,15 +9,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 from mapf_pz._internal.jit import Array
 from mapf_pz._internal.plugins import resolve
+from mapf_pz.instances.heading import Heading
 from mapf_pz.simulator.kernels.observation.draw import LookupPlanes
 from mapf_pz.simulator.kernels.observation.inputs import ObservationInputs
 from mapf_pz.simulator.kernels.observation.layers import EDGES, GOAL, HEADING, OCCUPANCY
 
 DrawChannel = Callable[[ObservationInputs, Array, int], None]
+ChannelSymmetry = Literal["cells", "directions", "headings"]
 
 
 @dataclass(frozen=True)
@@ -37,33 +39,48 @@ class Channel:
     """The largest value."""
     needs_cost_to_go: bool = False
     """Whether `draw` reads the cost to go, which is then computed before; without it, reading is an error."""
+    symmetry: ChannelSymmetry | None = None
+    """What becomes of it in a state that is turned or mirrored, for `augment`: the cells change places (`cells`), and
+    so do four planes for the directions up, right, down, left of the view, which are east, south, west, north in the
+    map's frame (`directions`), or the values `(1 + k) / 4` for these directions k, 0 for none (`headings`). None: it is
+    not known."""
     layer: int | None = None
     """The layer of the map that it shows, for built-in channels that show one."""
     lookup: str = ""
     """Its field of `LookupPlanes`, for built-in channels that are looked up."""
 
+    def __post_init__(self) -> None:
+        """Raise `ValueError` for an unknown symmetry, and for planes or bounds that it does not have."""
+        if self.symmetry not in (known := (*get_args(ChannelSymmetry), None)):
+            raise ValueError(f"symmetry={self.symmetry!r}: expected one of {', '.join(map(repr, known))}")
+        if self.symmetry == "directions" and self.planes != len(Heading):
+            raise ValueError(f"symmetry='directions': expected planes={len(Heading)}, got {self.planes}")
+        if self.symmetry == "headings" and not 0 <= self.low <= self.high <= 1:
+            raise ValueError(f"symmetry='headings': expected bounds from 0 to 1, got {self.low:g} and {self.high:g}")
+
 
 CHANNELS: dict[str, Channel] = {
     # 0 free, 0.5 another agent, 1 obstacle or outside, -1 hidden
-    "view": Channel(layer=OCCUPANCY, low=-1),
+    "view": Channel(layer=OCCUPANCY, low=-1, symmetry="cells"),
     # 1 on the agent's own goal
-    "goal": Channel(layer=GOAL),
+    "goal": Channel(layer=GOAL, symmetry="cells"),
     # on each agent in view, including the observer, (1 + k) / 4 with k its heading
-    "orientation": Channel(layer=HEADING),
+    "orientation": Channel(layer=HEADING, symmetry="headings"),
     # weight of leaving each cell in four directions, divided by the largest; blocked -1, outside 0
-    "edge_weights": Channel(layer=EDGES, planes=4, low=-1),
+    "edge_weights": Channel(layer=EDGES, planes=4, low=-1, symmetry="directions"),
     # how much closer to the goal each cell is
-    "cost_to_go": Channel(lookup="cost_to_go", low=-1, needs_cost_to_go=True),
+    "cost_to_go": Channel(lookup="cost_to_go", low=-1, needs_cost_to_go=True, symmetry="cells"),
     # 1 where leaving the cell in each of four directions leads closer to the goal
-    "heuristic": Channel(lookup="heuristic", planes=4, needs_cost_to_go=True),
+    "heuristic": Channel(lookup="heuristic", planes=4, needs_cost_to_go=True, symmetry="directions"),
     # 1 on the goals of the other agents in view
-    "other_goals": Channel(lookup="other_goals"),
-    # 1 on the cells that the other agents in view would enter next on their own cheapest paths
-    "others_next": Channel(lookup="others_next", needs_cost_to_go=True),
+    "other_goals": Channel(lookup="other_goals", symmetry="cells"),
+    # 1 on the cells that the other agents in view would enter next on their own cheapest paths; of equal paths,
+    # it prefers one by its direction, which a mirror image does not know
+    "others_next": Channel(lookup="others_next", needs_cost_to_go=True, symmetry="cells"),
     # on each other agent in view, 1 where a move in each of four directions leads closer to that agent's goal
-    "others_heuristic": Channel(lookup="others_heuristic", planes=4, needs_cost_to_go=True),
+    "others_heuristic": Channel(lookup="others_heuristic", planes=4, needs_cost_to_go=True, symmetry="directions"),
     # on each other agent in view 1 if it is on its goal, otherwise -1
-    "others_at_goal": Channel(lookup="others_at_goal", low=-1),
+    "others_at_goal": Channel(lookup="others_at_goal", low=-1, symmetry="cells"),
 }
 """The built-in channels by name."""
 

@@ -12,11 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numba import prange
 
+from mapf_pz._internal.arrays import Floats
 from mapf_pz._internal.jit import Array, BatchKernel
 from mapf_pz._internal.plugins import resolve
 from mapf_pz.instances.heading import Heading
 from mapf_pz.simulator.kernels.cost_lookup import advantage, cost_at
 from mapf_pz.simulator.kernels.observation.inputs import ObservationInputs
+from mapf_pz.simulator.kernels.observation.symmetry import Symmetry, block_diagonal, one_of, unchanged
 from mapf_pz.simulator.kernels.state import CostToGo
 from mapf_pz.simulator.kernels.world import STEPS
 
@@ -46,6 +48,11 @@ def write_goal_vector(inputs: ObservationInputs, values: Array, at: int) -> None
     _write_goal_vector(inputs.num_threads, world.height, world.width, inputs.state.agents, egocentric, values, at)
 
 
+def _goal_vector_symmetry(symmetry: Symmetry, size: int) -> Floats:
+    up_right = np.diag([-1, 1])  # of rows and columns
+    return block_diagonal(up_right @ symmetry.in_view @ up_right, np.eye(2))
+
+
 @BatchKernel
 def _write_location(height: int, width: int, agents: Array, values: Array, at: int) -> None:
     for b in prange(agents.shape[0]):
@@ -60,6 +67,13 @@ def _write_location(height: int, width: int, agents: Array, values: Array, at: i
 def write_location(inputs: ObservationInputs, values: Array, at: int) -> None:
     """`row / H`, `col / W`, and the heading as one of four."""
     _write_location(inputs.num_threads, inputs.world.height, inputs.world.width, inputs.state.agents, values, at)
+
+
+def _location_symmetry(symmetry: Symmetry, size: int) -> Floats:
+    matrix = block_diagonal(symmetry.on_map, one_of(symmetry.headings))
+    # One heading is 1; where no agent is observed, none is.
+    matrix[:2, 2:] = (symmetry.origin / symmetry.new_shape)[:, None]
+    return matrix
 
 
 @BatchKernel
@@ -78,6 +92,12 @@ def write_pose(inputs: ObservationInputs, values: Array, at: int) -> None:
     """`row / 32768`, `col / 32768`, and the direction that is up in the view, as one of four."""
     egocentric = inputs.view_shape.num_turns > 1
     _write_pose(inputs.num_threads, inputs.world.width, inputs.state.agents, egocentric, POSE_UNIT, values, at)
+
+
+def _pose_symmetry(symmetry: Symmetry, size: int) -> Floats:
+    matrix = block_diagonal(symmetry.on_map, one_of(symmetry.up))
+    matrix[:2, 2:] = POSE_UNIT * symmetry.origin[:, None]
+    return matrix
 
 
 @BatchKernel
@@ -113,6 +133,10 @@ def write_action_advantage(inputs: ObservationInputs, values: Array, at: int) ->
     _write_action_advantage(inputs.num_threads, inputs.cardinal, *graph, *inputs.distances, maps, agents, values, at)
 
 
+def _action_symmetry(symmetry: Symmetry, size: int) -> Floats:
+    return one_of(symmetry.actions)
+
+
 @BatchKernel
 def _write_last_actions(num_actions: int, history: Array, values: Array, at: int) -> None:
     for b in prange(history.shape[0]):
@@ -127,6 +151,11 @@ def _write_last_actions(num_actions: int, history: Array, values: Array, at: int
 def write_last_actions(inputs: ObservationInputs, values: Array, at: int) -> None:
     """The last L actions, newest first: each one of A, and 1 if the agent changed its cell."""
     _write_last_actions(inputs.num_threads, 5 if inputs.cardinal else 4, inputs.state.history, values, at)
+
+
+def _last_actions_symmetry(symmetry: Symmetry, size: int) -> Floats:
+    last = block_diagonal(one_of(symmetry.actions), np.eye(1))
+    return block_diagonal(*[last] * (size // len(last)))
 
 
 def write_time(inputs: ObservationInputs, values: Array, at: int) -> None:
@@ -144,6 +173,9 @@ class Feature:
     """How many numbers it is, or a function that returns it for A actions and `num_last_actions`."""
     needs_cost_to_go: bool = False
     """Whether `write` reads the cost to go, which is then computed before; without it, reading is an error."""
+    symmetry: Callable[[Symmetry, int], Floats] | None = None
+    """`symmetry(symmetry, size)` returns the matrix (size, size) by which its numbers are multiplied in a state that is
+    turned or mirrored, for `augment`; `unchanged` is that of numbers that stay. None: it is not known."""
 
     def size(self, num_actions: int, num_last_actions: int) -> int:
         """Return how many numbers it is in an environment."""
@@ -159,12 +191,12 @@ def _each_last_action(num_actions: int, num_last_actions: int) -> int:
 
 
 FEATURES: dict[str, Feature] = {
-    "goal_vector": Feature(write_goal_vector, 4),
-    "location": Feature(write_location, 6),
-    "pose": Feature(write_pose, 6),
-    "action_advantage": Feature(write_action_advantage, _each_action, needs_cost_to_go=True),
-    "last_actions": Feature(write_last_actions, _each_last_action),
-    "time": Feature(write_time),
+    "goal_vector": Feature(write_goal_vector, 4, symmetry=_goal_vector_symmetry),
+    "location": Feature(write_location, 6, symmetry=_location_symmetry),
+    "pose": Feature(write_pose, 6, symmetry=_pose_symmetry),
+    "action_advantage": Feature(write_action_advantage, _each_action, needs_cost_to_go=True, symmetry=_action_symmetry),
+    "last_actions": Feature(write_last_actions, _each_last_action, symmetry=_last_actions_symmetry),
+    "time": Feature(write_time, symmetry=unchanged),
 }
 """The built-in features by name."""
 
