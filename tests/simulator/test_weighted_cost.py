@@ -107,6 +107,7 @@ def test_agents_that_have_disappeared_cost_nothing():
     env = started("aA..\nb..B", on_target="finish")
     walk(env, [EAST, EAST], [STAY, EAST], [STAY, EAST])
     assert costs(env) == (2 + 6, 1)
+    assert env.simulator.agents["step_weight"].tolist() == [[0, 2]]
 
 
 def test_agents_without_a_path_are_left_out_of_the_bound():
@@ -144,7 +145,8 @@ def test_an_edge_of_infinite_weight_makes_the_cost_infinite():
     env = started("a.A", edge_weights=GuidanceGraph(move, graph.wait))
     walk(env, [EAST])
     assert costs(env) == (2, 0.5)
-    walk(env, [WEST], [EAST], [EAST])
+    assert walk(env, [WEST]) == [{"agent_0": pytest.approx(0.1)}]  # the reward is finite
+    walk(env, [EAST], [EAST])
     assert costs(env) == (math.inf, math.inf)
     assert env.metrics()["SoC_ratio"] == 2
 
