@@ -64,7 +64,7 @@ class RecordEpisode(MapfWrapper):
         simulator, config = self._inner.simulator, self._inner.config
         return Recording(
             free=self._inner.grid,
-            weights=None if config.edge_weights == "uniform" else simulator.edge_weights(0),
+            weights=None if config.edge_weights == "uniform" else simulator.guidance(0).move,
             collision_system=config.collision_system,
             lifelong=config.on_target == "restart",
             planes=self._planes,

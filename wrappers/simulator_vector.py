@@ -46,7 +46,7 @@ class SimulatorVectorEnv(VectorEnv[VectorObservation, ArrayLike, NDArray[Any]]):
         given = _by_environment(seed, self.simulator.num_envs)
         self.simulator.reset(seeds=given)
         self._over = self.simulator.over
-        self._metric_names = tuple(self.simulator.metrics(0))
+        self._metric_names = self.simulator.metric_names
         return given
 
     def _require_reset(self) -> None:

@@ -34,7 +34,7 @@ from mapf_pz.evaluation.external.command import PREFIX, TIME_LIMIT, CommandFacto
 from mapf_pz.evaluation.external.plan_folder import PlanFolderFactory
 from mapf_pz.evaluation.policies import is_trained
 from mapf_pz.evaluation.reports.published import published_episodes
-from mapf_pz.evaluation.reports.report import exhausted, failures
+from mapf_pz.evaluation.reports.report import exhausted, failures, infinite_costs
 from mapf_pz.evaluation.tracker import known_cost
 from mapf_pz.instances import load_instances
 from mapf_pz.instances.instance import Scenario
@@ -232,7 +232,7 @@ def report(
     published = published_episodes(episodes)
     shown = [*episodes, *published]
     Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200).print(terminal_table(shown))
-    for line in (*exhausted(episodes), *failures(episodes)):
+    for line in (*exhausted(episodes), *infinite_costs(episodes), *failures(episodes)):
         print(line)
     if output is None:
         return

@@ -17,7 +17,7 @@ from mapf_pz.instances import load_problem
 from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.instances.library import scenario_name
 from mapf_pz.planners import Planner, planner_of, validate, write_trace
-from mapf_pz.planners.base import lower_bound
+from mapf_pz.planners.base import guidance_of, lower_bound
 from mapf_pz.planners.plans.files import PlanMetadata, check_format, write_plan
 from mapf_pz.planners.plans.plan import Plan
 from mapf_pz.planners.scheduling import SCHEDULERS, run_problem
@@ -53,8 +53,8 @@ class SolveOptions:
     """Planner or policy, optionally with options, such as `epibt:depth=5`, `lacam:anytime=False` or
     `oneshot+pibt`. The plan of a policy is the steps that it takes."""
     env: PlanningKeywords = SOLVED
-    """The instance, and limits of the plan. The reported costs are in steps, whatever the edge weights are. Without
-    edge weights, a policy has those of its training, and planners have uniform ones."""
+    """The instance, and limits of the plan. The reported costs are in steps; with edge weights, the cost in weights is
+    also printed. Without edge weights, a policy has those of its training, and planners have uniform ones."""
     time_limit: float = 10.0
     """Time limit in seconds."""
     partial: bool = False
@@ -117,6 +117,9 @@ def solve(options: SolveOptions) -> None:
         options.trace.parent.mkdir(parents=True, exist_ok=True)
         write_trace(solver.trace, options.trace)
     print(f"{options.output}: {costs_text(plan, bound)}, {seconds:.3g} seconds")
+    if env.edge_weights != "uniform":
+        cost = plan.weighted_cost(guidance_of(instance, env.edge_weights, options.seed))
+        print(f"weighted cost: {cost:.6g}")
     known = known_cost(metadata.scenario_name, plan.num_agents)
     if env.action_model == "cardinal" and known.best:
         ratio = plan.sum_of_costs / known.best

@@ -9,6 +9,8 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from mapf_pz.commands.planfile import load_plan
+from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.guidance.library import guidance_graph
 from mapf_pz.instances.instance import Instance
 from mapf_pz.planners.plans.plan import Plan, validate, violations
 
@@ -27,6 +29,9 @@ class ValidateOptions:
     """Number of agents, the first ones of the scenario. None: that of the plan."""
     problem: str | None = None
     """League of Robot Runners problem, by name or `.json` file, instead of a map."""
+    edge_weights: str | None = None
+    """Guidance graph, by name or file, in whose weights the cost of a plan with one goal for each agent is also
+    printed. `random` differs between episodes, and cannot be given."""
     all: bool = False
     """Print all violations, not only the first one."""
 
@@ -36,12 +41,15 @@ def validate_plan(options: ValidateOptions) -> None:
 
     With `--all`, print a line for each violation, then their number.
 
+    With `--edge-weights`, the cost in the weights of a guidance graph is also printed.
+
     Costs and finished tasks are counted in a replay of the plan, and compared with the values in the file. In lifelong
     plans, every step of every agent counts as cost, as in the League of Robot Runners.
     """
     file, instance, finished, _ = load_plan(
         options.plan, options.map, options.scenario, options.num_agents, options.problem
     )
+    graph = _graph(options.edge_weights, instance)
     if options.all and (found := violations(instance, file.plan)):
         print("\n".join(map(str, found)))
         raise ValueError(f"{options.plan}: not legal: {len(found)} violations")
@@ -50,6 +58,19 @@ def validate_plan(options: ValidateOptions) -> None:
         raise ValueError(f"{options.plan}: not legal: {violation}")
     print(f"{options.plan}: legal, {file.plan.num_agents} agents, {file.plan.num_steps} steps")
     print_findings(_findings(file.plan, instance, finished), file.claims)
+    if graph is not None:
+        print(f"weighted cost: {file.plan.weighted_cost(graph):.6g}")
+
+
+def _graph(edge_weights: str | None, instance: Instance) -> GuidanceGraph | None:
+    """Return the guidance graph, if one is given; raise `ValueError` unless plans of the instance have a cost in it."""
+    if edge_weights is None:
+        return None
+    if edge_weights == "random":
+        raise ValueError("--edge-weights random: expected weights that do not differ between episodes")
+    if instance.scenario.goals.ndim == 3:
+        raise ValueError("--edge-weights: expected a plan with one goal for each agent")
+    return guidance_graph(edge_weights, instance.grid)
 
 
 def print_findings(found: Mapping[str, int | None], claims: Mapping[str, int]) -> None:

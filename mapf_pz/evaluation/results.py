@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import csv
 import io
+import math
 import os
 import re
 import sys
@@ -19,13 +20,14 @@ from mapf_pz._internal.text import read_bytes
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.identity import IDENTITIES_FILE, Identities
 from mapf_pz.evaluation.task import EvaluationTask, task_label
-from mapf_pz.simulator.metrics import metric_names
+from mapf_pz.simulator.metrics import WEIGHTED_METRICS, metric_names
 
 METRICS = (
     "CSR",
     "ISR",
     "SoC",
     "SoC_ratio",
+    *WEIGHTED_METRICS,
     "makespan",
     "avg_throughput",
     "exhausted_agents",
@@ -36,11 +38,12 @@ METRICS = (
     "step_ms",
     "agent_us",
 )
-"""All metrics, in the order of the file's columns. Which of them an episode has depends on its mode."""
+"""All metrics, in the order of the file's columns. Which an episode has depends on its mode and edge weights."""
 COLUMNS = ("policy", "task", "num_agents", "episode", "instance", "seed", "suite", *METRICS, "note")
-_HEADER = f"{','.join(COLUMNS)}\n".encode()
+_UNWEIGHTED = tuple(name for name in COLUMNS if name not in WEIGHTED_METRICS)
+"""The columns of earlier versions, whose episodes have no weighted costs."""
 _OLD_START = b"policy,task,num_agents,episode,instance,seed,CSR,"
-"""Start of the files of earlier versions."""
+"""Start of the files of earlier versions without suites."""
 _OUTDATED = "results of an earlier version, without suites: evaluate again in another folder, or with overwrite"
 EPISODES_FILE = "episodes.csv"
 NOTHING = Identities()
@@ -49,7 +52,7 @@ MAX_BYTES = 2**30
 """Maximum size of the file of episodes (about ten million episodes)."""
 _SHARES = ("CSR", "ISR", "collisions")
 """The metrics that are at most 1."""
-_OPTIONAL = {"best_ratio", "runtime", "step_ms", "agent_us"}
+_OPTIONAL = {*WEIGHTED_METRICS, "best_ratio", "runtime", "step_ms", "agent_us"}
 _ONE_SHOT, _LIFELONG = ((*metric_names(mode), "collisions") for mode in ("nothing", "restart"))
 """The other metrics of an episode, all of which it has."""
 _WHOLE = re.compile(r"[0-9]{1,18}")
@@ -102,7 +105,8 @@ class Results:
     ) -> None:
         """Start, or resume if the folder contains episodes, which no other process may write to.
 
-        An incomplete last line, from a killed evaluation, is removed from the file.
+        An incomplete last line, from a killed evaluation, is removed from the file, and columns that a file of an
+        earlier version lacks are added.
 
         Args:
             folder: the folder; None: episodes are only in memory.
@@ -187,7 +191,7 @@ def _write_all(file: Path, episodes: Iterable[Episode]) -> None:
 
 
 def _read(file: Path) -> tuple[dict[int, Episode], int]:
-    """Return the episodes by their lines, and the size of these lines in bytes, 0 if there is no header.
+    """Return the episodes by their lines, and the size of these lines in bytes, 0 if they have not all `COLUMNS`.
 
     An incomplete last line is ignored: a killed evaluation has left it, or a running one is writing it.
     """
@@ -195,7 +199,8 @@ def _read(file: Path) -> tuple[dict[int, Episode], int]:
     start, size = content.removeprefix(codecs.BOM_UTF8), content.rfind(b"\n") + 1
     if start.startswith(_OLD_START):
         raise FormatError(file, _OUTDATED, 1)
-    if not start.startswith(_HEADER) and not _HEADER.startswith(start):
+    columns = next((names for names in (COLUMNS, _UNWEIGHTED) if _begins_with(start, names)), None)
+    if columns is None:
         raise FormatError(file, f"expected the columns {', '.join(COLUMNS)}", 1)
     try:
         text = content[:size].decode("utf-8-sig")
@@ -207,18 +212,24 @@ def _read(file: Path) -> tuple[dict[int, Episode], int]:
     lines: dict[tuple[str, str, int, int], int] = {}
     try:
         for row in rows:
-            episode = _episode(row, rows.line_num, file)
+            episode = _episode(row, columns, rows.line_num, file)
             first = lines.setdefault(episode.key, rows.line_num)
             if first != rows.line_num:
                 raise FormatError(file, f"the same policy, task and episode as in line {first}", rows.line_num)
             episodes[rows.line_num] = episode
     except csv.Error as error:
         raise FormatError(file, f"expected CSV: {error}", rows.line_num) from None
-    return episodes, size
+    return episodes, size if columns is COLUMNS else 0
+
+
+def _begins_with(content: bytes, columns: Sequence[str]) -> bool:
+    """Return whether a file begins with the header of these columns, or is incomplete before its end."""
+    header = f"{','.join(columns)}\n".encode()
+    return content.startswith(header) or header.startswith(content)
 
 
 def _is_outdated(file: Path) -> bool:
-    """Return whether a file is of an earlier version."""
+    """Return whether a file is of an earlier version without suites."""
     if not file.is_file():
         return False
     with file.open("rb") as content:
@@ -239,14 +250,14 @@ def _check_tasks(episodes: Mapping[int, Episode], tasks: Iterable[EvaluationTask
                     raise FormatError(file, f"{name}={shortened(got)}: expected {value!r}, that of the task", line)
 
 
-def _episode(row: list[str], line: int, file: Path) -> Episode:
-    """Return the episode of a row; raises `FormatError`."""
-    if len(row) != len(COLUMNS):
-        raise FormatError(file, f"expected an episode of {len(COLUMNS)} values, got {len(row)}", line)
-    cells = dict(zip(COLUMNS, map(from_cell, row), strict=True))
+def _episode(row: list[str], columns: Sequence[str], line: int, file: Path) -> Episode:
+    """Return the episode of a row with a value for each of the columns; raises `FormatError`."""
+    if len(row) != len(columns):
+        raise FormatError(file, f"expected an episode of {len(columns)} values, got {len(row)}", line)
+    cells = dict(zip(columns, map(from_cell, row), strict=True))
     try:
         num_agents, number, seed = (_whole(name, cells[name]) for name in ("num_agents", "episode", "seed"))
-        metrics = {name: _metric(name, cells[name]) for name in METRICS if cells[name]}
+        metrics = {name: _metric(name, cells[name]) for name in METRICS if cells.get(name)}
     except ValueError as error:
         raise FormatError(file, str(error), line) from None
     expected = _LIFELONG if "avg_throughput" in metrics else _ONE_SHOT
@@ -266,6 +277,8 @@ def _whole(name: str, text: str) -> int:
 
 def _metric(name: str, text: str) -> float:
     """Return the metric in a column; raises `ValueError` if there is something else."""
+    if name in WEIGHTED_METRICS and text == "inf":
+        return math.inf
     most = 1 if name in _SHARES else sys.float_info.max
     if not _NUMBER.fullmatch(text) or float(text) > most:
         expected = "a number from 0 to 1" if name in _SHARES else "a finite number, 0 or more"

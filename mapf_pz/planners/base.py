@@ -12,6 +12,7 @@ import numpy as np
 
 from mapf_pz._internal.arrays import Ints
 from mapf_pz.environment.mapf_env import MapfEnv
+from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.guidance.library import EdgeWeights
 from mapf_pz.instances.instance import ActionModel, Grid, Instance, Scenario
 from mapf_pz.instances.sources import InstanceList
@@ -276,6 +277,11 @@ def simulator_of(
     )
     simulator.reset(seeds={0: seed})
     return simulator
+
+
+def guidance_of(instance: Instance, edge_weights: EdgeWeights, seed: int) -> GuidanceGraph:
+    """Return the guidance graph of the episode in which an instance is solved with this seed."""
+    return simulator_of(instance, 1, edge_weights, seed).guidance(0)
 
 
 def lower_bound(instance: Instance, distance_bytes: int | None = None) -> int:

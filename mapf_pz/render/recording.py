@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import html
+import math
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -69,7 +70,7 @@ class Recording:
     name: str = ""
     """What acted, such as the name of a policy. It tells recordings apart that are shown side by side."""
     metrics: Mapping[str, float] = field(default_factory=dict)
-    """Metrics of the whole episode, by name."""
+    """Metrics of the whole episode, by name; the page shows the finite ones."""
     violations: tuple[RecordedViolation, ...] | None = None
     """Violations of the rules, in chronological order. None: not checked."""
     actions: Ints | None = None
@@ -175,7 +176,8 @@ def episode_data(recording: Recording) -> dict[str, Any]:
         "agents": recording.num_agents,
         "colors": color_codes(recording.num_agents),
         "facts": dict(recording.facts),
-        "metrics": dict(recording.metrics),
+        # JSON has no infinity.
+        "metrics": {name: value for name, value in recording.metrics.items() if math.isfinite(value)},
         "hasBlocked": recording.blocked is not None,
         "lifelong": recording.lifelong,
         "collisionSystem": recording.collision_system,

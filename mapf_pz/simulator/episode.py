@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mapf_pz._internal.arrays import Ints
-from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.guidance import GuidanceGraph, open_edges
 from mapf_pz.guidance.library import EdgeWeights, fits_any_map, guidance_graph
 from mapf_pz.instances.heading import Heading
 from mapf_pz.instances.instance import Grid, HeadingName, Instance, InstanceSource
@@ -98,6 +98,8 @@ class EpisodeLoader:
             )
         if self._shares_map and num_envs > 1 and instance.grid is not self._source.grid:
             raise ValueError("instance on another map: this batch shares one map, use a source of several maps")
+        if self._config.reward_config.weighted_step_cost != 0 and self._graph is not None:
+            _check_finite(self._graph, instance.grid)
 
     def _write(self, b: int, instance: Instance) -> None:
         """Write `instance` to row `b` of the arrays."""
@@ -147,6 +149,17 @@ class EpisodeLoader:
         if initial == "east":
             return np.full(num_agents, Heading.EAST)
         return rng.integers(4, size=num_agents)
+
+
+def _check_finite(graph: GuidanceGraph, grid: Grid) -> None:
+    """Raise `ValueError` if a move that the map allows has an infinite weight, which a reward cannot have."""
+    infinite = np.argwhere(open_edges(grid.free) & np.isinf(graph.move))
+    if infinite.size:
+        heading, row, col = infinite[0].tolist()
+        raise ValueError(
+            f"reward: weighted_step_cost needs finite edge weights, but that of the move "
+            f"{Heading(heading).name.lower()} from [row {row}, col {col}] is infinite"
+        )
 
 
 def _check_headings(headings: HeadingName | ArrayLike, num_agents: int) -> None:

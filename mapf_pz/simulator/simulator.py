@@ -10,6 +10,7 @@ import numpy as np
 
 from mapf_pz._internal.arrays import Bools, Floats, Ints, coordinates
 from mapf_pz._internal.jit import numba_config
+from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances.instance import Grid, Instance
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.episode import EpisodeLoader, shares_map
@@ -21,9 +22,17 @@ from mapf_pz.simulator.kernels.observation.inputs import ObservationInputs
 from mapf_pz.simulator.kernels.observation.layers import allocate_layers, allocate_origins
 from mapf_pz.simulator.kernels.path_length import shortest_lengths
 from mapf_pz.simulator.kernels.reward import reward_terms
-from mapf_pz.simulator.kernels.state import CostToGo, PlanningView, Rules, allocate_state, planning_view_of, reset
+from mapf_pz.simulator.kernels.state import (
+    WAIT_WEIGHT,
+    CostToGo,
+    PlanningView,
+    Rules,
+    allocate_state,
+    planning_view_of,
+    reset,
+)
 from mapf_pz.simulator.kernels.step import ON_TARGET, step
-from mapf_pz.simulator.metrics import EpisodeRecord, episode_metrics
+from mapf_pz.simulator.metrics import EpisodeRecord, WeightedCosts, episode_metrics, metric_names
 from mapf_pz.simulator.observation import ObservationLayout
 from mapf_pz.simulator.observer import Observer
 from mapf_pz.simulator.source import goals_per_agent, make_source
@@ -269,17 +278,27 @@ class Simulator:
         """Return the cell (4, C + 1) int32 that a move in each direction ends in, on the map of environment `b`."""
         return self.world.leads_to[self.state.map[b]]
 
-    def edge_weights(self, b: int) -> Floats:
-        """Return the weights of moves (4, H, W) on the map of environment `b`; `inf` where they are blocked."""
-        return self.world.weight[self.state.map[b], :4, :-1].reshape(4, *self.shape)
+    def guidance(self, b: int) -> GuidanceGraph:
+        """Return the guidance graph of environment `b`; moves that the map does not allow are `inf`."""
+        weight = self.world.weight[self.state.map[b], :, :-1].reshape(-1, *self.shape)
+        return GuidanceGraph(weight[:WAIT_WEIGHT], weight[WAIT_WEIGHT])
 
     def mean_weight(self, b: int) -> float:
         """Return the mean of the finite weights of moving and waiting on the map of environment `b`."""
         return float(self.world.mean_weight[self.state.map[b]])
 
+    @property
+    def metric_names(self) -> tuple[str, ...]:
+        """The names of the metrics of every episode."""
+        return metric_names(self.config.on_target, weighted=not self.tables.counts_steps)
+
     def metrics(self, b: int) -> dict[str, float]:
-        """Return the metrics of environment `b` as if its episode ended now: see `mapf_pz.simulator.metrics`."""
-        agents = self.state.agents[b]
+        """Return the metrics of environment `b` as if its episode ended now: see `mapf_pz.simulator.metrics`.
+
+        With other edge weights than `uniform`, the cost to go is computed unless it is known: raises `MemoryError` if
+        `distance_bytes` does not allow it.
+        """
+        agents, one_goal = self.state.agents[b], self.config.on_target != "restart"
         return episode_metrics(
             EpisodeRecord(
                 on_target=self.config.on_target,
@@ -288,9 +307,19 @@ class Simulator:
                 resting_since=agents["resting_since"],
                 arrivals=agents["arrivals"],
                 goal_counts=self._loader.goal_counts[b],
-                shortest=np.empty(0, np.int32) if self.config.on_target == "restart" else self._shortest_lengths(b),
+                shortest=self._shortest_lengths(b) if one_goal else np.empty(0, np.int32),
+                weighted=self._weighted_costs(b) if one_goal and not self.tables.counts_steps else None,
             )
         )
+
+    def _weighted_costs(self, b: int) -> WeightedCosts:
+        """Return the costs of the agents of environment `b` in edge weights."""
+        m, starts, goals = self.state.map[b], self._loader.starts[b], self.state.goals[b, :, 0]
+        self.tables.require(self.state.map[b : b + 1], goals[None])
+        slot, *to_go = self.tables.arrays
+        alone = costs_at(CostToGo(*to_go), slot[m, goals], starts, self._loader.headings[b])
+        cheapest = np.where(starts == goals, self.world.weight[m, WAIT_WEIGHT, starts], alone)
+        return WeightedCosts(self.state.agents["weighted_cost"][b], cheapest)
 
     def _shortest_lengths(self, b: int) -> Ints:
         """Return the length in steps (N,) int32 of each agent's shortest path to its first goal; -1: there is none."""

@@ -72,6 +72,14 @@ class Transition:
         return self.agents["arrived"]
 
     @property
+    def step_weights(self) -> Floats:
+        """(B, N) float32: the weight of the edge that each agent took, or of waiting or turning on its cell.
+
+        It is `inf` for a move along an edge of infinite weight, and 0 for agents that had left before the step.
+        """
+        return self.agents["step_weight"]
+
+    @property
     def cost_to_go_before(self) -> Floats:
         """(B, N) float32: each agent's cost to go before the step; `inf` where there is no path."""
         return self._cost_to_go(self.agents["was_goal"], self.agents["was_cell"], self.agents["was_heading"])

@@ -5,8 +5,10 @@ import mapf_pz
 from mapf_pz.commands.main import main
 from mapf_pz.evaluation import rollout
 from mapf_pz.instances import load_instance
+from mapf_pz.instances.sources import InstanceList
 from mapf_pz.planners import CBS, PLANNERS, Plan, Planner
 from mapf_pz.planners.base import lower_bound
+from mapf_pz.planners.plans.files import read_plan
 from mapf_pz.simulator.actions import wait_action
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.source import sample_instance
@@ -28,12 +30,28 @@ def test_a_plan_is_solved_written_and_legal(capsys, tmp_path, ending, action_mod
     plan = tmp_path / "new" / f"plan.{ending}"
     options = ["--map", "empty-8-8", "--num-agents", 3, "--action-model", action_model, "--seed", 1]
     status, out, err = run(capsys, "solve", plan, *options, "--edge-weights", "crisscross")
-    assert (status, len(out), err) == (0, 1, [])
+    assert (status, len(out), err) == (0, 2, [])
     assert out[0].startswith(f"{plan}: 3 agents, sum of costs ")
+    assert out[1].startswith("weighted cost: ")
     if ending != "csv":
-        status, validated, err = run(capsys, "validate", plan, "--map", "empty-8-8")
+        status, validated, err = run(capsys, "validate", plan, "--map", "empty-8-8", "--edge-weights", "crisscross")
         assert (status, err) == (0, [])
+        assert validated[-1] == out[1]
         assert validated[1].split(", ")[0] in out[0].replace("costs ", "costs: ")
+
+
+@pytest.mark.parametrize("planner", ["pibt", "mappo-cardinal"])
+def test_random_weights_are_those_of_the_plan(capsys, tmp_path, planner):
+    """The printed cost is that of the episode with the same seed."""
+    options = ["--map", "empty-8-8", "--num-agents", 3, "--action-model", "cardinal", "--seed", 2]
+    words = [tmp_path / "plan.txt", *options, "--planner", planner, "--edge-weights", "random"]
+    status, out, _ = run(capsys, "solve", *words)
+    assert status == 0
+    instance = sample_instance(EnvConfig(map="empty-8-8", num_agents=3, action_model="cardinal"), seed=2)
+    env = mapf_pz.parallel_env(source=InstanceList([instance]), action_model="cardinal", edge_weights="random")
+    env.reset(seed=2)
+    plan = read_plan(tmp_path / "plan.txt").plan
+    assert out[1] == f"weighted cost: {plan.weighted_cost(env.simulator.guidance(0)):.6g}"
 
 
 def test_a_scenario_of_the_benchmark(capsys, tmp_path, benchmark):

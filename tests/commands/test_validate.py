@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from mapf_pz.commands.main import main
+from mapf_pz.guidance import GuidanceGraph, save_guidance
 from mapf_pz.instances import write_map, write_scenario
 from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.planners import Plan
@@ -58,6 +59,28 @@ def test_starts_and_goals_of_the_file(capsys, files, ending):
     write_plan(Plan(CELLS), plan, Instance(GRID, SCENARIO))
     status, out, err = run(capsys, plan, "--map", files / "small.map")
     assert (status, out[1:3], err) == (0, ["sum of costs: 4, as the file says", "makespan: 2, as the file says"], [])
+
+
+def test_edge_weights(capsys, files):
+    """Odd rows lead west and even columns north, at half the cost."""
+    cells = np.array([[(0, 0), (1, 2)], [(0, 1), (1, 2)], [(0, 2), (1, 1)], [(0, 2), (1, 0)]])
+    write_plan(Plan(cells), files / "plan.json", Instance(GRID, SCENARIO))
+    words = [files / "plan.json", "--map", files / "small.map", "--scenario", files / "small.scen"]
+    status, out, err = run(capsys, *words, "--edge-weights", "crisscross")
+    assert (status, out[4:], err) == (0, ["weighted cost: 3"], [])  # 0.5 + 0.5, and 1 + 0.5 + 0.5
+    quarter = GuidanceGraph(np.full((4, 2, 3), 0.25), np.ones((2, 3)))
+    save_guidance(quarter.on_map(GRID.free), files / "graph.npz", GRID)
+    assert run(capsys, *words, "--edge-weights", files / "graph.npz")[1][4:] == ["weighted cost: 2"]
+    assert run(capsys, *words, "--edge-weights", "uniform")[1][4:] == ["weighted cost: 5"]
+    error = "--edge-weights random: expected weights that do not differ between episodes"
+    assert run(capsys, *words, "--edge-weights", "random") == (1, [], [f"mapf-pz validate: {error}"])
+
+
+def test_edge_weights_need_one_goal_for_each_agent(capsys, files):
+    write_plan(Plan(CELLS[:, :1], EAST[:, :1]), files / "plan.json", Instance(GRID, Scenario([[0, 0]], [[0, 2]]), [0]))
+    words = [files / "plan.json", "--problem", files / "2023.json", "--edge-weights", "crisscross"]
+    error = "mapf-pz validate: --edge-weights: expected a plan with one goal for each agent"
+    assert run(capsys, *words) == (1, [], [error])
 
 
 def test_an_illegal_plan(capsys, files):

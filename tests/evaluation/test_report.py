@@ -1,4 +1,5 @@
 import csv
+import math
 from dataclasses import replace
 
 import pytest
@@ -8,7 +9,7 @@ from experiments.interval_coverage import coverage, distributions
 from mapf_pz.evaluation import Episode, markdown_table, terminal_table
 from mapf_pz.evaluation.reports.formats import cells, comma_separated, latex
 from mapf_pz.evaluation.reports.intervals import difference_interval, interval, mean_interval, wilson
-from mapf_pz.evaluation.reports.report import Estimate, differences, exhausted, grouped, summaries
+from mapf_pz.evaluation.reports.report import Estimate, differences, exhausted, grouped, infinite_costs, summaries
 
 
 def rows(episodes):
@@ -89,9 +90,27 @@ def test_only_success_has_wilsons_interval():
 
 @pytest.mark.parametrize("count", [4, 5, 8, 30])
 def test_ratios_of_solved_episodes_end_at_1(count):
-    low, high = interval("SoC_ratio (solved)", [1.0] * (count - 1) + [1.36])
-    assert low == 1
-    assert high > 1.01
+    for name in ("SoC_ratio (solved)", "weighted_cost_ratio (solved)"):
+        low, high = interval(name, [1.0] * (count - 1) + [1.36])
+        assert low == 1
+        assert high > 1.01
+
+
+def test_infinite_costs_are_left_out_and_reported():
+    values = {"a": (1.5, math.inf, 2.5, 4.0), "b": (2.0, 2.0, 2.0, 2.0)}
+    tried = [
+        Episode(name, "maze", 4, k, {"CSR": float(k < 3), "weighted_cost": 8 * value, "weighted_cost_ratio": value})
+        for name, ratios in values.items()
+        for k, value in enumerate(ratios)
+    ]
+    name = "weighted_cost_ratio (solved)"
+    a, b = summaries(tried).rows
+    assert (a.estimates[name].mean, b.estimates[name].mean) == (2, 2)
+    (difference,) = differences(tried, "b", [name]).rows
+    assert difference.estimates[name].mean == 0
+    assert name not in summaries(EPISODES).columns
+    (line,) = infinite_costs(tried)
+    assert line.startswith("a, 4 agents on maze: agents moved along edges of infinite weight in 1 episodes, which")
 
 
 @pytest.mark.parametrize("metric", ["runtime", "step_ms", "agent_us"])

@@ -1,16 +1,19 @@
 import csv
+import math
 import os
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from mapf_pz import GuidanceGraph
 from mapf_pz.commands.main import main
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation import Episode, EvaluationTask, evaluate
 from mapf_pz.evaluation.identity import Identities
 from mapf_pz.evaluation.results import COLUMNS, METRICS, Results, read_episodes
 from mapf_pz.instances import RandomObstacles
-from mapf_pz.simulator.metrics import metric_names
+from mapf_pz.simulator.metrics import WEIGHTED_METRICS, metric_names
 from tests.evaluation.test_episodes import TIMES, Right
 from tests.helpers.text_instances import drawn
 
@@ -133,6 +136,41 @@ def test_results_of_an_earlier_version_are_refused_or_replaced(tmp_path):
     assert len(rows(tmp_path)) == ALL
 
 
+def earlier(text):
+    """Return a file as it was before there were columns of weighted costs."""
+    kept = [column for column, name in enumerate(COLUMNS) if name not in WEIGHTED_METRICS]
+    return "".join(",".join(line.split(",")[column] for column in kept) + "\n" for line in text.splitlines())
+
+
+def test_results_without_weighted_costs_are_read_and_completed(tmp_path):
+    whole, _ = evaluated(Right(), TASKS, tmp_path)
+    file = tmp_path / "episodes.csv"
+    text = earlier(file.read_text())
+    assert "weighted" not in text
+    for content, left in ((text, 0), (text[:-5], 1), (text[:40], ALL)):
+        file.write_text(content)
+        assert read_episodes(tmp_path) == whole[: ALL - left]
+        assert file.read_text() == content
+        again, undone = evaluated(Right(), TASKS, tmp_path)
+        assert (untimed(again), undone) == (untimed(whole), left)
+        assert [tuple(row) for row in rows(tmp_path)] == [COLUMNS] * ALL
+    file.write_text(text.replace(",1,0", ",1,0,0", 1))
+    with pytest.raises(FormatError, match=rf"episodes\.csv:2: expected an episode of {len(COLUMNS) - 2} values"):
+        read_episodes(tmp_path)
+
+
+def test_weighted_costs_are_written_and_may_be_infinite(tmp_path):
+    graph = GuidanceGraph(np.full((4, 1, 5), 0.25), np.full((1, 5), 2.0))
+    task = EvaluationTask("drawn", 1, {"max_steps": 6, "edge_weights": graph}, 1, instances=(drawn("a...A"),))
+    (episode,), _ = evaluated(Right(), [task], tmp_path)
+    assert (episode.metrics["weighted_cost"], episode.metrics["weighted_cost_ratio"]) == (4 * 0.25, 1)
+    assert read_episodes(tmp_path) == [episode]
+    results = Results(tmp_path)
+    results.add(replace(episode, number=1, metrics=episode.metrics | dict.fromkeys(WEIGHTED_METRICS, math.inf)))
+    assert [row["weighted_cost"] for row in rows(tmp_path)] == ["1.0", "inf"]
+    assert read_episodes(tmp_path) == results.episodes
+
+
 def test_results_state_their_suite(tmp_path):
     (task,) = (replace(task, suite="mine/1 ab") for task in TASKS[:1])
     (episode, *_), _ = evaluated(Right(), [task], tmp_path)
@@ -160,6 +198,7 @@ def test_results_state_their_suite(tmp_path):
         ({"SoC": "1_0"}, "SoC='1_0': expected a finite number, 0 or more"),
         ({"makespan": "inf"}, "makespan='inf': expected a finite number"),
         ({"step_ms": "Infinity"}, "step_ms='Infinity': expected a finite number"),
+        ({"weighted_cost": "1e999"}, "weighted_cost='1e999': expected a finite number"),
         ({"SoC_ratio": "1e999"}, "SoC_ratio='1e999': expected a finite number"),
         ({"SoC": ""}, "expected the metrics CSR, ISR, SoC, makespan, .*, got CSR, ISR, SoC_ratio"),
         ({"avg_throughput": "0.5"}, "expected the metrics avg_throughput, ep_length, .*, got CSR, ISR, SoC"),

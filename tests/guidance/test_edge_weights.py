@@ -40,14 +40,14 @@ def bundled(tmp_path, monkeypatch):
 def test_an_environment_reads_a_file(folder, weights):
     env = mapf_pz.parallel_env(map="hall.map", edge_weights=weights)
     env.reset(seed=0)
-    np.testing.assert_array_equal(env.simulator.edge_weights(0), GRAPH.move)
+    np.testing.assert_array_equal(env.simulator.guidance(0).move, GRAPH.move)
 
 
 def test_a_bundled_graph(folder, bundled):
     assert guidance_names() == ["hall-4"]
     env = mapf_pz.parallel_env(map="hall.map", edge_weights="hall-4")
     env.reset(seed=0)
-    np.testing.assert_array_equal(env.simulator.edge_weights(0), GRAPH.move)
+    np.testing.assert_array_equal(env.simulator.guidance(0).move, GRAPH.move)
     with pytest.raises(
         ValueError,
         match="^edge_weights='hal': expected one of 'uniform', 'random', 'crisscross', 'hall-4', or the path of a file "
@@ -61,10 +61,10 @@ def test_crisscross_has_a_weight_along_its_directions(name, along):
     env = mapf_pz.parallel_env(map="empty-8-8", edge_weights=name, num_agents=3)
     env.reset(seed=0)
     expected = GuidanceGraph.crisscross(np.ones((8, 8), bool), along=along)
-    np.testing.assert_array_equal(env.simulator.edge_weights(0), expected.move)
+    np.testing.assert_array_equal(env.simulator.guidance(0).move, expected.move)
     env = mapf_pz.parallel_env(source=RandomObstacles(4, 4, 0.2, 3), edge_weights=name)
     env.reset(seed=0)
-    weights = env.simulator.edge_weights(0)
+    weights = env.simulator.guidance(0).move
     assert set(weights[np.isfinite(weights)]) == {np.float32(along), 1}
 
 

@@ -96,6 +96,7 @@ class Rules:
         self.reward_config = rewards or RewardConfig()
         self.unit_move = [self._open_edges(direction) for direction in range(4)]
         self.unit_wait = [[1.0] * self.width for _ in range(self.height)]
+        self.weighted = move is not None
         self.move = move or self.unit_move
         self.wait = wait or self.unit_wait
         moves = [weight for plane in self.move for row in plane for weight in row if isfinite(weight)]
@@ -121,6 +122,7 @@ class Rules:
         self.step_count = 0
         self.arrival_steps: list[list[int]] = [[] for _ in starts]
         self.on_goal_log: list[list[bool]] = []  # per step, by agent
+        self.weight_log: list[list[float]] = [[] for _ in starts]  # by agent, of each step until it is gone
         self.action_log: list[list[tuple[int, bool]]] = [[] for _ in starts]  # by agent: (action, moved) per step
 
     # The map and its weights.
@@ -201,10 +203,14 @@ class Rules:
         before = [
             self.cost_to_go(self.goals[agent], self.positions[agent], self.headings[agent]) for agent in self.agents
         ]
+        stayed = self.at_goal
         self._advance(playing, actions)
         self._note_arrivals(playing)
         solved = self.on_target == "nothing" and all(self.at_goal)
-        own = {agent: self._own_reward(agent, actions[agent], before[agent], solved) for agent in playing}
+        stayed = [was and is_there for was, is_there in zip(stayed, self.at_goal, strict=True)]
+        own = {
+            agent: self._own_reward(agent, actions[agent], before[agent], stayed[agent], solved) for agent in playing
+        }
         self.rewards = [own[agent] + self._shared(agent, own) if agent in own else 0.0 for agent in self.agents]
         self._apply_on_target()
         if solved:
@@ -222,6 +228,10 @@ class Rules:
         self.moved = [agent in at and after[agent] != at[agent] for agent in self.agents]
         self.blocked = [directions.get(agent) is not None and not self.moved[agent] for agent in self.agents]
         for agent in playing:
+            direction = directions[agent]
+            moves = self.moved[agent] and direction is not None
+            weight = self.move_weight(at[agent], direction) if moves else self.wait_weight(at[agent])
+            self.weight_log[agent].append(weight)
             self.positions[agent] = after[agent]
             if not self.cardinal:
                 self.headings[agent] = self.turned(self.headings[agent], actions[agent])
@@ -250,7 +260,7 @@ class Rules:
 
     # Rewards.
 
-    def _own_reward(self, agent: int, action: int, before: float, solved: bool) -> float:
+    def _own_reward(self, agent: int, action: int, before: float, stayed: bool, solved: bool) -> float:
         config = self.reward_config
         after = self.cost_to_go(self.goals[agent], self.positions[agent], self.headings[agent])
         reward = config.goal if self.arrived[agent] else self._action_reward(agent, action)
@@ -258,6 +268,8 @@ class Rules:
             reward += config.progress * (before - after) / self.mean_weight
         if not self.at_goal[agent]:
             reward -= config.step_cost
+        if config.weighted_step_cost and not stayed:
+            reward -= config.weighted_step_cost * self.weight_log[agent][-1] / self.mean_weight
         if self.blocked[agent]:
             reward -= config.blocked
         if solved:
@@ -283,7 +295,7 @@ class Rules:
         ]
         return self.reward_config.share * sum(near) / len(near) if near else 0.0
 
-    # Metrics: POGEMA's definitions.
+    # Metrics: POGEMA's definitions, and those of the guidance graph.
 
     def metrics(self) -> dict[str, float]:
         if self.on_target == "restart":
@@ -302,7 +314,8 @@ class Rules:
             times = [self._settled(agent) for agent in self.agents]
         shortest = [self.lower_bound(agent) for agent in self.agents]
         bound = sum(max(length, 1) for length in shortest if isfinite(length))
-        return {
+        weighted = self._weighted_metrics(times) if self.weighted else {}
+        return weighted | {
             "CSR": float(all(solved)),
             "ISR": sum(solved) / len(solved),
             "SoC": float(sum(times)),
@@ -310,6 +323,15 @@ class Rules:
             "ep_length": sum(times) / len(times) if self.on_target == "finish" else float(self.step_count),
             "SoC_ratio": sum(times) / bound if bound else 1.0,
         }
+
+    def _weighted_metrics(self, times: list[int]) -> dict[str, float]:
+        cost = sum(sum(log[:time]) for log, time in zip(self.weight_log, times, strict=True))
+        alone = [
+            self.wait_weight(start) if start == goals[0] else self.cost_to_go(goals[0], start, heading)
+            for start, heading, goals in zip(self.starts, self.start_headings, self.goal_lists, strict=True)
+        ]
+        bound = sum(filter(isfinite, alone))
+        return {"weighted_cost": cost, "weighted_cost_ratio": cost / bound if bound else 1.0}
 
     def _settled(self, agent: int) -> int:
         """The step from which the agent stays on its goal to the end; the last step if it is not there."""

@@ -14,6 +14,7 @@ MODES = [
     {"on_target": "finish"},
     {"on_target": "restart", "action_model": "cardinal"},
     {"state": True, "metrics": True},
+    {"state": True, "metrics": True, "edge_weights": "crisscross"},
     {"state": True, "metrics": True, "on_target": "restart"},
 ]
 
@@ -65,10 +66,12 @@ def test_a_row_is_the_pettingzoo_environment(on_target):
             assert all(truncated.values()) == now["truncated"][b].item()
 
 
+@pytest.mark.parametrize("edge_weights", ["uniform", "random"])
 @pytest.mark.parametrize("on_target", ["nothing", "finish", "restart"])
-def test_state_goals_and_metrics_are_those_of_the_pettingzoo_environment(on_target):
+def test_state_goals_and_metrics_are_those_of_the_pettingzoo_environment(on_target, edge_weights):
     keywords = {"source": RandomObstacles(5, 6, 0.1, 3, 30 if on_target == "restart" else 1), "max_steps": 40}
-    keywords |= {"on_target": on_target, "channels": ("view", "cost_to_go"), "reward": "progress"}
+    keywords |= {"on_target": on_target, "edge_weights": edge_weights}
+    keywords |= {"channels": ("view", "cost_to_go"), "reward": "progress"}
     batched = BatchedMapfEnv(3, state=True, metrics=True, **keywords)
     batched.set_seed(7)
     now = batched.reset()

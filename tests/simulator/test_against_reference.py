@@ -145,6 +145,7 @@ class Lockstep:
             ("truncated", truncated),
             ("at_goal", at_goal),
             ("was_active", playing),
+            ("step_weight", [log[-1] if p else 0 for log, p in zip(game.weight_log, playing, strict=True)]),
             ("arrivals", [len(steps) for steps in game.arrival_steps]),
         ):
             assert agents[name].tolist() == expected, name
@@ -182,10 +183,12 @@ def compare_observation(game, agent, image, features, mask):
     assert mask.tolist() == game.action_mask(agent)
 
 
-def any_reward(rng):
+def any_reward(rng, edge_weights="uniform"):
+    """Draw a reward; moves of infinite weight cannot be penalized."""
     if rng.random() < 0.3:
         return rng.choice(list(REWARDS))
     names = ("forward", "rotate", "wait", "goal", "progress", "step_cost", "blocked", "team_goal")
+    names += () if isinstance(edge_weights, GuidanceGraph) else ("weighted_step_cost",)
     return RewardConfig(
         **{name: float(rng.choice([0, 1, -1, rng.normal()], p=(0.1, 0.1, 0.1, 0.7))) for name in names},
         pay_blocked_forward=rng.random() < 0.5,
@@ -237,6 +240,7 @@ def test_observations(action_model, collision_system, on_target):
         num_agents = min(int(rng.integers(2, 6)), shape[0] * shape[1] // 2)
         view = "centered" if action_model == "cardinal" else rng.choice(["front", "centered"])
         map_frame = action_model == "cardinal" or (view == "centered" and rng.random() < 0.5)
+        edge_weights = any_weights(rng, shape)
         config = EnvConfig(
             source=Disorder(rng, shape, num_agents, num_goals=3 if on_target == "restart" else 1),
             action_model=action_model,
@@ -250,8 +254,8 @@ def test_observations(action_model, collision_system, on_target):
             channels=rng.permutation(list(CHANNELS)).tolist(),
             features=rng.permutation(list(FEATURES)).tolist(),
             num_last_actions=int(rng.integers(1, 4)),
-            edge_weights=any_weights(rng, shape),
-            reward=any_reward(rng),
+            edge_weights=edge_weights,
+            reward=any_reward(rng, edge_weights),
         )
         lockstep = Lockstep(config, num_envs=2, seed=int(rng.integers(2**32)))
         lockstep.compare_observations()

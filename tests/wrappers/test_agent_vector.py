@@ -10,7 +10,7 @@ from mapf_pz.wrappers import AgentVectorEnv
 SMALL = {"map": ".....\n..@..\n.....\n", "num_agents": 3, "max_steps": 7, "view_size": (3, 3)}
 KEYWORDS = [
     {},
-    {"features": ("goal_vector", "time"), "reward": "progress", "num_frames": 2},
+    {"features": ("goal_vector", "time"), "reward": "progress", "num_frames": 2, "edge_weights": "random"},
     {"action_model": "cardinal", "view": "centered", "channels": ("view", "cost_to_go")},
 ]
 METRICS = {

@@ -23,6 +23,7 @@ LABELS = {
     "CSR": "all agents at their goals (CSR)",
     "ISR": "agents at their goals (ISR)",
     f"SoC_ratio{SOLVED}": "sum of costs / lower bound (solved)",
+    f"weighted_cost_ratio{SOLVED}": "weighted cost / lower bound (solved)",
     "avg_throughput": "goals reached per step",
     "step_ms": "milliseconds per step",
 }
@@ -191,5 +192,5 @@ def _draw_panel(panel: Axes, metric: str, lines: dict[str, Points], styles: Mapp
     panel.grid(alpha=0.3)
     if metric == "step_ms":
         panel.set_yscale("log")
-    elif not metric.startswith("SoC_ratio"):
+    elif not metric.startswith(("SoC_ratio", "weighted_cost_ratio")):
         panel.set_ylim(bottom=0)

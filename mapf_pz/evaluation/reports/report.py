@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+import math
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
@@ -11,15 +12,19 @@ import numpy as np
 
 from mapf_pz.evaluation.reports.intervals import TIMES, bounds_of, difference_interval, interval, mean_interval
 from mapf_pz.evaluation.results import METRICS, Episode
+from mapf_pz.simulator.metrics import WEIGHTED_METRICS
 
 SOLVED = " (solved)"
 """Suffix of metrics that are averaged over solved episodes, those with a CSR of 1."""
 COLUMNS = (
-    *("CSR", "ISR", f"SoC_ratio{SOLVED}", f"makespan{SOLVED}", "avg_throughput", "exhausted_agents", "best_ratio"),
-    *("collisions", "step_ms", "agent_us"),
+    *("CSR", "ISR", f"SoC_ratio{SOLVED}", f"weighted_cost_ratio{SOLVED}", f"makespan{SOLVED}", "avg_throughput"),
+    *("exhausted_agents", "best_ratio", "collisions", "step_ms", "agent_us"),
 )
 """The default columns of tables; other metrics are only in the file of episodes."""
-ALL_COLUMNS = (*METRICS, *(f"{name}{SOLVED}" for name in ("SoC", "SoC_ratio", "makespan", "ep_length")))
+ALL_COLUMNS = (
+    *METRICS,
+    *(f"{name}{SOLVED}" for name in ("SoC", "SoC_ratio", *WEIGHTED_METRICS, "makespan", "ep_length")),
+)
 """All columns that tables may have."""
 
 Group = tuple[str, int, str]
@@ -80,11 +85,11 @@ class SummaryTable:
 
 
 def column_values(episode: Episode) -> dict[str, float]:
-    """Return the values of an episode by column; those of solved episodes only if the episode is solved."""
+    """Return the finite values of an episode by column; those of solved episodes only if the episode is solved."""
     values = dict(episode.metrics)
     if values.get("CSR") == 1:
         values |= {f"{name}{SOLVED}": value for name, value in episode.metrics.items()}
-    return {name: value for name, value in values.items() if name in ALL_COLUMNS}
+    return {name: value for name, value in values.items() if name in ALL_COLUMNS and math.isfinite(value)}
 
 
 def grouped(episodes: Iterable[Episode]) -> dict[Group, dict[str, list[float]]]:
@@ -221,6 +226,20 @@ def exhausted(episodes: Iterable[Episode]) -> list[str]:
         f"over in {np.count_nonzero(values['exhausted_agents'])} episodes; their throughput is not comparable"
         for (task_name, num_agents, policy), values in grouped(episodes).items()
         if any(values.get("exhausted_agents", ()))
+    ]
+
+
+def infinite_costs(episodes: Iterable[Episode]) -> list[str]:
+    """Return a warning for each task and policy with episodes of infinite cost, which means omit."""
+    counts = Counter(
+        (episode.task, episode.num_agents, episode.policy)
+        for episode in episodes
+        if math.isinf(episode.metrics.get("weighted_cost", 0))
+    )
+    return [
+        f"{policy}, {num_agents} agents on {task_name}: agents moved along edges of infinite weight in {count} "
+        f"episodes, which the means of weighted costs omit"
+        for (task_name, num_agents, policy), count in counts.items()
     ]
 
 

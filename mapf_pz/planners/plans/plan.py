@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from mapf_pz._internal.arrays import Bools, Ints, frozen
+from mapf_pz.guidance.graph import GuidanceGraph
 from mapf_pz.instances.heading import HEADING_STEPS
 from mapf_pz.instances.instance import Grid, Instance
 
@@ -65,6 +66,27 @@ class Plan:
     def makespan(self) -> int:
         """The highest cost; 0 without agents."""
         return int(self.costs.max(initial=0))
+
+    def weighted_cost(self, graph: GuidanceGraph) -> float:
+        """Return the sum of the agents' costs in the weights of a guidance graph of the map.
+
+        Each step that counts in `costs` costs the weight of the edge for a move, or that of waiting for waiting and
+        turning. An agent that never moves costs one wait. The cost is `inf` if an edge of infinite weight is used.
+
+        Raises `ValueError` for moves that are not between adjacent cells of the graph.
+        """
+        # An agent that never moves costs a step, even in a plan without steps.
+        positions = self.positions if self.num_steps else np.repeat(self.positions, 2, axis=0)
+        before, steps = positions[:-1], np.diff(positions, axis=0)
+        inside = ((positions >= 0) & (positions < graph.shape)).all()
+        if not inside or (np.abs(steps).sum(axis=2) > 1).any():
+            raise ValueError(f"plan: expected moves between adjacent cells of a map of {graph.shape} cells")
+        rows, cols = np.moveaxis(before, -1, 0)
+        weights = graph.wait[rows, cols]
+        for heading, step in enumerate(HEADING_STEPS):
+            weights = np.where((steps == step).all(axis=2), graph.move[heading, rows, cols], weights)
+        counted = np.arange(1, len(positions))[:, None] <= self.costs
+        return float(np.where(counted, weights, 0).sum(dtype=np.float64))
 
     @property
     def num_unmoved(self) -> int:

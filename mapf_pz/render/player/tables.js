@@ -7,6 +7,8 @@ const METRICS = {
   makespan: "largest cost of an agent",
   ep_length: "number of steps",
   SoC_ratio: "sum of costs divided by the sum of the shortest paths",
+  weighted_cost: "sum of costs in the weights of the guidance graph",
+  weighted_cost_ratio: "weighted cost divided by the sum of the costs of the cheapest paths",
   avg_throughput: "goals reached per step",
   exhausted_agents: "agents that have reached all goals of their sequence",
 };

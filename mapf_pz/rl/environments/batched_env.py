@@ -20,7 +20,6 @@ from mapf_pz.rl.config import ObservationPrecision
 from mapf_pz.rl.environments.transfer import to_device
 from mapf_pz.simulator.config import BatchConfig, EnvConfig
 from mapf_pz.simulator.global_state import STATE_PLANES, global_state
-from mapf_pz.simulator.metrics import metric_names
 from mapf_pz.simulator.simulator import Simulator
 
 
@@ -106,8 +105,8 @@ class BatchedMapfEnv(EnvBase):
             size = torch.Size([*batch, len(STATE_PLANES), *self.simulator.shape])
             spec["state"] = Bounded(-1, 1, shape=size, dtype=torch.float32)
         if self._has_metrics:
-            names = metric_names(self.config.on_target)
-            spec["metrics"] = Composite({name: Unbounded(shape=torch.Size([*batch, 1])) for name in names}, shape=batch)
+            metrics = {name: Unbounded(shape=torch.Size([*batch, 1])) for name in self.simulator.metric_names}
+            spec["metrics"] = Composite(metrics, shape=batch)
         self.observation_spec = spec
         action = Categorical(num_actions, shape=each, dtype=torch.int64)
         self.action_spec = Composite(agents=Composite(action=action, shape=each), shape=batch)
@@ -175,7 +174,7 @@ class BatchedMapfEnv(EnvBase):
 
     def _metrics(self, ended: Tensor) -> TensorDict:
         """Return the metrics of the episodes that have `ended` (B, 1), and NaN for the others."""
-        values = {name: torch.full(ended.shape, torch.nan) for name in metric_names(self.config.on_target)}
+        values = {name: torch.full(ended.shape, torch.nan) for name in self.simulator.metric_names}
         for b in ended.squeeze(-1).nonzero().squeeze(-1).tolist():
             for name, value in self.simulator.metrics(b).items():
                 values[name][b] = value

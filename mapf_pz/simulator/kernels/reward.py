@@ -32,6 +32,8 @@ class RewardConfig:
     """Coefficient of the decrease of the cost to go in the step, in units of the mean edge weight."""
     step_cost: float = 0.0
     """Penalty for each step that ends away from the goal."""
+    weighted_step_cost: float = 0.0
+    """Penalty for the edge weight of each step, in units of the mean edge weight; staying at the goal is free."""
     blocked: float = 0.0
     """Penalty for a move that is blocked by an obstacle or another agent."""
     team_goal: float = 0.0
@@ -77,8 +79,9 @@ def reward_terms(config: RewardConfig) -> Any:
 
 @inlined
 def compute_rewards(
-    terms: Any, cardinal: bool, height: int, width: int, agents: Array, actions: Array, occupant: Array, solved: bool
-) -> None:
+    terms: Any, cardinal: bool, mean_weight: float, height: int, width: int, agents: Array, actions: Array,
+    occupant: Array, solved: bool
+) -> None:  # fmt: skip
     """Set every agent's reward; `solved`: all agents are on their goals at once."""
     for i in range(agents.size):
         agent = agents[i]
@@ -88,6 +91,8 @@ def compute_rewards(
             reward += terms.progress * agent.progress
             if not agent.at_goal:
                 reward -= terms.step_cost
+            if terms.weighted_step_cost != 0 and not (agent.at_goal and agent.was_cell == agent.was_goal):
+                reward -= terms.weighted_step_cost * agent.step_weight / mean_weight
             if agent.blocked:
                 reward -= terms.blocked
             if solved:

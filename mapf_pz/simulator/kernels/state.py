@@ -33,12 +33,15 @@ AGENT = np.dtype(
         ("blocked", np.bool_),  # a move was wanted and did not happen
         ("terminated", np.bool_),
         ("truncated", np.bool_),
+        ("step_weight", np.float32),  # of the edge that it took, or of waiting or turning; 0 once it has disappeared
         ("progress", np.float32),  # the fall of the cost to go, where the reward asks for it
         ("own_reward", np.float32),  # before sharing
         ("reward", np.float32),
         # Since the episode began:
         ("arrivals", np.int32),  # goals reached
         ("resting_since", np.int32),  # the step since which it is on its goal; -1: it is not
+        ("path_weight", np.float64),  # the sum of `step_weight`
+        ("weighted_cost", np.float64),  # that sum up to the step `resting_since`, or of all steps if it is -1
         # Scratch:
         ("want", np.int32),  # the cell it wants, then the cell it gets
         ("next_cell", np.int32),  # the next cell on its own cheapest path; -1: none

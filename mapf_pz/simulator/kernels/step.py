@@ -8,7 +8,7 @@ from mapf_pz._internal.jit import Array, BatchKernel, inlined, jit
 from mapf_pz.simulator.kernels.conflict import NO_MOVE, direction, propose, resolve
 from mapf_pz.simulator.kernels.cost_lookup import turned
 from mapf_pz.simulator.kernels.reward import RewardTerms, compute_rewards, measure_progress
-from mapf_pz.simulator.kernels.state import CostToGo, Distances, Fields, Rules, State, World
+from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, CostToGo, Distances, Fields, Rules, State, World
 
 NOTHING, FINISH, RESTART = 0, 1, 2
 ON_TARGET = {"nothing": NOTHING, "finish": FINISH, "restart": RESTART}
@@ -32,10 +32,13 @@ def step(
 
         propose(rules.cardinal, world.leads_to, m, agents, actions)
         resolve(rules.collision, agents, occupant, claim)
-        advance(rules.cardinal, agents, actions, occupant, state.history[b])
+        advance(rules.cardinal, world.weight, m, agents, actions, occupant, state.history[b])
         solved = update_goals(rules.on_target, agents, state.goals[b], time)
+        add_weights(agents, time)
         measure_progress(terms.progress, world.mean_weight[m], distances.slot, to_go, m, agents)
-        compute_rewards(terms, rules.cardinal, world.height, world.width, agents, actions, occupant, solved)
+        compute_rewards(
+            terms, rules.cardinal, world.mean_weight[m], world.height, world.width, agents, actions, occupant, solved
+        )
         finish(rules.on_target, agents, occupant, solved, time >= rules.max_steps)
         end_episode(agents, state.terminated, state.truncated, b)
 
@@ -48,8 +51,10 @@ def tick(times: Array, b: int) -> int:
 
 
 @inlined
-def advance(cardinal: bool, agents: Array, actions: Array, occupant: Array, history: Array) -> None:
-    """Move each agent to its next cell, turn it, and record its action."""
+def advance(
+    cardinal: bool, weight: Array, m: int, agents: Array, actions: Array, occupant: Array, history: Array
+) -> None:
+    """Move each agent to its next cell, turn it, and record its action and the weight of its step on map `m`."""
     for i in range(agents.size):
         agent = agents[i]
         agent.was_active = agent.active
@@ -57,13 +62,16 @@ def advance(cardinal: bool, agents: Array, actions: Array, occupant: Array, hist
         agent.was_heading = agent.heading
         agent.was_goal = agent.goal
         agent.blocked = False
+        agent.step_weight = 0
         if agent.active:
             occupant[agent.cell] = -1
     for i in range(agents.size):
         agent = agents[i]
         if agent.active:
             moves = agent.want != agent.cell
-            agent.blocked = not moves and direction(cardinal, agent.heading, actions[i]) != NO_MOVE
+            towards = direction(cardinal, agent.heading, actions[i])
+            agent.blocked = not moves and towards != NO_MOVE
+            agent.step_weight = weight[m, towards if moves else WAIT_WEIGHT, agent.cell]
             agent.cell = agent.want
             if not cardinal:
                 agent.heading = turned(agent.heading, actions[i])
@@ -98,6 +106,16 @@ def update_goals(on_target: int, agents: Array, goals: Array, time: int) -> bool
         if agent.arrived and on_target == RESTART:
             agent.goal = goals[i, agent.arrivals % goals.shape[1]]
     return solved
+
+
+@inlined
+def add_weights(agents: Array, time: int) -> None:
+    """Add the weight of each agent's step; its cost is the sum until the step since which it is on its goal."""
+    for i in range(agents.size):
+        agent = agents[i]
+        agent.path_weight += agent.step_weight
+        if agent.resting_since == -1 or agent.resting_since == time:
+            agent.weighted_cost = agent.path_weight
 
 
 @inlined

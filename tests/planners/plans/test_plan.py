@@ -4,8 +4,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mapf_pz
+from mapf_pz import GuidanceGraph
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.instances.instance import Grid, Instance, Scenario
+from mapf_pz.instances.sources import InstanceList
 from mapf_pz.planners import Plan, validate, violations
 
 EAST, SOUTH, WEST, NORTH = range(4)
@@ -93,6 +95,26 @@ def test_costs():
     assert (plan.sum_of_costs, plan.makespan) == (4, 3)
 
 
+def test_weighted_cost():
+    move = np.array([2.0, 4, 8, 16])[:, None, None] * np.ones((4, 2, 3))
+    graph = GuidanceGraph(move, np.array([[0.25, 0.5, 1], [1, 1, 1]]))
+    cells = [[(0, 0), (0, 2)], [(0, 1), (0, 2)], [(0, 1), (0, 2)], [(1, 1), (0, 2)], [(0, 1), (0, 2)]]
+    assert Plan(np.array(cells)).weighted_cost(graph) == (2 + 0.5 + 4 + 16) + 1  # the second agent stays
+    headings = np.array([[EAST, EAST, SOUTH, SOUTH, WEST]]).T.repeat(2, axis=1)
+    waits = [cells[0], cells[1], cells[1], cells[3], cells[3]]
+    assert Plan(np.array(waits), headings).weighted_cost(graph) == (2 + 0.5 + 4) + 1  # the last turn is free
+    assert Plan(np.array(cells[:1])).weighted_cost(graph) == 0.25 + 1
+    move[1] = np.inf
+    assert Plan(np.array(cells)).weighted_cost(GuidanceGraph(move, graph.wait)) == np.inf
+
+
+@pytest.mark.parametrize("cells", [[(0, 2), (0, 3)], [(0, 0), (-1, 0)], [(0, 0), (0, 2)], [(0, 0), (1, 1)]])
+def test_the_weighted_cost_of_impossible_moves(cells):
+    graph = GuidanceGraph.uniform(np.ones((2, 3), bool))
+    with pytest.raises(ValueError, match=r"plan: expected moves between adjacent cells of a map of \(2, 3\) cells"):
+        Plan(np.array(cells)[:, None]).weighted_cost(graph)
+
+
 def test_wrong_shapes_are_rejected():
     with pytest.raises(ValueError, match=r"plan positions: expected the shape \(T \+ 1, N, 2\), got \(2, 2\)"):
         Plan(np.zeros((2, 2)))
@@ -164,3 +186,31 @@ def test_all_violations_of_turns():
     assert [(item.step, item.kind) for item in violations(problem, plan)] == [(1, "turn"), (2, "turn")]
     legal = Plan(np.array([[(0, 0)], [(0, 1)]]), np.array([[EAST], [EAST]]))
     assert violations(problem, legal) == []
+
+
+@given(st.integers(0, 2**31), st.sampled_from(["rotate", "cardinal"]))
+def test_the_environment_counts_the_same_weighted_cost(seed, action_model):
+    """In an episode whose agents have the cells as goals on which they end."""
+    rng, free = np.random.default_rng(seed), np.ones((4, 4), bool)
+    graph = GuidanceGraph.random(free, rng)
+    keywords = {"edge_weights": graph, "action_model": action_model, "max_steps": 12}
+    env = mapf_pz.parallel_env(map=free, num_agents=5, **keywords)
+    env.reset(seed=seed)
+    cells, headings, actions = [env.positions], [env.headings], []
+    while env.agents:
+        actions.append({agent: int(rng.integers(env.action_space(agent).n)) for agent in env.agents})
+        env.step(actions[-1])
+        cells.append(env.positions)
+        headings.append(env.headings)
+    plan = Plan(np.array(cells), np.array(headings) if action_model == "rotate" else None)
+    replayed = Instance(
+        Grid(free), Scenario(cells[0], cells[-1]), plan.headings[0] if plan.headings is not None else None
+    )
+    env = mapf_pz.parallel_env(source=InstanceList([replayed]), **keywords)
+    env.reset()
+    for action in actions:
+        if env.agents:  # they may all be at their ends, for a while, before
+            env.step(action)
+    if env.step_count == len(actions):
+        assert env.metrics()["SoC"] == plan.sum_of_costs
+        assert env.metrics()["weighted_cost"] == pytest.approx(plan.weighted_cost(graph))
