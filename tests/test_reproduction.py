@@ -1,5 +1,7 @@
 """The reproduction of the report: that its flaws are what they are said to be, and that it can be run."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -7,7 +9,8 @@ pytest.importorskip("torchrl")
 
 from torchrl.envs import TransformedEnv
 
-from experiments import flaws, reproduction
+from experiments import flaws, repair, reproduction
+from experiments.pages import write_rows
 from mapf_pz.rl import BatchedMapfEnv
 
 
@@ -71,3 +74,34 @@ def test_a_run_is_kept(tmp_path, monkeypatch):
     assert last[0] == 8192
     monkeypatch.setattr(reproduction, "train", None)
     reproduction.learn(row, 0, options)
+
+
+def test_the_changes_of_the_repair_lead_from_the_report_to_the_repaired_one():
+    full, now, *_ = repair.settings()
+    for name, fields in repair.CHANGES.items():
+        before = now
+        now = repair.changed(now, name, full, fields)
+        assert now.config != before.config
+    assert replace(now.config, agent_steps=full.config.agent_steps) == full.config
+
+
+def test_a_setting_of_the_repair_differs_in_what_its_name_says():
+    full, bare, *rest = repair.settings()
+    by_name = {setting.name: setting.config for setting in rest}
+    assert len(by_name) == 1 + 2 * len(repair.CHANGES)
+    env = replace(full.config.task.env, features=("action_advantage", "goal_vector", "location"))
+    without = replace(full.config, task=replace(full.config.task, env=env))
+    assert by_name["report-repaired without past actions (idea 5)"] == without
+    env = replace(bare.config.task.env, view="centered")
+    assert by_name["report with centered view"] == replace(bare.config, task=replace(bare.config.task, env=env))
+
+
+def test_the_table_of_the_repair_is_made_from_the_results(tmp_path, monkeypatch):
+    page, results = tmp_path / "report.md", tmp_path / "repair.csv"
+    page.write_text("<!-- repair -->\n<!-- end of repair -->\n")
+    row = {"setting": "report with GELU", "agent_steps": "8"}
+    write_rows(results, [row | {"seed": str(s), "CSR": "0.25", "ISR": f"0.{s}"} for s in (1, 3)])
+    monkeypatch.setattr(repair, "PAGE", page)
+    monkeypatch.setattr(repair, "RESULTS", results)
+    repair.write()
+    assert "| GELU |  |  | 0.25 | 0.20 (0.10 to 0.30) |" in page.read_text()

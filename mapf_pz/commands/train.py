@@ -37,6 +37,7 @@ SUITES = {
     "central-ppo-8": "central-8",
     "central-warehouse": "report-10",
     "report": "report-10",
+    "report-repaired": "report-10",
     "report-published": "report-10",
 }
 """The suites that presets are evaluated on afterwards; the others on `standard`."""

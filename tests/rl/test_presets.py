@@ -1,5 +1,7 @@
 """The runs that have a name are those whose results are published."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from torch import nn
@@ -65,6 +67,15 @@ def test_presets_without_a_bundled_policy(name, expected):
 
 def test_every_preset_is_summarized_on_the_command_line():
     assert list(SUMMARIES) == list(PRESETS)
+
+
+def test_the_repaired_report_keeps_what_the_report_has():
+    report, repaired = PRESETS["report"], PRESETS["report-repaired"]
+    kept = ("map", "num_agents", "action_model", "view_size", "on_target", "collision_system")
+    assert [getattr(repaired.task.env, name) for name in kept] == [getattr(report.task.env, name) for name in kept]
+    assert repaired.task.env.channels[:4] == report.task.env.channels == ("view", "goal", "orientation", "edge_weights")
+    assert (repaired.algorithm, repaired.task.action_mode) == (report.algorithm, "argmax")
+    assert replace(repaired.model, activation=report.model.activation) == report.model
 
 
 def test_the_report_as_published():
