@@ -31,7 +31,7 @@ CHANGES: dict[str, tuple[str, ...]] = {
     "past actions (idea 5)": ("last_actions",),
     "which agents are at their goals": ("others_at_goal",),
     "centered view": ("view",),
-    "one-way aisles (idea 1)": ("edge_weights",),
+    "optimized edge weights (idea 1)": ("edge_weights",),
     "reward for progress": ("reward",),
     "an advantage for each agent": ("credit",),
     "a discount factor of 0.9": ("gamma", "lmbda"),

@@ -91,14 +91,14 @@ _REPORT_REPAIRED = replace(
             view="centered",
             channels=(*_REPORT.task.env.channels, "cost_to_go", "others_next", "others_at_goal"),
             features=("action_advantage", "last_actions", "goal_vector", "location"),
-            edge_weights="crisscross",
+            edge_weights="warehouse-10-20-10-2-1-400",
             reward=replace(REWARDS["progress"], step_cost=0.2),
         )
     ),
     model=replace(_REPORT.model, activation="gelu"),
     optimization=replace(_REPORT.optimization, num_envs=16, minibatch_size=64, learning_rate=7e-4, max_grad_norm=0.5),
     ppo=replace(_REPORT.ppo, gamma=0.9, lmbda=0.9, entropy_coeff=0.003, credit="agent"),
-    agent_steps=3_000_000,
+    agent_steps=1_000_000,
 )
 
 _REPORT_PUBLISHED = replace(
