@@ -3,7 +3,7 @@
 The network of the report's policy learns, with labels instead of rewards, the action that is best for each agent alone,
 which its features show (`action_advantage`). This is an upper bound of what it can learn from rewards. Observations are
 of agents in the report's warehouse that take that action with a probability of 0.8, and a random one otherwise. The
-images are left out. The table is in `docs/explanation/report.md`.
+images are left out. It prints a table.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import torch
 import tyro
 from torch import Tensor, nn
 
-from experiments.pages import PAGES, spread, write_table
+from experiments.pages import spread
 from mapf_pz.rl.networks.actors import TeamActor
 from mapf_pz.rl.networks.observation_shape import ObservationShape
 from mapf_pz.rl.presets import PRESETS
@@ -25,7 +25,6 @@ from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.simulator import Simulator
 
 PRESET = PRESETS["report-repaired"]
-PAGE = PAGES / "report.md"
 NUM_AGENTS = (4, 10, 20, 50, 100)
 WIDTHS = {"128, 64, 64": (128, (64, 64)), "512, 512, 512": (512, (512, 512))}
 """The sizes of the embedding and the policy head: those of the report, and larger ones (idea 6)."""
@@ -91,17 +90,15 @@ def accuracy(num_agents: int, widths: tuple[int, tuple[int, ...]], seed: int, st
 
 
 def main(options: Options) -> None:
-    """Train the networks, and write the table."""
+    """Train the networks, and print the table."""
     torch.set_num_threads(1)
-    lines = [f"| agents | {' | '.join(WIDTHS)} |", "| --- |" + " --- |" * len(WIDTHS)]
+    print(f"| agents | {' | '.join(WIDTHS)} |", "| --- |" + " --- |" * len(WIDTHS), sep="\n")
     for num_agents in NUM_AGENTS:
         cells = []
         for widths in WIDTHS.values():
             shares = [accuracy(num_agents, widths, seed, options.steps) for seed in options.seeds]
             cells.append(spread(shares, 4))
-        lines.append(f"| {num_agents} | {' | '.join(cells)} |")
-        print(lines[-1], flush=True)
-    write_table(PAGE, "capacity", lines)
+        print(f"| {num_agents} | {' | '.join(cells)} |", flush=True)
 
 
 if __name__ == "__main__":
