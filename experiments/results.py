@@ -196,13 +196,14 @@ def _without_code(identity: Identity | None) -> Identity | None:
 
 
 def differences(table: ResultTable, quick: float = QUICK) -> Iterator[str]:
-    """Repeat the samples of a table that `repeated` selects; yield a line for each difference."""
+    """Repeat the samples that `repeated` selects; yield a line for each difference in metrics that were measured."""
     results = load_results(table.suite)
     tasks = {(task.name, task.num_agents): task for task in load_suite(table.suite)}
     for sample in repeated(results["samples"], quick):
         policy, number = sample["policy"], sample["episode"]
         task = tasks[sample["task"], sample["num_agents"]]
-        metrics = _comparable(_run(policy, task, number).metrics)
+        run = _comparable(_run(policy, task, number).metrics)
+        metrics = {name: value for name, value in run.items() if name in sample["metrics"]}
         if metrics != sample["metrics"]:
             yield f"{policy}, {task.label}, episode {number}: {metrics} instead of {sample['metrics']}"
 

@@ -52,6 +52,7 @@ REWARDS = {
     "--pay-blocked-forward": "--forward 3 --no-pay-blocked-forward | --pay-blocked-forward",
     "--progress": "--progress 3",
     "--step-cost": "--step-cost 3",
+    "--weighted-step-cost": "--weighted-step-cost 3",
     "--blocked": "--blocked 3",
     "--team-goal": "--team-goal 3",
     "--share": "--share 3",
@@ -176,6 +177,7 @@ CASES = {
             "--num-agents": "!--num-agents 7",
             "--problem": "!--problem suite.json",
             "--all": "--all",
+            "--edge-weights": "--edge-weights crisscross",
         },
     ),
     "maps generate": Case(
