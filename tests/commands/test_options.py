@@ -139,6 +139,7 @@ def test_every_option_has_an_effect_or_is_refused(capsys, tmp_path, material, mo
     case = CASES[name]
     if name.startswith(("train", "plot", "dataset export")) or "mappo" in case.words:
         request.getfixturevalue("trained")
+        capsys.readouterr()  # what making it printed, in the first test that needs it
     for function in case.replaced:
         monkeypatch.setattr(function, show_arguments)
     monkeypatch.setattr("mapf_pz.commands.play.Window", Keyboard)
