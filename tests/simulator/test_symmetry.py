@@ -67,6 +67,13 @@ def mirrored_instance(instance):
     return Instance(Grid(instance.grid.free[:, ::-1]), scenario, (2 - instance.headings) % 4)
 
 
+episodes_of_all_rules = given(
+    seed=SEEDS,
+    collision_system=st.sampled_from(["soft", "priority", "block_both"]),
+    on_target=st.sampled_from(["nothing", "finish"]),
+)
+
+
 def played(config, instance, actions):
     """Observations, rewards, ends and positions at each step."""
     simulator = Simulator(config)
@@ -81,11 +88,7 @@ def played(config, instance, actions):
 
 @pytest.mark.parametrize("action_model", ["rotate", "cardinal"])
 @settings(max_examples=25)
-@given(
-    seed=SEEDS,
-    collision_system=st.sampled_from(["soft", "priority", "block_both"]),
-    on_target=st.sampled_from(["nothing", "finish"]),
-)
+@episodes_of_all_rules
 def test_a_turned_instance_gives_the_turned_episode(action_model, seed, collision_system, on_target):
     rules = {"collision_system": collision_system, "on_target": on_target}
     config = config_of((5, 6), 6, action_model, **rules)
@@ -112,11 +115,7 @@ def test_a_turned_instance_gives_the_turned_episode(action_model, seed, collisio
 
 @pytest.mark.parametrize("action_model", ["rotate", "cardinal"])
 @settings(max_examples=25)
-@given(
-    seed=SEEDS,
-    collision_system=st.sampled_from(["soft", "priority", "block_both"]),
-    on_target=st.sampled_from(["nothing", "finish"]),
-)
+@episodes_of_all_rules
 def test_a_mirrored_instance_gives_the_mirrored_episode(action_model, seed, collision_system, on_target):
     config = config_of((5, 6), 6, action_model, collision_system=collision_system, on_target=on_target)
     instance = drawn_instance(config, seed)
