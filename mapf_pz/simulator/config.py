@@ -116,6 +116,10 @@ class EnvConfig:
     """Guidance graph: `uniform`, `crisscross`, `crisscross:ALONG` (the weight along its directions), `random` (sampled
     in every episode), the name of a bundled graph, the path of a file for the map (`.json`, `.csv`, `.w`, `.npz`), or a
     `GuidanceGraph`."""
+    around_agents_at_goals: bool = False
+    """Whether the cost to go, in observations and rewards, leads around the other agents that are at their goals, as if
+    they were obstacles. An agent that cannot reach its goal around them has the cost to go through them. Allowed only
+    with `on_target="nothing"`."""
     reward: str | RewardConfig | RewardFunction = "report"
     """Reward: `report`, which pays nothing for a blocked forward move (see `RewardConfig.pay_blocked_forward`),
     `progress`, a `RewardConfig`, a function from a `Transition` to rewards (B, N), or the `package.module:name` of such
@@ -158,6 +162,10 @@ class EnvConfig:
             raise ValueError("goals='alternating': allowed only with on_target='restart'")
         if self.goals == "alternating" and (self.scenario is not None or self.source is not None):
             raise ValueError("goals='alternating': not allowed together with scenario or source, which determine goals")
+        if self.around_agents_at_goals and self.on_target != "nothing":
+            raise ValueError(
+                "around_agents_at_goals: allowed only with on_target='nothing', where agents stay at goals"
+            )
         view, frame = self.resolved_view, self.resolved_frame
         if self.action_model == "cardinal" and (view, frame) != ("centered", "map"):
             raise ValueError("action_model='cardinal': agents have no front, so view='centered' and frame='map' only")

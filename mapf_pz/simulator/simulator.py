@@ -16,6 +16,7 @@ from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.episode import EpisodeLoader, shares_map
 from mapf_pz.simulator.kernels import world
 from mapf_pz.simulator.kernels.conflict import COLLISION_SYSTEMS, write_masks
+from mapf_pz.simulator.kernels.cost_around import CostAround
 from mapf_pz.simulator.kernels.cost_lookup import costs_at
 from mapf_pz.simulator.kernels.cost_tables import CostTables
 from mapf_pz.simulator.kernels.observation.inputs import ObservationInputs
@@ -78,7 +79,10 @@ class Simulator:
         self.layout = ObservationLayout(config)
         self.num_actions = self.layout.num_actions
         self._check_size()
-        self.needs_cost_to_go = self.layout.needs_cost_to_go or config.reward_config.progress != 0
+        self.needs_cost_to_go = (
+            self.layout.needs_cost_to_go or config.reward_config.progress != 0 or config.around_agents_at_goals
+        )
+        self._has_weights = config.edge_weights != "uniform"
         self._reward_function = config.reward_function
         self._num_threads = min(num_threads, numba_config.NUMBA_NUM_THREADS)
         self._num_headings = 1 if config.action_model == "cardinal" else 4
@@ -117,13 +121,17 @@ class Simulator:
             self.world,
             self._num_headings,
             self.num_envs * self.num_agents,
-            unit_weights,
+            unit_weights and not config.around_agents_at_goals,
             config.distance_bytes,
             self._num_threads,
+            num_own=self.num_envs * self.num_agents if config.around_agents_at_goals else 0,
         )
         self.state = allocate_state(
             self.num_envs, self.num_agents, shape[0] * shape[1], goals_per_agent(config), config.num_last_actions
         )
+        self._around: CostAround | None = None
+        if config.around_agents_at_goals:
+            self._around = CostAround(self.world, self.tables, self.state, self._num_threads)
         layers = allocate_layers(view_shape, shape, num_maps, self._num_threads, self.layout.shows_edges, unit_weights)
         self._inputs = ObservationInputs(
             view_shape,
@@ -162,8 +170,10 @@ class Simulator:
             return
         self._loader.load(chosen, seeds or {}, instances or {})
         reset(np.array(chosen, np.int64), self._loader.starts, self._loader.headings, self.state)
+        if self._around is not None:
+            self._around.reset(chosen)
         if self.needs_cost_to_go:
-            self.require_cost_to_go()
+            self._assign_cost_to_go()
         self._observer.reset(chosen)
 
     def step(self, actions: Ints) -> None:
@@ -177,9 +187,19 @@ class Simulator:
         self._step(actions)
         if self._reward_function is not None:
             self._set_rewards(self._reward_function(self._transition(actions)))
-        if self.needs_cost_to_go and self.config.on_target == "restart":
-            self.require_cost_to_go()
+        if self._around is not None:
+            self._around.update()
+        elif self.needs_cost_to_go and self.config.on_target == "restart":
+            self._assign_cost_to_go()
         self._observer.step()
+
+    def _assign_cost_to_go(self) -> None:
+        """Set every agent's table of the cost to go."""
+        if self._around is None:
+            self.tables.assign(self.state.map, self.state.agents)
+        else:
+            self.require_cost_to_go()
+            self._around.update()
 
     def _transition(self, actions: Ints) -> Transition:
         return Transition(self.state.agents, actions, self.state.time, self.shape, self._cost_to_go)
@@ -261,12 +281,19 @@ class Simulator:
         cells = np.asarray(goals) @ (self.shape[1], 1)
         self.state.agents[b]["goal"] = cells
         self.state.goals[b] = cells[:, None]
+        if self._around is not None:
+            self._around.reset([b])
+        if self.needs_cost_to_go:
+            self._assign_cost_to_go()
 
     def _cost_to_go(self, goals: Ints, cells: Ints, headings: Ints) -> Floats:
         """Return the cost to go (B, N) float32 from `cells` and `headings` (B, N) to `goals` (B, N)."""
-        self.tables.require(self.state.map, goals)
         slot, *to_go = self.tables.arrays
-        slots = slot[self.state.map[:, None], goals]
+        if self._around is None:
+            self.tables.require(self.state.map, goals)
+            slots = slot[self.state.map[:, None], goals]
+        else:
+            slots = self.state.agents["table"]
         flat = (array.reshape(-1) for array in (slots, cells, headings))
         return costs_at(CostToGo(*to_go), *flat).reshape(goals.shape)
 
@@ -290,7 +317,7 @@ class Simulator:
     @property
     def metric_names(self) -> tuple[str, ...]:
         """The names of the metrics of every episode."""
-        return metric_names(self.config.on_target, weighted=not self.tables.counts_steps)
+        return metric_names(self.config.on_target, weighted=self._has_weights)
 
     def metrics(self, b: int) -> dict[str, float]:
         """Return the metrics of environment `b` as if its episode ended now: see `mapf_pz.simulator.metrics`.
@@ -308,7 +335,7 @@ class Simulator:
                 arrivals=agents["arrivals"],
                 goal_counts=self._loader.goal_counts[b],
                 shortest=self._shortest_lengths(b) if one_goal else np.empty(0, np.int32),
-                weighted=self._weighted_costs(b) if one_goal and not self.tables.counts_steps else None,
+                weighted=self._weighted_costs(b) if one_goal and self._has_weights else None,
             )
         )
 
@@ -327,7 +354,7 @@ class Simulator:
         goals = self.state.goals[b, :, 0]
         slot, *to_go = self.tables.arrays
         slots = slot[m, goals]
-        if self.tables.counts_steps and (slots >= 0).all():  # their tables are known already
+        if not self._has_weights and (slots >= 0).all():  # their tables are known already
             costs = costs_at(CostToGo(*to_go), slots, starts, headings)
             return np.where(np.isinf(costs), -1, costs).astype(np.int32)
         return shortest_lengths(self.world, m, starts, headings, goals, self._num_headings)

@@ -12,11 +12,12 @@ from mapf_pz.instances import RandomObstacles
 from mapf_pz.instances.heading import HEADING_STEPS
 from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.simulator import Simulator
-from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.config import EnvConfig, RewardConfig
 from mapf_pz.simulator.kernels import cost_tables as tables
 from mapf_pz.simulator.kernels import world
 from mapf_pz.simulator.kernels.cost_lookup import costs_at, least_costs
 from mapf_pz.simulator.kernels.cost_sweeps import FEWEST_GOALS, LANES
+from mapf_pz.simulator.kernels.observation.features import Feature
 from mapf_pz.simulator.kernels.state import CostToGo
 
 MODELS = ("rotate", "cardinal")
@@ -312,3 +313,110 @@ def new_tables(free, graph, action_model, num_threads, unit_weights):
     world.set_map(arrays, 0, free, graph)
     headings = 4 if action_model == "rotate" else 1
     return tables.CostTables(arrays, headings, int(free.sum()), unit_weights, num_threads=num_threads)
+
+
+@pytest.mark.parametrize("num_threads", [1, 2])
+@pytest.mark.parametrize("action_model", MODELS)
+@pytest.mark.parametrize("name", [*GRAPHS, "sampled"])
+def test_around_agents_at_goals_equals_dijkstra_without_their_cells(name, action_model, num_threads):
+    rng = np.random.default_rng(5)
+    grids = [Grid(connected_map(rng, (5, 6))) for _ in range(2)]
+    shown = []
+
+    def remember(inputs, values, at):
+        shown.append(inputs.cost_to_go)
+        values[:, :, at] = 0
+
+    config = EnvConfig(
+        **around(grids[0], 5),
+        action_model=action_model,
+        edge_weights="random" if name == "sampled" else GRAPHS[name](grids[0].free, rng),
+        channels=("cost_to_go",),
+        features=("action_advantage", Feature(remember, needs_cost_to_go=True)),
+    )
+    simulator = Simulator(config, num_envs=2, num_threads=num_threads)
+    simulator.reset(seeds={0: 0, 1: 1})
+    rerouted = 0
+    for _ in range(80):
+        advantage = simulator.observe().features[:, :, : simulator.num_actions]
+        for b in range(2):
+            expected = costs_without_others(simulator, b)
+            np.testing.assert_allclose(simulator.cost_to_go()[b], expected["own"], rtol=1e-5)
+            np.testing.assert_allclose(shown[-1][b, :, :-1], expected["least"], rtol=1e-5)
+            rerouted += expected["rerouted"]
+        followed = rng.random(advantage.shape[:2]) < 0.8
+        simulator.step(np.where(followed, advantage.argmax(-1), rng.integers(0, advantage.shape[2], followed.shape)))
+        over = np.flatnonzero(simulator.over).tolist()
+        if over:
+            simulator.reset(over)
+    assert rerouted > 20
+
+
+def around(grid, num_agents):
+    """Keywords of an environment whose cost to go leads around agents at their goals."""
+    return {"map": grid, "num_agents": num_agents, "max_steps": 25, "view_size": (1, 1), "around_agents_at_goals": True}
+
+
+def costs_without_others(simulator, b):
+    """The cost to go of environment `b` if other agents at their goals are obstacles, by networkx.
+
+    `own` (N,) from where the agents are, `least` (N, H * W) from all cells.
+    """
+    agents, (height, width) = simulator.agents[b], simulator.shape
+    free, guidance = simulator.grid(b).free, simulator.guidance(b)
+    own, least, rerouted = [], [], 0
+    for agent in agents:
+        for removed in (agents["cell"][(agents["cell"] == agents["goal"]) & (agents["cell"] != agent["goal"])], []):
+            graph = explicit_graph(free, guidance, simulator.config.action_model)
+            cells = {divmod(int(cell), width) for cell in removed}
+            graph.remove_nodes_from([node for node in graph if node[0] in cells])
+            heading = int(agent["heading"]) if simulator.config.action_model == "rotate" else 0
+            start, goal = (divmod(int(agent[name]), width) for name in ("cell", "goal"))
+            ends = [node for node in graph if node[0] == goal]
+            found = nx.multi_source_dijkstra_path_length(graph.reverse(), ends)
+            if (start, heading) in found:
+                break  # otherwise it has no path around them
+        rerouted += len(cells) > 0
+        own.append(found.get((start, heading), np.inf))
+        least.append(np.full((height, width), np.inf))
+        for (cell, _), cost in found.items():
+            least[-1][cell] = min(least[-1][cell], cost)
+    return {"own": own, "least": np.reshape(least, (len(agents), -1)), "rerouted": rerouted}
+
+
+def test_an_agent_walks_around_one_that_rests():
+    free = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]], np.bool_)
+    scenario = Scenario([(0, 1), (0, 0)], [(0, 1), (0, 2)])
+    costs = {}
+    for flag in (False, True):
+        config = EnvConfig(
+            map=free, scenario=scenario, action_model="cardinal", channels=("cost_to_go",), around_agents_at_goals=flag
+        )
+        simulator = Simulator(config)
+        simulator.reset(seeds={0: 0})
+        costs[flag] = simulator.cost_to_go()[0].tolist()
+    assert costs == {False: [0, 2], True: [0, 6]}
+
+
+def test_progress_counts_the_way_around():
+    free = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]], np.bool_)
+    config = EnvConfig(
+        map=free,
+        scenario=Scenario([(0, 1), (0, 0)], [(0, 1), (0, 2)]),
+        action_model="cardinal",
+        reward=RewardConfig(forward=0, rotate=0, goal=0, progress=1),
+        around_agents_at_goals=True,
+    )
+    simulator = Simulator(config)
+    simulator.reset(seeds={0: 0})
+    rewards = []
+    # The second agent goes down; the first one moves away, which opens the short way again; the second one goes back.
+    for actions in ([0, 2], [4, 0], [0, 1]):
+        simulator.step(np.array([actions]))
+        rewards.append((simulator.agents["reward"][0].tolist(), simulator.cost_to_go()[0].tolist()))
+    assert rewards == [([0, 1], [0, 5]), ([-1, 0], [1, 3]), ([0, 1], [1, 2])]
+
+
+def test_the_cost_to_go_leads_around_agents_that_stay():
+    with pytest.raises(ValueError, match=r"^around_agents_at_goals: allowed only with on_target='nothing'"):
+        EnvConfig(around_agents_at_goals=True, on_target="restart")

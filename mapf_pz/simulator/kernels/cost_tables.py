@@ -36,6 +36,7 @@ class CostTables:
         unit_weights: bool,
         max_bytes: int | None = None,
         num_threads: int = 1,
+        num_own: int = 0,
     ) -> None:
         """Reserve room for tables.
 
@@ -46,19 +47,22 @@ class CostTables:
             unit_weights: whether all weights of all maps are 1, so that tables can be packed.
             max_bytes: the bound; None: `default_bytes` of what `num_goals` tables take.
             num_threads: threads that compute tables.
+            num_own: how many tables are added for others to write; they come last.
         """
         self.counts_steps = unit_weights
         """Whether the cost to go is the number of steps."""
         self._world = world
         num_maps, cells = world.obstacle.shape
         self._table_bytes = table_bytes(cells, num_headings, unit_weights)
-        self._max_bytes = default_bytes(num_goals * self._table_bytes) if max_bytes is None else max_bytes
-        room = max(1, min(self._max_bytes // self._table_bytes, num_maps * (cells - 1)))
+        needed = (num_goals + num_own) * self._table_bytes
+        self._max_bytes = default_bytes(needed) if max_bytes is None else max_bytes
+        room = max(1, min(self._max_bytes // self._table_bytes - num_own, num_maps * (cells - 1)))
+        size = room + num_own
         self.arrays = Distances(
             slot=np.full((num_maps, cells), -1, np.int32),
-            packed=np.empty((room if unit_weights else 0, cells), np.uint32),
-            exact=np.empty((0 if unit_weights else room, cells, num_headings), np.float32),
-            least=np.empty((0 if unit_weights else room, cells), np.float32),
+            packed=np.empty((size if unit_weights else 0, cells), np.uint32),
+            exact=np.empty((0 if unit_weights else size, cells, num_headings), np.float32),
+            least=np.empty((0 if unit_weights else size, cells), np.float32),
         )
         self._unused = np.arange(room)[::-1].tolist()
         self._num_threads = num_threads
@@ -76,6 +80,12 @@ class CostTables:
     def has_room_for(self, maps: Ints, goals: Ints) -> bool:
         """Return whether the missing tables to `goals` (B, N) on `maps` (B,) fit beside those that are known."""
         return _count_missing(self.arrays.slot, maps, goals) <= len(self._unused)
+
+    def assign(self, maps: Ints, agents: Array) -> None:
+        """Set the field `table` of all `agents` (B, N) AGENT; computes what is missing as `require` does."""
+        if not _assign(self.arrays.slot, maps, agents):
+            self.require(maps, agents["goal"])
+            _assign(self.arrays.slot, maps, agents)
 
     def require(self, maps: Ints, goals: Ints) -> None:
         """Compute the missing tables to `goals` (B, N) on `maps` (B,), which must be all that are needed at present.
@@ -149,6 +159,18 @@ def compile_tables() -> None:
         world.equal_weight[0] = float(unit_weights)
         tables = CostTables(world, 4, num_goals, unit_weights)
         tables.require(np.zeros(1, np.int32), np.arange(num_goals, dtype=np.int32)[None])
+
+
+@jit
+def _assign(slot: Array, maps: Array, agents: Array) -> bool:
+    """Set every agent's table; return whether all are known."""
+    known = True
+    for b in range(maps.size):
+        for i in range(agents.shape[1]):
+            table = slot[maps[b], agents[b, i].goal]
+            agents[b, i].table = table
+            known &= table >= 0
+    return known
 
 
 @jit

@@ -111,7 +111,13 @@ def _dijkstra(world: World, m: int, goal: int, cost: Array, headings: int, heap:
     place[: cost.size] = -1
     size = 0
     for heading in range(headings):
-        size = _lower(cost, heap, place, size, goal * headings + heading, 0.0)
+        size = lower(cost, heap, place, size, goal * headings + heading, 0.0)
+    settle(world, m, cost, headings, heap, place, size)
+
+
+@jit
+def settle(world: World, m: int, cost: Array, headings: int, heap: Array, place: Array, size: int) -> None:
+    """Lower the costs of all states by those of the `size` states in the heap."""
     while size > 0:
         state = heap[0]
         size = _pop(cost, heap, place, size)
@@ -122,15 +128,15 @@ def _dijkstra(world: World, m: int, goal: int, cost: Array, headings: int, heap:
             before = world.leads_to[m, (d + 2) % 4, cell]
             if before != cell:
                 price = cost[state] + world.weight[m, d, before]
-                size = _lower(cost, heap, place, size, before * headings + heading, price)
+                size = lower(cost, heap, place, size, before * headings + heading, price)
         if headings == 4:
             for turn in (1, 3):
                 price = cost[state] + world.weight[m, WAIT_WEIGHT, cell]
-                size = _lower(cost, heap, place, size, cell * 4 + (heading + turn) % 4, price)
+                size = lower(cost, heap, place, size, cell * 4 + (heading + turn) % 4, price)
 
 
 @jit
-def _lower(cost: Array, heap: Array, place: Array, size: int, state: int, price: float) -> int:
+def lower(cost: Array, heap: Array, place: Array, size: int, state: int, price: float) -> int:
     """Lower the cost of `state` to `price` if that is cheaper; return the heap's new size."""
     if np.float32(price) >= cost[state]:
         return size

@@ -113,17 +113,14 @@ def _action_reward(terms: Any, cardinal: bool, agent: Array, action: int) -> flo
 
 
 @inlined
-def measure_progress(
-    coefficient: float, mean_weight: float, slot: Array, to_go: CostToGo, m: int, agents: Array
-) -> None:
+def measure_progress(coefficient: float, mean_weight: float, to_go: CostToGo, agents: Array) -> None:
     """Set the decrease of the cost to go in units of the mean weight; 0 where there is no path."""
     if coefficient == 0:
         return  # it is 0 since the reset
     for i in range(agents.size):
         agent = agents[i]
-        table = slot[m, agent.was_goal]
-        before = cost_at(to_go, table, agent.was_cell, agent.was_heading)
-        after = cost_at(to_go, table, agent.cell, agent.heading)
+        before = cost_at(to_go, agent.table, agent.was_cell, agent.was_heading)
+        after = cost_at(to_go, agent.table, agent.cell, agent.heading)
         # Agents can move along a blocked edge of the guidance graph.
         agent.progress = (before - after) / mean_weight if before < np.inf and after < np.inf else 0.0
 

@@ -21,6 +21,7 @@ AGENT = np.dtype(
         ("cell", np.int32),
         ("goal", np.int32),
         ("heading", np.int32),
+        ("table", np.int32),  # the cost-to-go table that its observation and reward are computed from
         ("active", np.bool_),  # False once it has disappeared at its goal
         # Before the last step:
         ("was_active", np.bool_),

@@ -35,7 +35,7 @@ def step(
         advance(rules.cardinal, world.weight, m, agents, actions, occupant, state.history[b])
         solved = update_goals(rules.on_target, agents, state.goals[b], time)
         add_weights(agents, time)
-        measure_progress(terms.progress, world.mean_weight[m], distances.slot, to_go, m, agents)
+        measure_progress(terms.progress, world.mean_weight[m], to_go, agents)
         compute_rewards(
             terms, rules.cardinal, world.mean_weight[m], world.height, world.width, agents, actions, occupant, solved
         )

@@ -36,14 +36,14 @@ def draw_lookups(inputs: ObservationInputs, planes: LookupPlanes, image: Array) 
     # Single arrays, since a named tuple takes longer to pass to a kernel.
     geometry = (shape.height, shape.width, layers.place, layers.stride, *inputs.origins)
     distances = inputs.distances if inputs.has_distances else NO_DISTANCES
-    tables = (world.leads_to, world.weight, world.mean_weight, *distances, state.map, state.agents)
+    tables = (world.leads_to, world.weight, world.mean_weight, *distances[1:], state.map, state.agents)
     _draw_lookups(inputs.num_threads, *geometry, inputs.cells, *others, *tables, *planes, image)
 
 
 @BatchKernel
 def _draw_lookups(
     height: int, width: int, place: Array, stride: Array, turn: Array, corner: Array, cells: Array,
-    count: Array, spots: Array, others: Array, leads_to: Array, weight: Array, mean_weight: Array, slot: Array,
+    count: Array, spots: Array, others: Array, leads_to: Array, weight: Array, mean_weight: Array,
     packed: Array, exact: Array, least: Array, maps: Array, all_agents: Array, cost_to_go: int, heuristic: int,
     other_goals: int, others_next: int, others_heuristic: int, others_at_goal: int, all_images: Array
 ) -> None:  # fmt: skip
@@ -53,31 +53,29 @@ def _draw_lookups(
         geometry = (height, width, place, stride, turn[b], corner[b])
         if cost_to_go >= 0:
             scale = (height + width) * mean_weight[m]
-            _draw_cost_to_go(slot[m], to_go, scale, agents, cells[b], image, cost_to_go)
+            _draw_cost_to_go(to_go, scale, agents, cells[b], image, cost_to_go)
         if heuristic >= 0:
-            _draw_heuristic(slot[m], to_go, leads_to[m], turn[b], agents, cells[b], image, heuristic)
+            _draw_heuristic(to_go, leads_to[m], turn[b], agents, cells[b], image, heuristic)
         if other_goals >= 0:
             _mark_cells(geometry, count[b], others[b], agents.goal, image, other_goals)
         if others_next >= 0:
-            _find_next_cells(leads_to[m], weight[m], slot[m], to_go, agents)
+            _find_next_cells(leads_to[m], weight[m], to_go, agents)
             _mark_cells(geometry, count[b], others[b], agents.next_cell, image, others_next)
         if others_heuristic >= 0:
-            _find_closer_directions(leads_to[m], slot[m], to_go, agents)
+            _find_closer_directions(leads_to[m], to_go, agents)
             _draw_others_heuristic(turn[b], count[b], spots[b], others[b], agents, image, others_heuristic)
         if others_at_goal >= 0:
             _draw_others_at_goal(count[b], spots[b], others[b], agents, image, others_at_goal)
 
 
 @jit
-def _draw_cost_to_go(
-    slot: Array, to_go: CostToGo, scale: float, agents: Array, cells: Array, image: Array, plane: int
-) -> None:
+def _draw_cost_to_go(to_go: CostToGo, scale: float, agents: Array, cells: Array, image: Array, plane: int) -> None:
     """How much closer to the goal each cell is: `clip((D_own - D) / scale, -1, 1)`, `scale = (h + w) * mean weight`.
 
     `D` is the least cost to go over headings, `D_own` the observer's own; -1 where there is no path.
     """
     for i in range(image.shape[0]):
-        table = slot[agents[i].goal]
+        table = agents[i].table
         own = cost_at(to_go, table, agents[i].cell, agents[i].heading)
         shown = image[i, plane]
         if to_go.packed.shape[0] > 0:
@@ -96,11 +94,11 @@ def _draw_cost_to_go(
 
 @jit
 def _draw_heuristic(
-    slot: Array, to_go: CostToGo, leads_to: Array, turn: Array, agents: Array, cells: Array, image: Array, plane: int
+    to_go: CostToGo, leads_to: Array, turn: Array, agents: Array, cells: Array, image: Array, plane: int
 ) -> None:
     """1 where leaving the cell in that direction leads closer to the goal (the channels of DHC, Ma et al., 2021)."""
     for i in range(image.shape[0]):
-        table = slot[agents[i].goal]
+        table = agents[i].table
         for k in range(4):
             towards = (turn[i] + k) % 4
             shown = image[i, plane + k]
@@ -130,19 +128,17 @@ def _mark_cells(geometry: tuple[Any, ...], count: Array, others: Array, cells: A
 
 
 @jit
-def _find_next_cells(leads_to: Array, weight: Array, slot: Array, to_go: CostToGo, agents: Array) -> None:
+def _find_next_cells(leads_to: Array, weight: Array, to_go: CostToGo, agents: Array) -> None:
     """Set each agent's next cell on its own cheapest path."""
     for i in range(agents.size):
-        agents[i].next_cell = next_cell(
-            leads_to, weight, to_go, slot[agents[i].goal], agents[i].cell, agents[i].heading
-        )
+        agents[i].next_cell = next_cell(leads_to, weight, to_go, agents[i].table, agents[i].cell, agents[i].heading)
 
 
 @jit
-def _find_closer_directions(leads_to: Array, slot: Array, to_go: CostToGo, agents: Array) -> None:
+def _find_closer_directions(leads_to: Array, to_go: CostToGo, agents: Array) -> None:
     """Set each agent's bits of the directions that lead closer to its goal."""
     for i in range(agents.size):
-        table, cell = slot[agents[i].goal], agents[i].cell
+        table, cell = agents[i].table, agents[i].cell
         here, bits = least_cost_at(to_go, table, cell), 0
         for towards in range(4):
             if least_cost_at(to_go, table, leads_to[towards, cell]) < here:

@@ -106,7 +106,6 @@ def _write_action_advantage(
     leads_to: Array,
     weight: Array,
     mean_weight: Array,
-    slot: Array,
     packed: Array,
     exact: Array,
     least: Array,
@@ -120,17 +119,20 @@ def _write_action_advantage(
         ways, costs, mean = leads_to[maps[b]], weight[maps[b]], mean_weight[maps[b]]
         for i in range(agents.shape[1]):
             agent = agents[b, i]
-            table = slot[maps[b], agent.goal]
-            own = cost_at(to_go, table, agent.cell, agent.heading)
+            own = cost_at(to_go, agent.table, agent.cell, agent.heading)
             for action in range(5 if cardinal else 4):
-                values[b, i, at + action] = advantage(ways, costs, mean, to_go, table, own, cardinal, agent, action)
+                values[b, i, at + action] = advantage(
+                    ways, costs, mean, to_go, agent.table, own, cardinal, agent, action
+                )
 
 
 def write_action_advantage(inputs: ObservationInputs, values: Array, at: int) -> None:
     """For each action how much it costs more than the best one, from 0 (nothing) to -1: see `cost_lookup.advantage`."""
     world, maps, agents = inputs.world, inputs.state.map, inputs.state.agents
     graph = (world.leads_to, world.weight, world.mean_weight)
-    _write_action_advantage(inputs.num_threads, inputs.cardinal, *graph, *inputs.distances, maps, agents, values, at)
+    _write_action_advantage(
+        inputs.num_threads, inputs.cardinal, *graph, *inputs.distances[1:], maps, agents, values, at
+    )
 
 
 def _action_symmetry(symmetry: Symmetry, size: int) -> Floats:

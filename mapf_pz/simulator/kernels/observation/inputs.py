@@ -140,8 +140,8 @@ class ObservationInputs:
 
         Raises `RuntimeError` as `distances` does.
         """
-        slot, *to_go = self.distances
-        tables = slot[self.state.map[:, None], self.state.agents["goal"]]
+        _, *to_go = self.distances
+        tables = self.state.agents["table"]
         return least_costs(CostToGo(*to_go), tables.reshape(-1)).reshape(*tables.shape, -1)
 
     @cached_property
