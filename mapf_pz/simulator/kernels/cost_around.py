@@ -155,7 +155,7 @@ def _find_affected(world: World, m: int, headings: int, cost: Array, queue: Arra
 def _cheapest(world: World, m: int, headings: int, cost: Array, affected: Array, state: int) -> float:
     """Return the least cost of a state by the costs of the states that it leads to and that are not affected."""
     cell, heading = state // headings, state % headings
-    least = np.float32(np.inf)
+    least = np.inf
     for k in range(4 if headings == 1 else 3):
         if headings == 1 or k == 0:
             towards = k if headings == 1 else heading
