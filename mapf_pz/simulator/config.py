@@ -50,8 +50,9 @@ OBSERVATION_FIELDS = (
     "num_frames",
     "num_neighbors",
     "neighbor_radius",
+    "around_agents_at_goals",
 )
-"""The fields that determine only observations."""
+"""The fields that determine observations."""
 _OBJECT_ALLOWED = ("initial_heading",)  # fields that need not be a name
 
 
@@ -118,8 +119,8 @@ class EnvConfig:
     `GuidanceGraph`."""
     around_agents_at_goals: bool = False
     """Whether the cost to go, in observations and rewards, leads around the other agents that are at their goals, as if
-    they were obstacles. An agent that cannot reach its goal around them has the cost to go through them. Allowed only
-    with `on_target="nothing"`."""
+    they were obstacles. An agent that cannot reach its goal around them has the cost to go through them. No effect
+    unless `on_target="nothing"`, since other agents do not stay at their goals."""
     reward: str | RewardConfig | RewardFunction = "report"
     """Reward: `report`, which pays nothing for a blocked forward move (see `RewardConfig.pay_blocked_forward`),
     `progress`, a `RewardConfig`, a function from a `Transition` to rewards (B, N), or the `package.module:name` of such
@@ -162,10 +163,6 @@ class EnvConfig:
             raise ValueError("goals='alternating': allowed only with on_target='restart'")
         if self.goals == "alternating" and (self.scenario is not None or self.source is not None):
             raise ValueError("goals='alternating': not allowed together with scenario or source, which determine goals")
-        if self.around_agents_at_goals and self.on_target != "nothing":
-            raise ValueError(
-                "around_agents_at_goals: allowed only with on_target='nothing', where agents stay at goals"
-            )
         view, frame = self.resolved_view, self.resolved_frame
         if self.action_model == "cardinal" and (view, frame) != ("centered", "map"):
             raise ValueError("action_model='cardinal': agents have no front, so view='centered' and frame='map' only")

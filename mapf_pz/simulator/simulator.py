@@ -79,8 +79,9 @@ class Simulator:
         self.layout = ObservationLayout(config)
         self.num_actions = self.layout.num_actions
         self._check_size()
+        self._avoids_agents = config.around_agents_at_goals and config.on_target == "nothing"
         self.needs_cost_to_go = (
-            self.layout.needs_cost_to_go or config.reward_config.progress != 0 or config.around_agents_at_goals
+            self.layout.needs_cost_to_go or config.reward_config.progress != 0 or self._avoids_agents
         )
         self._has_weights = config.edge_weights != "uniform"
         self._reward_function = config.reward_function
@@ -121,16 +122,16 @@ class Simulator:
             self.world,
             self._num_headings,
             self.num_envs * self.num_agents,
-            unit_weights and not config.around_agents_at_goals,
+            unit_weights and not self._avoids_agents,
             config.distance_bytes,
             self._num_threads,
-            num_own=self.num_envs * self.num_agents if config.around_agents_at_goals else 0,
+            num_own=self.num_envs * self.num_agents if self._avoids_agents else 0,
         )
         self.state = allocate_state(
             self.num_envs, self.num_agents, shape[0] * shape[1], goals_per_agent(config), config.num_last_actions
         )
         self._around: CostAround | None = None
-        if config.around_agents_at_goals:
+        if self._avoids_agents:
             self._around = CostAround(self.world, self.tables, self.state, self._num_threads)
         layers = allocate_layers(view_shape, shape, num_maps, self._num_threads, self.layout.shows_edges, unit_weights)
         self._inputs = ObservationInputs(

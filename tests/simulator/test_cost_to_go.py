@@ -417,6 +417,13 @@ def test_progress_counts_the_way_around():
     assert rewards == [([0, 1], [0, 5]), ([-1, 0], [1, 3]), ([0, 1], [1, 2])]
 
 
-def test_the_cost_to_go_leads_around_agents_that_stay():
-    with pytest.raises(ValueError, match=r"^around_agents_at_goals: allowed only with on_target='nothing'"):
-        EnvConfig(around_agents_at_goals=True, on_target="restart")
+@pytest.mark.parametrize("on_target", ["finish", "restart"])
+def test_no_agent_is_avoided_where_none_stays_at_its_goal(on_target):
+    grid = Grid(np.ones((5, 5), np.bool_))
+    episodes = []
+    for flag in (False, True):
+        keywords = around(grid, 4) | {"around_agents_at_goals": flag, "on_target": on_target}
+        episodes.append(play(Simulator(EnvConfig(**keywords, reward="progress", channels=("cost_to_go",))), 60))
+    for one, other in zip(*episodes, strict=True):
+        for left, right in zip(one, other, strict=True):
+            np.testing.assert_array_equal(left, right)
