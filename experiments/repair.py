@@ -27,6 +27,7 @@ RESULTS, PAGE = ROOT / "docs" / "results" / "repair.csv", PAGES / "report.md"
 PARTS = ("env", "model", "optimization", "ppo")
 CHANGES: dict[str, tuple[str, ...]] = {
     "cost to go (idea 2)": ("cost_to_go", "others_next", "action_advantage"),
+    "cost to go around agents at their goals": ("around_agents_at_goals",),
     "goal and own location (idea 3)": ("goal_vector", "location"),
     "past actions (idea 5)": ("last_actions",),
     "which agents are at their goals": ("others_at_goal",),
@@ -52,7 +53,7 @@ class Options:
     """Folder of all runs."""
     seeds: tuple[int, ...] = (0, 1, 2)
     """Random seeds."""
-    agent_steps: int = 1_000_000
+    agent_steps: int = 500_000
     """Length of each training."""
     write: bool = False
     """Only write the table from the results."""

@@ -65,7 +65,7 @@ def test_evaluate_your_policy(run):
     [
         ("train_mappo.py", "CSR on 2 unseen maps"),
         ("train_ippo.py", "32 agents on 20 x 20: ISR"),
-        ("train_centralized_ppo.py", "CSR on 2 unseen maps"),
+        ("train_centralized_ppo.py", "CSR on 2 scenarios"),
     ],
 )
 @pytest.mark.usefixtures("without_figures")
