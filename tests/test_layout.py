@@ -33,7 +33,6 @@ ORDER = [
     "rl",
     "evaluation",
     "optimization",
-    "speed",
     "editor",
     "commands",
     "__main__",

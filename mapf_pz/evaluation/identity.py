@@ -41,7 +41,6 @@ NOT_DECIDING = (
         "maps",
         "optimization",
         "render",
-        "speed",
         "wrappers",
     ),
     *("planners/scheduling", "rl/demonstrations", "rl/presets.py", "rl/training", "evaluation/reports"),

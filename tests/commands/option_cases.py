@@ -390,30 +390,6 @@ CASES = {
         },
         ("mapf_pz.commands.serve.InPogema", "mapf_pz.commands.serve.replies"),
     ),
-    "benchmark": Case(
-        "benchmark",
-        ENVIRONMENT
-        | {
-            "--goals": "--on-target restart | --goals alternating",
-            "--distance-bytes": "--distance-bytes 1",
-            "--source": "--source plugin:name",
-            "--reward": "--reward progress",
-            "--tables": "--tables scaling",
-            "--seconds": "--seconds 5",
-            "--pogema": "--pogema python",
-            "--rware": "--rware python",
-            "--jumanji": "--jumanji python",
-            "--height": "--height 15",
-            "--width": "--width 15",
-            "--density": "--density 0.3",
-            "--num-envs": "--num-envs 5",
-            "--num-threads": "--num-threads 2",
-            "--seed": "--seed 5",
-            "--new-maps": "--new-maps",
-            "--complete": "--complete",
-        },
-        ("mapf_pz.commands.benchmark.candidate_table", "mapf_pz.commands.benchmark.scaling_table"),
-    ),
     "schedule": Case(
         "schedule depot.json out.json --num-steps 20",
         {
