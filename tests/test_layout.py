@@ -13,7 +13,6 @@ from pathlib import Path
 
 import pytest
 
-from mapf_pz.evaluation.identity import NOT_DECIDING
 from mapf_pz.simulator.config import EnvConfig
 
 ROOT = Path(__file__).parents[1]
@@ -276,11 +275,6 @@ def test_the_page_about_the_architecture_names_what_there_is():
     missing = [name for name in named if not ((ROOT / name).exists() or (ROOT / "mapf_pz" / name).exists())]
     assert missing == []
     assert len(named) > 40
-
-
-def test_files_that_do_not_decide_exist():
-    for name in NOT_DECIDING:
-        assert (ROOT / "mapf_pz" / name).exists(), name
 
 
 def test_few_types_are_ignored():
