@@ -67,7 +67,7 @@ INSTALL := $(BIN)/pip install --quiet --no-compile --disable-pip-version-check -
 	touch $@
 
 bench: .venv/developed .venv-peers/installed .venv-rware/installed .venv-jumanji/installed
-	$(BIN)/mapf-pz benchmark --pogema .venv-peers/bin/python --rware .venv-rware/bin/python --jumanji .venv-jumanji/bin/python
+	$(BIN)/python -m experiments.speed environments --pogema .venv-peers/bin/python --rware .venv-rware/bin/python --jumanji .venv-jumanji/bin/python
 
 .venv-rware/installed .venv-jumanji/installed: .venv-%/installed:
 	$(PYTHON) -m venv .venv-$*

@@ -19,7 +19,7 @@ from mapf_pz.rl import load_policy
 from mapf_pz.rl.config_file import save_config
 from mapf_pz.rl.policies.folder import bundled
 from mapf_pz.rl.policies.load import save_weights
-from mapf_pz.rl.training.progress import read_progress, write_progress
+from mapf_pz.rl.progress import read_progress, write_progress
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from experiments.report_runs import folder
 from experiments.reproduction import Variation
 from experiments.results import FILES
 from mapf_pz.rl.presets import PRESETS
-from mapf_pz.rl.training.progress import read_progress
+from mapf_pz.rl.progress import read_progress
 
 PRESET = "oneshot-cardinal"
 RESULTS, CURVES, PAGE = FILES / "candidates.csv", FILES / "candidate-curves.csv", imitation.PAGE

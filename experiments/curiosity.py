@@ -20,7 +20,7 @@ from experiments.pages import PAGES, read_rows, spread, write_rows, write_table
 from mapf_pz.instances.instance import Scenario
 from mapf_pz.rl.config import CuriosityConfig, CuriosityName, TrainConfig
 from mapf_pz.rl.presets import PRESETS
-from mapf_pz.rl.training.progress import read_progress
+from mapf_pz.rl.progress import read_progress
 from mapf_pz.rl.training.train import train
 from mapf_pz.simulator.kernels.reward import RewardConfig
 

@@ -19,7 +19,7 @@ from mapf_pz.evaluation.episodes import rollout, simulator_of
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.rl.config import TaskConfig, TrainConfig
 from mapf_pz.rl.presets import PRESETS
-from mapf_pz.rl.training.progress import read_progress
+from mapf_pz.rl.progress import read_progress
 from mapf_pz.rl.training.train import train
 from mapf_pz.simulator.seeds import FIRST_EVALUATION_SEED
 from mapf_pz.simulator.simulator import Simulator

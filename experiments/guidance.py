@@ -14,16 +14,13 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import tyro
 
 from mapf_pz.guidance import GuidanceGraph, save_guidance
 from mapf_pz.guidance.library import guidance_graph
-from mapf_pz.optimization.config import Method, OptimizeConfig
 from mapf_pz.optimization.evaluate import compare as compare_graphs
-from mapf_pz.optimization.optimize import optimize as run_optimization
 from mapf_pz.optimization.task import GuidanceTask
 from mapf_pz.simulator.config import ActionModel, Goals
 from mapf_pz.simulator.keywords import EnvKeywords
@@ -187,26 +184,6 @@ def bundle(num_seeds: int = 50, minutes: float = 4.0, only: tuple[str, ...] = ()
         print(setup.name, card["goals_per_step"], flush=True)
 
 
-def methods(minutes: float = 1.0, seeds: tuple[int, ...] = (0, 1, 2), num_seeds: int = 30, jobs: int = 2) -> None:
-    """Print the throughput of the graphs that each method finds in the same time, on a bundled map.
-
-    Args:
-        minutes: Time budget of each optimization.
-        seeds: Seeds of the optimizations.
-        num_seeds: Number of episodes of each graph.
-        jobs: Number of processes.
-    """
-    task = GuidanceTask(env=BUNDLED[-1].env(Path()))
-    print(f"| method | {BUNDLED[-1].name}, {minutes:g} min |\n| --- | --- |")
-    for method in get_args(Method):
-        graphs = {}
-        for seed in seeds:
-            config = OptimizeConfig(task=task, method=method, minutes=minutes, seed=seed, jobs=jobs)
-            graphs[str(seed)] = run_optimization(config).graph
-        means = [row.mean for row in compare_graphs(task, graphs, num_seeds, jobs=jobs)]
-        print(f"| `{method}` | {np.mean(means):.2f} ({min(means):.2f} to {max(means):.2f}) |", flush=True)
-
-
 def turns(planner: str = "epibt:depth=3", num_seeds: int = 16, jobs: int = 2) -> None:
     """Print the throughput of agents that turn, for several costs of turning and waiting; moves cost 1.
 
@@ -228,6 +205,4 @@ def turns(planner: str = "epibt:depth=3", num_seeds: int = 16, jobs: int = 2) ->
 
 
 if __name__ == "__main__":
-    tyro.extras.subcommand_cli_from_dict(
-        {"optimize": optimize, "compare": compare, "bundle": bundle, "methods": methods, "turns": turns}
-    )
+    tyro.extras.subcommand_cli_from_dict({"optimize": optimize, "compare": compare, "bundle": bundle, "turns": turns})

@@ -26,7 +26,7 @@ from mapf_pz.instances import MapMixture
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG
 from mapf_pz.rl.presets import PRESETS
-from mapf_pz.rl.training.progress import read_progress
+from mapf_pz.rl.progress import read_progress
 from mapf_pz.rl.training.train import resume, train
 
 ROOT = Path(__file__).parents[1]

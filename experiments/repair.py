@@ -19,7 +19,7 @@ import tyro
 from experiments.pages import PAGES, read_rows, spread, write_rows, write_table
 from experiments.reproduction import Variation, curve
 from mapf_pz.rl.presets import PRESETS
-from mapf_pz.rl.training.progress import PROGRESS
+from mapf_pz.rl.progress import PROGRESS
 from mapf_pz.rl.training.train import resume, train
 
 ROOT = Path(__file__).parents[1]

@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from experiments.flaws import AllGoals, Bytes, Flaw, FlawedPPO, Freeze
 from mapf_pz.rl.config import OptimizationConfig, PPOConfig, TrainConfig
 from mapf_pz.rl.presets import PRESETS
-from mapf_pz.rl.training.progress import PROGRESS, read_progress
+from mapf_pz.rl.progress import PROGRESS, read_progress
 from mapf_pz.rl.training.train import train
 from mapf_pz.simulator.config import REWARDS, RewardConfig
 

@@ -20,7 +20,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,7 @@ from experiments.paired import paired_rows
 from experiments.tables import TABLES, Results, ResultTable, markdown
 from mapf_pz._internal.atomic import write_whole
 from mapf_pz.evaluation import Episode, EvaluationTask, evaluate, load_suite, policy_factory
-from mapf_pz.evaluation.identity import Identities, Identity, code_digest
+from mapf_pz.evaluation.identity import Identities, stated_identity
 from mapf_pz.evaluation.reports.figures import Lines, draw_tasks
 from mapf_pz.evaluation.reports.intervals import interval
 from mapf_pz.evaluation.reports.published import PUBLISHED, check_possible, published_episodes
@@ -56,8 +56,8 @@ BLOCK = re.compile(r"(<!-- table: (\w+) ([\w,-]+)((?: \w+)*) -->\n).*?(<!-- end 
 def measure(suites: tuple[str, ...] = (), policies: tuple[str, ...] = (), jobs: int = 2) -> None:
     """Run the episodes of result tables, and write the tables. All tables take hours.
 
-    Existing episodes in `runs/results` are reused if the identities of their policies and tasks are still the same: see
-    `mapf_pz.evaluation.identity`. Others are replaced.
+    Existing episodes in `runs/results/COMMIT`, which are those of the present commit, are reused if the identities of
+    their policies and tasks are still the same: see `mapf_pz.evaluation.identity`. Others are replaced.
 
     Args:
         suites: suites of the tables. Default: all.
@@ -75,7 +75,7 @@ def measure(suites: tuple[str, ...] = (), policies: tuple[str, ...] = (), jobs: 
         earlier = load_results(table.suite) if kept else None
         if earlier:
             check_kept(source, earlier, kept)
-        episodes = evaluate(chosen, table.suite, RUNS / table.suite, jobs, _show, overwrite=True)
+        episodes = evaluate(chosen, table.suite, RUNS / commit() / table.suite, jobs, _show, overwrite=True)
         published = published_episodes(episodes)
         _check_published(table, published)
         results = source | _summary(episodes, published)
@@ -151,14 +151,10 @@ def write() -> None:
         write_whole(page, with_tables(page.read_text("utf-8")).encode())
 
 
-def check(current: bool = False) -> None:
+def check() -> None:
     """Fail if numbers of a page have no known origin, or if something differs from the results of a table.
 
-    That is a page, a policy, a task, or a repeated episode. A table that was measured with other code is reported; its
-    repeated episodes must have the same results.
-
-    Args:
-        current: also fail if a table was measured with other code.
+    That is a page, a policy, a task, or a repeated episode, which other code must not change.
     """
     stale = [str(page) for page in pages() if with_tables(page.read_text("utf-8")) != page.read_text("utf-8")]
     if stale:
@@ -170,17 +166,16 @@ def check(current: bool = False) -> None:
             raise SystemExit(line)
         for line in differences(table):
             raise SystemExit(line)
-        others = {one["code"] for one in load_results(table.suite)["measured"].values()} - {code_digest()}
-        if others and current:
-            raise SystemExit(f"{table.suite}: measured with the code {', '.join(others)}, now {code_digest()}")
-        measured = f", but not its code: measured with {', '.join(others)}" if others else ""
-        print(f"{table.suite}: as before{measured}", flush=True)
+        print(f"{table.suite}: as before", flush=True)
 
 
 def identities(table: ResultTable) -> Identities:
-    """Return the identities of a table's policies and tasks, without the code, which all of them share."""
-    now = Identities.of({name: policy_factory(name) for name in table.policies}, load_suite(table.suite))
-    return Identities({name: _without_code(one) for name, one in now.policies.items()}, now.tasks)
+    """Return what a table's policies state, and the identities of its tasks.
+
+    Without the version: whether a table holds for another one, its repeated episodes tell.
+    """
+    policies = {name: stated_identity(policy_factory(name)) for name in table.policies}
+    return replace(Identities.of({}, load_suite(table.suite)), policies=policies)
 
 
 def changes(table: ResultTable) -> Iterator[str]:
@@ -189,10 +184,6 @@ def changes(table: ResultTable) -> Iterator[str]:
     found = Identities(**results["identities"]).changes(now, now.policies, now.tasks)
     for name, text in (*found.policies.items(), *found.tasks.items()):
         yield f"{table.suite}, {name}: {text}; run python -m experiments.results measure --suites {table.suite}"
-
-
-def _without_code(identity: Identity | None) -> Identity | None:
-    return identity and {name: value for name, value in identity.items() if name not in ("code", "version")}
 
 
 def differences(table: ResultTable, quick: float = QUICK) -> Iterator[str]:
@@ -233,12 +224,11 @@ def _run(policy: str, task: EvaluationTask, number: int) -> Episode:
 
 
 def _source(table: ResultTable, policies: Sequence[str]) -> dict[str, Any]:
-    """Return the origin of the results of policies, which are those of the present code."""
-    origin = {"commit": commit(), "code": code_digest()}
+    """Return the origin of the results of policies, which are those of the present commit."""
     return {
         "command": table.command,
         "suite": suite_label(table.suite),
-        "measured": {name: dict(origin) for name in policies},
+        "measured": {name: {"commit": commit()} for name in policies},
         "identities": asdict(identities(table)),
     }
 

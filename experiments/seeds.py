@@ -29,7 +29,7 @@ from mapf_pz.rl import load_policy
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.policies.folder import policy_folder
 from mapf_pz.rl.presets import PRESETS
-from mapf_pz.rl.training.progress import read_progress
+from mapf_pz.rl.progress import read_progress
 
 CURVES, IMAGE = FILES / "seed-curves.csv", FILES / "seeds.png"
 VALIDATION = {"oneshot-cardinal": "CSR", "lifelong-cardinal": "throughput"}

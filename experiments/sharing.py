@@ -22,7 +22,7 @@ from experiments.reproduction import Variation
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl.config import ImitationConfig, TrainConfig
 from mapf_pz.rl.presets import PRESETS
-from mapf_pz.rl.training.progress import read_progress
+from mapf_pz.rl.progress import read_progress
 from mapf_pz.rl.training.train import train
 
 ROOT = Path(__file__).parents[1]

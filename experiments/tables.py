@@ -190,16 +190,16 @@ def by_policy(results: Results, metrics: Sequence[str]) -> list[list[str]]:
 
 
 def _origin(results: Results) -> str:
-    """Return the suite, and the commit and the code of results; several ones with their policies."""
+    """Return the suite and the commit of results; several commits with their policies."""
     groups: dict[str, list[str]] = {}
     for policy, one in results["measured"].items():
-        groups.setdefault(f"commit {one['commit'][:7]}, code {one['code']}", []).append(policy)
+        groups.setdefault(f"commit {one['commit'][:7]}", []).append(policy)
     names = [f" ({', '.join(policies)})" if len(groups) > 1 else "" for policies in groups.values()]
     return ", ".join([f"suite {results['suite']}", *map("".join, zip(groups, names, strict=True))])
 
 
 def source(results: Results, _: Sequence[str]) -> list[str]:
-    """Return lines with the command, the suite, the commit and the code of the results."""
+    """Return lines with the command, the suite and the commit of the results."""
     return [
         "```sh",
         f"{results['command']}  # {_origin(results)}",

@@ -8,7 +8,7 @@ import torch
 from experiments import bundle, cards
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.policies.folder import WEIGHTS
-from mapf_pz.rl.training.progress import read_progress
+from mapf_pz.rl.progress import read_progress
 from tests.helpers.small_run import TINY
 
 

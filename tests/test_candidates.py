@@ -6,7 +6,7 @@ import pytest
 
 from experiments import candidates, imitation
 from experiments.pages import read_rows
-from mapf_pz.rl.training.progress import write_progress
+from mapf_pz.rl.progress import write_progress
 
 NAMES = [candidate.name for candidate in candidates.candidates()]
 

@@ -24,7 +24,10 @@ from tests.planners.plans.test_plan_files import TEXT
 
 GRID = Grid([[True] * 6, [True] * 3 + [False] * 3], "tiny")
 SCENARIO = Scenario([[0, 0], [1, 0]], [[0, 5], [1, 2]])
-IDENTITIES = {"policies": {"pibt": {"code": "0f", "options": {"depth": 3}}, "mine": None}, "tasks": {"a": {"seed": 1}}}
+IDENTITIES = {
+    "policies": {"pibt": {"version": "0.1.0", "options": {"depth": 3}}, "mine": None},
+    "tasks": {"a": {"seed": 1}},
+}
 # Valid files, a reader of each kind, and what may be changed.
 
 MAP = b"type octile\nheight 2\nwidth 6\nmap\n......\n...@@@\n"

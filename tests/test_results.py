@@ -26,7 +26,7 @@ def row(policy, num_agents, task="maze", **means):
 RESULTS = {
     "command": "mapf-pz evaluate --suite s",
     "suite": "s/1 89ab",
-    "measured": {name: {"commit": "0123456789", "code": "abc"} for name in ("pibt", "mappo")},
+    "measured": {name: {"commit": "0123456789"} for name in ("pibt", "mappo")},
     "identities": {"policies": {"pibt": {"policy": "pibt"}, "mappo": None}},
     "rows": [row("pibt", 8, CSR=0.98765, SoC=1e4), row("pibt", 16, CSR=1.0), row("mappo", 16, CSR=0.5)],
     "published": [row("LaCAM", 16, CSR=0.25), row("LaCAM", 80, CSR=0.25), row("RHCR", 16, SoC=1.0)],
@@ -60,7 +60,7 @@ POLICIES = """
 """
 SOURCE = """
 ```sh
-mapf-pz evaluate --suite s  # suite s/1 89ab, commit 0123456, code abc
+mapf-pz evaluate --suite s  # suite s/1 89ab, commit 0123456
 ```
 """
 
@@ -212,7 +212,7 @@ def test_other_policies_and_tasks_are_reported(monkeypatch):
     monkeypatch.setattr(results, "load_results", lambda suite: found)
     assert list(results.changes(table)) == []
     policies, tasks = found["identities"].values()
-    assert not any("code" in identity for identity in policies.values())
+    assert not any("version" in identity for identity in policies.values())
     policies["mappo"]["weights"] = next(iter(tasks.values()))["instances"] = "other"
     lines = list(results.changes(table))
     advice = "run python -m experiments.results measure --suites standard"
@@ -229,7 +229,7 @@ def test_results_of_some_policies_are_put_beside_earlier_ones_of_the_others():
     earlier = RESULTS | {"identities": identities, "samples": samples}
     new = {
         **RESULTS,
-        "measured": {"mappo": {"commit": "abcdef0123", "code": "def"}},
+        "measured": {"mappo": {"commit": "abcdef0123"}},
         "identities": {"policies": {"pibt": {"seed": 2}, "mappo": {"seed": 2}, "epibt": None}, "tasks": {"8": {}}},
         "rows": [row("mappo", 8, CSR=0.75), row("mappo", 16, CSR=0.25)],
         "samples": [],
@@ -245,7 +245,7 @@ def test_results_of_some_policies_are_put_beside_earlier_ones_of_the_others():
     assert (
         markdown("source", [both], [])
         .splitlines()[1]
-        .endswith("suite s/1 89ab, commit abcdef0, code def (mappo), commit 0123456, code abc (pibt)")
+        .endswith("suite s/1 89ab, commit abcdef0 (mappo), commit 0123456 (pibt)")
     )
 
 

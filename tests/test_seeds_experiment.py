@@ -14,7 +14,7 @@ from mapf_pz.evaluation.identity import Identities
 from mapf_pz.rl import load_policy
 from mapf_pz.rl.config_file import save_config
 from mapf_pz.rl.policies.folder import WEIGHTS, policy_folder
-from mapf_pz.rl.training.progress import PROGRESS, read_progress
+from mapf_pz.rl.progress import PROGRESS, read_progress
 
 PRESET = "oneshot-cardinal"
 CURVES = ("preset", "seed", "agent_steps", "hours", "value")

@@ -11,7 +11,7 @@ from mapf_pz.commands.main import main
 from mapf_pz.evaluation import evaluate, load_suite
 from mapf_pz.rl import load_policy
 from mapf_pz.rl.policies.folder import bundled, policy_names
-from mapf_pz.rl.training.progress import PROGRESS
+from mapf_pz.rl.progress import PROGRESS
 
 IMPORTED = "it was imported"
 REFUSED = "names code that would run; if you trust it, pass trust_remote_code=True, or --trust-remote-code"

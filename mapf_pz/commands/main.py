@@ -33,7 +33,6 @@ class Command(NamedTuple):
 
 
 COMMANDS: dict[str, Command] = {
-    "benchmark": Command("mapf_pz.commands.benchmark:benchmark", "measure the speed of environments"),
     "dataset": Command("mapf_pz.commands.dataset:dataset", "make demonstrations with a planner, and export them"),
     "edit": Command("mapf_pz.commands.edit:edit", "edit maps and scenarios in the browser, and solve them"),
     "evaluate": Command(

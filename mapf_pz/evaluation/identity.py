@@ -1,8 +1,9 @@
 """Identities of results: what must not have changed for the episodes of a folder to be reused.
 
-The identity of a policy has the version and the digest of the code, and what determines its decisions: the digests of
-its weights and configuration, its options and its seed. The identity of a task has its rules, its seed, and the digests
-of its instances and edge weights. A folder keeps both by name in `identities.json`.
+The identity of a policy has the version of the package, and what determines its decisions: the digests of its weights
+and configuration, its options and its seed. Code that changes within a version is not a part of it. The identity of a
+task has its rules, its seed, and the digests of its instances and edge weights. A folder keeps both by name in
+`identities.json`.
 
 Processes load policies and tasks from their files, once for each job. So identities are computed again after files are
 read, and before the episodes of a job are written: a file that was replaced ends the evaluation.
@@ -13,7 +14,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -31,41 +31,25 @@ from mapf_pz.simulator.source import make_source
 Identity = Mapping[str, Any]
 """Named numbers, texts and digests, as JSON."""
 IDENTITIES_FILE = "identities.json"
-NOT_DECIDING = (
-    *(f"_internal/{name}.py" for name in ("digest", "interrupts", "lazy", "lock", "parallel", "printable", "suggest")),
-    *(
-        "__main__.py",
-        "_internal/version.py",
-        "commands",
-        "editor",
-        "maps",
-        "optimization",
-        "render",
-        "speed",
-        "wrappers",
-    ),
-    *("planners/scheduling", "rl/demonstrations", "rl/presets.py", "rl/training", "evaluation/reports"),
-    *(f"evaluation/{name}.py" for name in ("evaluate_policies", "identity", "inspection", "results", "solver")),
-)
-"""Files and folders of the package that do not affect the metrics of an episode."""
 _SOURCE_FIELDS = ("map", "scenario", "source", "goals", "on_target", "max_steps")
 _IGNORED_FIELDS = ("map", "scenario", "source", "edge_weights", "num_agents", "distance_bytes", "reward", "render_mode")
 """Fields of an environment that are in the digests of instances and weights, or do not affect metrics."""
 
 
-@cache
-def code_digest(package: Path = Path(__file__).parents[1]) -> str:
-    """Return the digest of the code in the folder of the package that determines the metrics of episodes."""
-    excluded = {package / name for name in NOT_DECIDING}
-    files = sorted(file for file in package.rglob("*.py") if excluded.isdisjoint((file, *file.parents)))
-    return digest({file.relative_to(package).as_posix(): file.read_bytes() for file in files})
-
-
 def policy_identity(policy: object) -> Identity | None:
-    """Return the identity of a policy or policy factory; None if it states none.
+    """Return the version of the package and what a policy or policy factory states; None if it states nothing.
 
-    It states one in an attribute `identity`: text such as `"mine, version 2"`, which its author changes with the
-    policy's decisions, or a mapping of names to texts and numbers, of which messages tell those that differ.
+    Raises `TypeError` as `stated_identity` does.
+    """
+    stated = stated_identity(policy)
+    return None if stated is None else {"version": __version__, **stated}
+
+
+def stated_identity(policy: object) -> Identity | None:
+    """Return what a policy or policy factory states in an attribute `identity`; None if it has none.
+
+    That is text such as `"mine, version 2"`, which its author changes with the policy's decisions, or a mapping of
+    names to texts and numbers, of which messages tell those that differ.
 
     Raises `TypeError` if the attribute is something else.
     """
@@ -80,7 +64,7 @@ def policy_identity(policy: object) -> Identity | None:
     if not isinstance(stated, Mapping):
         got = type(policy).__name__
         raise TypeError(f"policy {got}: expected its identity to be a non-empty text or a mapping, got {stated!r}")
-    return _plain({"version": __version__, "code": code_digest(), **stated})
+    return _plain(stated)
 
 
 def task_identity(task: EvaluationTask) -> Identity | None:

@@ -20,7 +20,7 @@ from mapf_pz.guidance.library import check_edge_weights, weights_digest
 from mapf_pz.instances.instance import ActionModel
 from mapf_pz.planners import PLANNERS, Planner, Shield, planner_of
 from mapf_pz.planners.named import parse_options, planner_options
-from mapf_pz.planners.pibt.shield import DEPTH, PATIENCE
+from mapf_pz.planners.shield.shield import DEPTH, PATIENCE
 from mapf_pz.rl.config_file import CONFIG
 from mapf_pz.rl.policies.folder import WEIGHTS, bundled, is_policy, policy_folder, policy_names
 from mapf_pz.simulator.config import OBSERVATION_FIELDS

@@ -1,4 +1,4 @@
-"""`evolution`: a population of graphs, which improve by the feedback rule while its parameters evolve."""
+"""Evolution: a population of graphs, which improve by the feedback rule while its parameters evolve."""
 
 from __future__ import annotations
 

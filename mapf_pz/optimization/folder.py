@@ -25,7 +25,6 @@ from mapf_pz.optimization.config import OptimizeConfig
 from mapf_pz.optimization.pictures import save_pictures
 from mapf_pz.optimization.rule import FeedbackRule, Traffic
 from mapf_pz.optimization.search import Progress
-from mapf_pz.optimization.update_model import UpdateModel
 from mapf_pz.optimization.usage import Usage
 from mapf_pz.rl.config_file import CONFIG, read_config, write_config_files
 from mapf_pz.rl.inputs import sources_digest
@@ -33,7 +32,6 @@ from mapf_pz.simulator.saved_config import object_files
 from mapf_pz.simulator.source import make_source
 
 GRAPH_FILE, HISTORY_FILE, CANDIDATES_FILE = "guidance.json", "history.csv", "candidates.npz"
-MODEL_FILE = "model.npz"
 SAVE_SECONDS = 20
 """Seconds between two saves of the candidates."""
 _ADAPTER = TypeAdapter(OptimizeConfig)
@@ -81,7 +79,7 @@ class OptimizationFolder:
     def load_candidates(self) -> list[Candidate]:
         """Return the candidates in the folder; none if there are none yet.
 
-        Raises `FormatError` if they are malformed, or of other inputs: a map, a scenario, a policy or a model.
+        Raises `FormatError` if they are malformed, or of other inputs: a map, a scenario or a policy.
         """
         file = self.path / CANDIDATES_FILE
         if not file.exists():
@@ -89,7 +87,7 @@ class OptimizationFolder:
         arrays = read_npz(file, (_SCORES, _INPUTS, *_COLUMNS))
         if str(arrays[_INPUTS]) != self._inputs:
             changed = "of which a file has changed: expected another output"
-            raise FormatError(file, f"candidates for another map, scenario, policy or model, {changed}")
+            raise FormatError(file, f"candidates for another map, scenario or policy, {changed}")
         try:
             return [_candidate(arrays, index, self._grid) for index in range(len(arrays[_SCORES]))]
         except (ValueError, LookupError, TypeError) as error:
@@ -113,10 +111,6 @@ class OptimizationFolder:
             writer.writerow([field.name for field in fields(Progress)])
             writer.writerows(astuple(row) for row in self._rows)
 
-    def save_model(self, model: UpdateModel) -> None:
-        """Save the model that `piu` has trained."""
-        model.save(self.path / MODEL_FILE)
-
     def save_result(self, candidates: Sequence[Candidate], graph: GuidanceGraph) -> None:
         """Save everything, the best graph, and pictures."""
         self._save(candidates)
@@ -138,10 +132,10 @@ def read_optimization(path: Path, trust_remote_code: bool = False) -> OptimizeCo
 
 
 def _inputs_digest(config: OptimizeConfig) -> str:
-    """Return the digest of the maps and scenarios, the policy and the model that an optimization reads."""
+    """Return the digest of the maps and scenarios and the policy that an optimization reads."""
     task = config.task
     policy = policy_factory(task.planner, trust_remote_code=task.trust_remote_code)
-    return sources_digest([make_source(task.config)], getattr(policy, "identity", None), config.model)
+    return sources_digest([make_source(task.config)], getattr(policy, "identity", None))
 
 
 def _read_history(file: Path) -> list[Progress]:

@@ -20,7 +20,6 @@ from mapf_pz.optimization.folder import OptimizationFolder, read_optimization
 from mapf_pz.optimization.search import Progress, Search
 from mapf_pz.optimization.simulation import simulate
 from mapf_pz.optimization.task import GuidanceTask
-from mapf_pz.optimization.update_model import UpdateModel, piu
 
 
 @dataclass(frozen=True)
@@ -86,7 +85,7 @@ def resume(
         BlockingIOError: Another process is writing to the folder.
         FileNotFoundError: The folder holds no optimization.
         FormatError: One of its files is malformed, or names such code without `trust_remote_code`; or a file that it
-            reads has changed: a map, a scenario, a policy or a model.
+            reads has changed: a map, a scenario or a policy.
     """
     changes = {name: value for name, value in (("minutes", minutes), ("jobs", jobs)) if value is not None}
     with locked(folder):
@@ -109,7 +108,7 @@ def _optimize(
         )
         search.on_progress = partial(_report, search, folder, on_progress)
         try:
-            _improve(search, config, folder)
+            evolution(search)
             best, interrupted = search.select(baselines(config.task)), False
         except KeyboardInterrupt:
             if not search.archive:
@@ -125,16 +124,6 @@ def baselines(task: GuidanceTask) -> list[Candidate]:
     """Return uniform and crisscross weights and those of the task, which the result should not be worse than."""
     names = dict.fromkeys(("uniform", "crisscross", task.config.edge_weights))
     return [Candidate(guidance_graph(weights, task.grid)) for weights in names if weights != "random"]
-
-
-def _improve(search: Search, config: OptimizeConfig, folder: OptimizationFolder | None) -> None:
-    """Run the method; save the model of `piu`."""
-    if config.method == "evolution":
-        evolution(search)
-        return
-    model = piu(search, None if config.model is None else UpdateModel.load(config.model))
-    if folder is not None:
-        folder.save_model(model)
 
 
 def _report(

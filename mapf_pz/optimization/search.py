@@ -1,4 +1,4 @@
-"""What both methods of optimization share: simulations in parallel, a time budget, and the best candidates so far."""
+"""A search for guidance graphs: simulations in parallel, a time budget, and the best candidates so far."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Progress:
 class Search:
     """A search for the best guidance graph of a task.
 
-    Methods call `evaluate` until `is_over`; all they evaluate competes for the archive.
+    A method calls `evaluate` until `is_over`; all that it evaluates competes for the archive.
     """
 
     task: GuidanceTask

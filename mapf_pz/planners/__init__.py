@@ -9,9 +9,9 @@ from mapf_pz.planners.epibt.planner import EPIBT
 from mapf_pz.planners.lacam.planner import LaCAM
 from mapf_pz.planners.named import PLANNERS, planner_of
 from mapf_pz.planners.pibt.planner import PIBT
-from mapf_pz.planners.pibt.shield import BatchShield, Shield
 from mapf_pz.planners.plans.plan import Plan, Violation, validate, violations
 from mapf_pz.planners.plans.record import record_plan
+from mapf_pz.planners.shield.shield import BatchShield, Shield
 from mapf_pz.planners.sipp.prioritized import PrioritizedSIPP
 from mapf_pz.planners.trace import Solution, Trace, write_trace
 from mapf_pz.planners.windowed.planner import WindowedLNS

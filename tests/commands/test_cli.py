@@ -6,7 +6,6 @@ import shlex
 import subprocess
 import sys
 import warnings
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +16,6 @@ from mapf_pz.commands import main as cli
 from mapf_pz.commands.main import COMMANDS, Command, main
 from mapf_pz.instances import load_map, map_names, place, write_bundled, write_map, write_scenario
 from mapf_pz.instances.instance import Grid
-from mapf_pz.speed import scaling, startup
-from mapf_pz.speed.candidates import COPY, as_table
-from mapf_pz.speed.runs import Measurement, measure, timed
-from mapf_pz.speed.workload import Workload
 
 
 def run(capsys, *words):
@@ -72,7 +67,7 @@ def test_options_have_one_heading(capsys):
 
 
 @pytest.mark.parametrize(
-    "words", [["maps", "fetch"], ["render", "a.gif", "--colour", "1"], ["benchmark", "--seed", "x"]]
+    "words", [["maps", "fetch"], ["render", "a.gif", "--colour", "1"], ["render", "a.gif", "--seed", "x"]]
 )
 def test_wrong_options(capsys, words):
     status, out, err = run(capsys, *words)
@@ -84,9 +79,9 @@ def test_as_a_module():
     done = python("-m", "mapf_pz", "maps", "list")
     assert (done.returncode, done.stderr) == (0, "")
     assert "empty-8-8" in done.stdout
-    done = python("-m", "mapf_pz", "benchmark", "--map", "nowhere.map")
+    done = python("-m", "mapf_pz", "render", "a.svg", "--map", "nowhere.map")
     assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr == "mapf-pz benchmark: nowhere.map: no such file\n"
+    assert done.stderr == "mapf-pz render: nowhere.map: no such file\n"
 
 
 def test_the_version_is_that_of_the_package(capsys):
@@ -462,174 +457,10 @@ def test_render_errors(capsys, tmp_path, monkeypatch, words, message):
 
 
 def test_a_field_of_the_environment_is_refused_while_options_are_parsed(capsys):
-    status, _, err = run(capsys, "benchmark", "--num-agents", "0")
+    status, _, err = run(capsys, "train", "quickstart", "--num-agents", "0")
     assert status == 2
-    assert any("num_agents=0: expected a whole number, 1 or more" in line for line in err)
-
-
-# Benchmark.
-
-
-SMALL = ["--seconds", 0, "--num-envs", 2, "--num-agents", 2, "--max-steps", 4]
-
-
-@pytest.mark.filterwarnings("ignore:PettingZoo in TorchRL:UserWarning")
-def test_benchmark(capsys):
-    status, out, err = run(capsys, "benchmark", *SMALL, "--map", "random-12-12-15")
-    assert (status, err) == (0, [])
-    text = "\n".join(out)
-    for name in ("simulator", "stepping", "observing", "PettingZoo", "TorchRL", "PettingZooWrapper", "100.0%"):
-        assert name in text
-
-
-def test_benchmark_on_random_maps_without_torchrl(capsys, monkeypatch):
-    monkeypatch.setattr("mapf_pz.speed.candidates.find_spec", lambda name: None)
-    status, out, err = run(capsys, "benchmark", *SMALL, "--num-threads", 2)
-    assert (status, err) == (0, [])
-    text = "\n".join(out)
-    assert "not measured, as not installed: " in text
-    assert "│   PettingZooWrapper" not in text
-
-
-def test_benchmark_of_startup(capsys, monkeypatch):
-    exec(startup.FIRST_STEP, {})
-    one_kernel = "import numpy; from mapf_pz.instances import components; components(numpy.ones((3, 3), bool))"
-    monkeypatch.setattr(startup, "FIRST_STEP", one_kernel)  # compiled in a second; those of a step in half a minute
-    monkeypatch.setattr(startup, "MIN_RUNS", 2)
-    status, out, err = run(capsys, "benchmark", *SMALL, "--tables", "resets", "startup")
-    assert (status, err) == (0, [])
-    text = "\n".join(out)
-    assert "64 agents, new map and cost to go" in text
-    assert "import and first step afterwards" in text
-
-
-def test_benchmark_along_axes(capsys, monkeypatch):
-    def two(axis):
-        return lambda load: dict(list(axis(load).items())[:2])
-
-    monkeypatch.setattr(scaling, "AXES", tuple(two(axis) for axis in scaling.AXES))
-    status, out, err = run(capsys, "benchmark", *SMALL, "--tables", "scaling")
-    assert (status, err) == (0, [])
-    text = "\n".join(out)
-    for row in ("64 agents on 32 x 32", "8 environments", "views of 7 x 7", "maps of 64 x 64", "1 threads"):
-        assert row in text
-
-
-def test_axes_change_one_thing():
-    workload = Workload(num_envs=16).with_env(num_agents=64)
-    fields = {"num_agents": "more_agents", "num_envs": "more_environments", "view_size": "larger_views"}
-    fields |= {"height": "larger_maps", "num_threads": "more_threads"}
-    for field, axis in fields.items():
-        workloads = list(getattr(scaling, axis)(workload).values())
-        values = [getattr(one.env if hasattr(one.env, field) else one, field) for one in workloads]
-        assert values == sorted(set(values))
-        if field == "view_size":
-            assert {one.with_env(view_size=(5, 5)) for one in workloads} == {workload}
-        elif field != "num_agents":
-            assert {replace(one, **{field: 0, "width": 0}) for one in workloads} == {
-                replace(workload, **{field: 0, "width": 0})
-            }
-    density = {one.height * one.width / one.num_agents for one in scaling.more_agents(workload).values()}
-    assert density == {16}
-
-
-def test_benchmark_of_any_environment(capsys, monkeypatch):
-    monkeypatch.setattr("mapf_pz.speed.candidates.find_spec", lambda name: None)
-    words = ["--on-target", "restart", "--channels", "view", "heuristic", "--map", "random-12-12-15", "--complete"]
-    assert run(capsys, "benchmark", *SMALL, *words)[::2] == (0, [])
-
-
-def test_benchmark_errors(capsys):
-    status, out, err = run(capsys, "benchmark", "--map", "empty-8-8", "--num-agents", 1000)
-    assert (status, out) == (1, [])
-    assert err == ["mapf-pz benchmark: 1000 agents do not fit on the 64 cells of the map's largest component"]
-
-
-def test_medians_and_ratios():
-    calls = []
-    measured = measure({"slow": timed(lambda: calls.append(0) or 10), COPY: timed(lambda: 1000)}, seconds=0)
-    assert len(calls) == 6  # the first does not count
-    assert [(one.name, one.num_runs) for one in measured.values()] == [("slow", 5), (COPY, 5)]
-    rates = {"half": (5, 30), COPY: (10, 60), "POGEMA": (1, 3)}
-    table = as_table({name: Measurement(name, *rate, 1, 1300) for name, rate in rates.items()})
-    assert next(iter(table.columns[1].cells)) == "1,300"
-    assert [list(column.cells) for column in table.columns][-2:] == [
-        ["50.0%", "100.0%", "10.0%"],
-        ["10.0", "20.0", "1.0"],
-    ]
-
-
-def test_a_process_clock_that_stands_still(monkeypatch):
-    monkeypatch.setattr("mapf_pz.speed.runs.time.process_time", lambda: 1.0)
-    assert measure({"quick": timed(lambda: 1)}, seconds=0)["quick"].cpu_rate > 0
-
-
-POGEMA = """
-class Observed:
-    nbytes = 108
-
-class GridConfig:
-    def __init__(self, map, num_agents, obs_radius, max_episode_steps, **rest):
-        assert (map.count("\\n"), obs_radius, max_episode_steps) == (6, 1, 4), map
-        self.num_agents = num_agents
-
-class pogema_v0:
-    def __init__(self, grid_config):
-        pass
-    def reset(self):
-        return [Observed()] * 2, [{}] * 2
-    def step(self, actions):
-        assert len(actions) == 2
-        return (self.reset()[0],)
-"""
-RWARE = """
-class Any:
-    def __getattr__(self, name):
-        return name
-ObservationType = RewardType = Any()
-
-class Warehouse:
-    def __init__(self, n_agents, max_steps, **rest):
-        assert (n_agents, max_steps) == (4, 4)
-    def reset(self, seed):
-        return [Observed()] * 4, {}
-    def step(self, actions):
-        assert len(actions) == 4
-        return (self.reset(0)[0],)
-
-class Observed:
-    nbytes = 284
-"""
-
-
-def test_beside_pogema(capsys, monkeypatch, tmp_path):
-    monkeypatch.setattr("mapf_pz.speed.candidates.find_spec", lambda name: None)
-    words = [*SMALL, "--height", 7, "--width", 7, "--view-size", 3, 3, "--pogema", sys.executable]
-    status, out, err = run(capsys, "benchmark", *words)
-    assert (status, len(err)) == (1, 1)
-    assert err[0].endswith("is POGEMA 1.4.0 installed? ModuleNotFoundError: No module named 'pogema'")
-    (tmp_path / "pogema.py").write_text(POGEMA)
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    status, out, err = run(capsys, "benchmark", *words)
-    assert (status, err) == (0, [])
-    assert "x POGEMA" in "\n".join(out)
-    assert re.search(r"│ POGEMA +│ +108 │", "\n".join(out))
-    assert run(capsys, "benchmark", *words, "--new-maps")[2][0].startswith(
-        "mapf-pz benchmark: pogema: expected one map"
-    )
-
-
-def test_beside_other_environments(capsys, monkeypatch, tmp_path):
-    monkeypatch.setattr("mapf_pz.speed.candidates.find_spec", lambda name: None)
-    (tmp_path / "rware").mkdir()
-    (tmp_path / "rware" / "warehouse.py").write_text(RWARE)
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    status, out, err = run(capsys, "benchmark", *SMALL, "--new-maps", "--rware", sys.executable)
-    assert (status, err) == (0, [])
-    assert re.search(r"│ rware, 4 agents +│ +284 │", "\n".join(out))
-    status, out, err = run(capsys, "benchmark", *SMALL, "--jumanji", sys.executable)
-    assert (status, len(err)) == (1, 1)
-    assert err[0].endswith("is Jumanji 1.1 installed? ModuleNotFoundError: No module named 'jax'")
+    text = " ".join("\n".join(err).replace("│", "").split())  # without the frame around the message
+    assert "num_agents=0: expected a whole number, 1 or more" in text
 
 
 @pytest.mark.usefixtures("without_figures")

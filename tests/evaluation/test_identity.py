@@ -1,8 +1,7 @@
-"""Results of a folder are reused only for the policies, tasks and code that they belong to."""
+"""Results of a folder are reused only for the version, the policies and the tasks that they belong to."""
 
 import shutil
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ import pytest
 from mapf_pz._internal.digest import NoDigestError, digest
 from mapf_pz.commands.main import main
 from mapf_pz.evaluation import EvaluationTask, evaluate, identity
-from mapf_pz.evaluation.identity import IDENTITIES_FILE, NOT_DECIDING, Identities, code_digest, policy_identity
+from mapf_pz.evaluation.identity import IDENTITIES_FILE, Identities, policy_identity
 from mapf_pz.evaluation.results import Results, discard
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances import RandomMaps, RandomObstacles, generate, load_map, place, write_scenario
@@ -111,10 +110,10 @@ def test_objects(tmp_path):
             policy_identity(Named(wrong))
 
 
-def test_other_code(tmp_path, monkeypatch):
+def test_another_version(tmp_path, monkeypatch):
     evaluate(["pibt"], [SMALL], tmp_path)
-    monkeypatch.setattr(identity, "code_digest", lambda: "other")
-    refused(tmp_path, "policy 'pibt': code differs", ["pibt"])
+    monkeypatch.setattr(identity, "__version__", "0.0.0")
+    refused(tmp_path, "policy 'pibt': version differs", ["pibt"])
 
 
 def test_a_folder_without_identities(tmp_path):
@@ -215,20 +214,6 @@ def test_identities_are_read_as_they_were_written(tmp_path):
 
 
 # Digests.
-
-
-def test_the_code_that_decides(tmp_path):
-    package = tmp_path / "package"
-    digests = []
-    for number, file in enumerate(["core/step.py", "render/svg.py", "core/step.py", "notes.txt", "new.py"]):
-        (package / file).parent.mkdir(parents=True, exist_ok=True)
-        (package / file).write_text(str(number))
-        digests.append(code_digest(package))
-        code_digest.cache_clear()
-    first, rendered, changed, noted, added = digests
-    assert first == rendered != changed == noted != added
-    root = Path(identity.__file__).parents[1]
-    assert [name for name in NOT_DECIDING if not (root / name).exists()] == []
 
 
 def test_digests_of_values(tmp_path):

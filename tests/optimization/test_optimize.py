@@ -1,9 +1,8 @@
-"""Optimization of guidance graphs: every method, selection, interrupts, and going on."""
+"""Optimization of guidance graphs: selection, interrupts, and going on."""
 
 import csv
 import json
 from dataclasses import replace
-from typing import get_args
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from mapf_pz.guidance import GuidanceGraph, load_guidance
 from mapf_pz.instances import RandomObstacles, load_map, write_map
 from mapf_pz.instances.instance import Grid
 from mapf_pz.optimization.candidate import Candidate, ranked
-from mapf_pz.optimization.config import Method, OptimizeConfig
+from mapf_pz.optimization.config import OptimizeConfig
 from mapf_pz.optimization.evaluate import compare
 from mapf_pz.optimization.folder import read_optimization
 from mapf_pz.optimization.optimize import baselines, optimize, resume
@@ -72,11 +71,10 @@ def test_tasks_need_one_map():
         GuidanceTask(env=EnvKeywords({"source": RandomObstacles(8, 8, 0.1, 4)}))
 
 
-@pytest.mark.parametrize("method", get_args(Method))
-def test_no_method_is_worse_than_uniform_weights(method):
+def test_the_result_is_not_worse_than_uniform_weights():
     """Also on a busy machine, where little more than the baselines is simulated."""
     progress = []
-    result = optimize(replace(SHORT, method=method), on_progress=progress.append)
+    result = optimize(SHORT, on_progress=progress.append)
     assert progress[-1].simulations >= len(progress)
     free = LIFELONG.grid.free
     found, uniform = compare(LIFELONG, {"found": result.graph, "uniform": GuidanceGraph.uniform(free)}, 12)
@@ -125,7 +123,7 @@ def test_a_resumed_optimization_has_the_configuration_of_the_folder(tmp_path):
     grid = Grid(np.ones((4, 5), bool))
     weights = GuidanceGraph.random(grid.free, np.random.default_rng(0))
     env = lifelong(map=grid, num_agents=3, edge_weights=weights)
-    config = replace(SHORT, task=GuidanceTask(env=env, planner="epibt:depth=2"), method="piu", seed=5)
+    config = replace(SHORT, task=GuidanceTask(env=env, planner="epibt:depth=2"), seed=5)
     optimize(config, tmp_path)
     assert read_optimization(tmp_path) == config
     before = {file.name: file.read_bytes() for file in tmp_path.glob("*.safetensors")}
@@ -222,7 +220,7 @@ def test_seeds_of_the_search_are_not_those_of_tests():
 
 @pytest.mark.parametrize(
     ("change", "message"),
-    [({"method": "gradient"}, "method 'gradient'"), ({"minutes": 0}, "minutes=0"), ({"model": "x"}, "piu")],
+    [({"minutes": 0}, "minutes=0"), ({"minutes": -1}, "minutes=-1")],
 )
 def test_invalid_options(change, message):
     with pytest.raises(ValueError, match=message):

@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 
-from mapf_pz.errors import FormatError
 from mapf_pz.guidance import open_edges
 from mapf_pz.guidance.edges import opposite_edges
 from mapf_pz.instances.instance import Scenario
-from mapf_pz.optimization.rule import FeedbackRule, Traffic
-from mapf_pz.optimization.update_model import NUM_PARAMETERS, UpdateModel
+from mapf_pz.optimization.rule import FeedbackRule
 from mapf_pz.optimization.usage import Usage
 from mapf_pz.simulator import Simulator
 from mapf_pz.simulator.config import EnvConfig
@@ -80,45 +78,3 @@ def test_the_vector_holds_all_parameters():
     again = FeedbackRule.from_vector(rule.vector())
     assert vars(again) == pytest.approx(vars(rule))
     assert not np.array_equal(rule.vector(), FeedbackRule().vector())
-
-
-def test_the_initial_update_model_is_the_rule():
-    """After one update of uniform weights; the rule's running means start at 0."""
-    rng = np.random.default_rng(0)
-    rule = FeedbackRule(crisscross=0)
-    usage = Usage(np.where(open_edges(FREE), rng.integers(1, 20, (4, 3, 3)), 0), np.where(FREE, rng.random((3, 3)), 0))
-    model = UpdateModel.initial()
-    by_model = model.graph(model.update(np.zeros((4, 3, 3)), usage, FREE), FREE)
-    by_rule = rule.graph(
-        rule.update(Traffic(np.zeros((4, 3, 3)), np.zeros((3, 3)), np.zeros((3, 3))), usage, FREE), FREE
-    )
-    assert np.allclose(by_model.move, by_rule.move, rtol=1e-5)
-    assert np.allclose(by_model.wait, by_rule.wait)
-
-
-def test_the_update_model_treats_all_directions_alike():
-    rng = np.random.default_rng(1)
-    free = rng.random((5, 7)) < 0.8
-    moves, waits = rng.integers(0, 9, (4, 5, 7)) * open_edges(free), rng.random((5, 7)) * free
-    log_weight = rng.normal(size=(4, 5, 7))
-    model = UpdateModel(rng.normal(size=NUM_PARAMETERS) * 0.3)
-    plain = model.update(log_weight, Usage(moves, waits), free)
-    usage = Usage(turned(moves), np.rot90(waits))
-    assert np.allclose(model.update(turned(log_weight), usage, np.rot90(free)), turned(plain))
-
-
-def turned(edges):
-    """Turn a map counterclockwise: what led east leads north, and so on."""
-    return np.stack([np.rot90(edges[(heading + 1) % 4]) for heading in range(4)])
-
-
-def test_saved_models(tmp_path):
-    model = UpdateModel(np.arange(NUM_PARAMETERS, dtype=np.float64))
-    model.save(tmp_path / "model.npz")
-    assert np.array_equal(UpdateModel.load(tmp_path / "model.npz").parameters, model.parameters)
-    (tmp_path / "broken.npz").write_bytes(b"PK no archive")
-    with pytest.raises(FormatError, match=r"broken\.npz: expected an \.npz file"):
-        UpdateModel.load(tmp_path / "broken.npz")
-    np.savez(tmp_path / "other.npz", parameters=np.zeros(3))
-    with pytest.raises(ValueError, match=f"expected {NUM_PARAMETERS} finite parameters"):
-        UpdateModel.load(tmp_path / "other.npz")

@@ -9,8 +9,8 @@ import pytest
 from mapf_pz.commands.main import main
 from mapf_pz.errors import FormatError
 from mapf_pz.rl.config_file import config_values, save_config
+from mapf_pz.rl.progress import PROGRESS, append_progress, read_progress, write_progress
 from mapf_pz.rl.training.curves import EPISODES, Run, draw_curves
-from mapf_pz.rl.training.progress import PROGRESS, append_progress, read_progress, write_progress
 from tests.helpers.small_run import TINY, changed
 
 CONFIG = dataclasses.replace(TINY, task=changed(TINY.task, max_steps=32))

@@ -11,8 +11,8 @@ from mapf_pz.commands.main import main
 from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.algorithms.named import ALGORITHMS
+from mapf_pz.rl.ranks import Ranks
 from mapf_pz.rl.training.episodes import episode_means
-from mapf_pz.rl.training.ranks import Ranks
 from mapf_pz.rl.training.train import resume
 from mapf_pz.rl.training.validation import Validation
 from tests.helpers.small_run import TINY, changed, rows

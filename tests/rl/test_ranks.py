@@ -18,9 +18,9 @@ from mapf_pz.rl.algorithms.named import ALGORITHMS
 from mapf_pz.rl.config import ImitationConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
 from mapf_pz.rl.policies.folder import WEIGHTS
+from mapf_pz.rl.ranks import Ranks
 from mapf_pz.rl.training.checkpoint import Checkpoints, read_position
 from mapf_pz.rl.training.launch import connecting
-from mapf_pz.rl.training.ranks import Ranks
 from mapf_pz.rl.training.train import resume
 from tests.evaluation.test_parallel import children_of, is_alive, wait_for
 from tests.helpers.small_run import TINY, rows, untimed

@@ -12,8 +12,8 @@ import mapf_pz
 from mapf_pz.rl.algorithms.named import ALGORITHMS
 from mapf_pz.rl.config import TaskConfig
 from mapf_pz.rl.policies.policy import SharedPolicy
+from mapf_pz.rl.ranks import Ranks
 from mapf_pz.rl.training.episodes import EpisodesByStart
-from mapf_pz.rl.training.ranks import Ranks
 from mapf_pz.rl.training.validation import Validation
 from mapf_pz.simulator.actions import CardinalAction
 from mapf_pz.simulator.seeds import FIRST_VALIDATION_SEED

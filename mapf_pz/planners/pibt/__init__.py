@@ -1,1 +1,1 @@
-"""Priority inheritance with backtracking (PIBT), and the safety layer made of it."""
+"""Priority inheritance with backtracking (PIBT)."""

@@ -13,7 +13,7 @@ from tensordict import TensorDictBase
 from torch import Tensor, nn
 
 from mapf_pz.rl.config import TrainConfig
-from mapf_pz.rl.training.ranks import Ranks
+from mapf_pz.rl.ranks import Ranks
 
 
 class Learner(ABC):

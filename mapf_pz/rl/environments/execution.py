@@ -11,7 +11,7 @@ from torch.nn.functional import one_hot
 from torchrl.data import Categorical, Composite, TensorSpec, Unbounded
 from torchrl.envs import Transform, TransformedEnv
 
-from mapf_pz.planners.pibt.shield import BatchShield
+from mapf_pz.planners.shield.shield import BatchShield
 from mapf_pz.rl.environments.batched_env import BatchedMapfEnv
 from mapf_pz.simulator.simulator import Simulator
 

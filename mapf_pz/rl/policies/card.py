@@ -8,7 +8,7 @@ from pathlib import Path
 from mapf_pz._internal.digest import digest
 from mapf_pz.rl.policies.folder import WEIGHTS, policy_folder
 from mapf_pz.rl.policies.load import load_policy
-from mapf_pz.rl.training.progress import PROGRESS, read_progress
+from mapf_pz.rl.progress import PROGRESS, read_progress
 
 _TEXT = """\
 ---

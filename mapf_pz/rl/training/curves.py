@@ -15,7 +15,7 @@ from mapf_pz._internal.atomic import replacing
 from mapf_pz._internal.json import parse_object
 from mapf_pz._internal.text import read_text
 from mapf_pz.rl.config_file import CONFIG, CONFIG_FILES
-from mapf_pz.rl.training.progress import Row, read_progress
+from mapf_pz.rl.progress import Row, read_progress
 
 MEANS = {
     "CSR": "all agents at their goals (CSR)",

@@ -22,7 +22,7 @@ import torch
 import torch.distributed as dist
 
 from mapf_pz._internal.interrupts import unheard_by_children
-from mapf_pz.rl.training.ranks import Ranks
+from mapf_pz.rl.ranks import Ranks
 
 SECONDS_TO_END = 10.0
 """Seconds after which ranks are killed that do not end by themselves when rank 0 has ended."""

@@ -16,7 +16,7 @@ from torchrl.record.loggers.tensorboard import TensorboardLogger
 from mapf_pz._internal.atomic import write_whole
 from mapf_pz.rl.config import LoggerName, TrainConfig
 from mapf_pz.rl.config_file import config_values
-from mapf_pz.rl.training.progress import Row
+from mapf_pz.rl.progress import Row
 
 TENSORBOARD, WANDB = "tensorboard", "wandb"
 LOGGER_FOLDERS = (TENSORBOARD, WANDB)

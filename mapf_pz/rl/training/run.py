@@ -15,10 +15,10 @@ from mapf_pz.rl.demonstrations.folder import dataset_files
 from mapf_pz.rl.inputs import sources_digest
 from mapf_pz.rl.policies.folder import WEIGHTS, policy_folder
 from mapf_pz.rl.policies.load import save_weights
+from mapf_pz.rl.progress import PROGRESS, Row, append_progress, read_progress, write_progress
 from mapf_pz.rl.training.checkpoint import FOLDER, Checkpoints, Position, read_position, restore
 from mapf_pz.rl.training.curves import Run, draw_curves
 from mapf_pz.rl.training.loggers import LOGGER_FOLDERS, ProgressLogger, make_loggers
-from mapf_pz.rl.training.progress import PROGRESS, Row, append_progress, read_progress, write_progress
 
 CURVE = "learning_curve.png"
 CURVES = ("CSR", "ISR", "throughput", "agreement", "return")

@@ -26,10 +26,10 @@ from mapf_pz.rl.config import DeviceName, TrainConfig
 from mapf_pz.rl.config_file import CONFIG, config_files, load_config
 from mapf_pz.rl.networks.actors import Actor
 from mapf_pz.rl.policies.load import load_policy, policy_config
+from mapf_pz.rl.ranks import Ranks
 from mapf_pz.rl.training.checkpoint import read_position
 from mapf_pz.rl.training.launch import connecting, is_first, launched_size, local_rank
 from mapf_pz.rl.training.loggers import check_loggers
-from mapf_pz.rl.training.ranks import Ranks
 from mapf_pz.rl.training.run import RunFolder, inputs_digest
 from mapf_pz.rl.training.updates import updates
 from mapf_pz.simulator.seeds import FIRST_RESUMED_SEED

@@ -9,8 +9,8 @@ from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
 from mapf_pz.rl.algorithms.algorithm import Algorithm
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.environments.collect import MakeEnv
+from mapf_pz.rl.ranks import Ranks
 from mapf_pz.rl.training.episodes import LAST_STEP, MEANS, episode_means
-from mapf_pz.rl.training.ranks import Ranks
 from mapf_pz.simulator.seeds import FIRST_VALIDATION_SEED
 
 

@@ -1,4 +1,4 @@
-"""Measure how often the editor's page draws a large map while a wall is drawn: `python -m experiments.editor_speed`.
+"""How often the editor's page draws a large map while a wall is drawn.
 
 It requires Chromium and the package playwright. Chromium draws at most 60 times a second.
 """
@@ -54,7 +54,3 @@ def main() -> None:
             rate, script = page.evaluate(MEASURE, FRAMES)
             print(f"{MAP.stem}, {AGENTS} agents: {rate:.0f} frames/s, {script:.1f} ms of script a frame")
         browser.close()
-
-
-if __name__ == "__main__":
-    main()

@@ -1,4 +1,4 @@
-"""Run episodes of Jumanji 1.1 in a separate Python, for `mapf-pz benchmark`: `jumanji_player.py OPTIONS`.
+"""Run episodes of Jumanji 1.1 in a separate Python, for `experiments.speed`: `jumanji_player.py OPTIONS`.
 
 OPTIONS is a JSON object: `env` (`RobotWarehouse-v0` or `Connector-v2`), `num_envs`, `max_steps` and `seed`. All
 environments are stepped together by compiled code of one thread, with random actions and automatic resets; compilation

@@ -1,4 +1,4 @@
-"""Measure TorchRL's collector and `rollout` on `BatchedMapfEnv` and on an environment that does nothing, in turn."""
+"""TorchRL's collector and `rollout` on `BatchedMapfEnv` and on an environment that does nothing."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ from functools import partial
 from typing import Any
 
 import torch
-import tyro
 from tensordict import TensorDictBase
 
+from experiments.speed.runs import Run, measure, timed
+from experiments.speed.workload import Workload
 from mapf_pz.rl import BatchedMapfEnv
 from mapf_pz.rl.environments.collect import RandomActions, random_batches
-from mapf_pz.speed.runs import Run, measure, timed
-from mapf_pz.speed.workload import Workload
 
 
 class IdleEnv(BatchedMapfEnv):
@@ -57,7 +56,3 @@ def main(num_envs: int = 256, num_agents: int = 8, steps: int = 64, seconds: flo
 
 def _counting(collect: Callable[[], TensorDictBase], num_agents: int) -> Callable[[], int]:
     return lambda: collect().numel() * num_agents
-
-
-if __name__ == "__main__":
-    tyro.cli(main)

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 from rich.table import Table
 
-from mapf_pz.speed.candidates import copy_run, simulator_run
-from mapf_pz.speed.runs import Measurement, measure
-from mapf_pz.speed.workload import Workload
+from experiments.speed.candidates import copy_run, simulator_run
+from experiments.speed.runs import Measurement, measure
+from experiments.speed.workload import Workload
 
 CELLS_PER_AGENT = 16
 

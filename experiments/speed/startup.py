@@ -11,8 +11,8 @@ from statistics import median
 
 from rich.table import Table
 
-from mapf_pz.speed.runs import MIN_RUNS, Run, measure, timed
-from mapf_pz.speed.workload import Workload
+from experiments.speed.runs import MIN_RUNS, Run, measure, timed
+from experiments.speed.workload import Workload
 
 IMPORT = "import mapf_pz"
 FIRST_STEP = (

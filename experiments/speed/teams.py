@@ -10,9 +10,9 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AsyncVectorEnv, VectorEnv
 
+from experiments.speed.runs import Run, Timing, timed
+from experiments.speed.workload import Workload
 from mapf_pz._internal.arrays import Floats
-from mapf_pz.speed.runs import Run, Timing, timed
-from mapf_pz.speed.workload import Workload
 from mapf_pz.wrappers.centralized import centralized_env
 from mapf_pz.wrappers.centralized_vector import CentralizedVectorEnv
 

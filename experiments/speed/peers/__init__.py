@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mapf_pz.speed.runs import Run, Timing
-from mapf_pz.speed.workload import Workload
+from experiments.speed.runs import Run, Timing
+from experiments.speed.workload import Workload
 
 SIMILAR = ("POGEMA", "  its dictionaries")
 """The most similar environment, with its own interface and with its PettingZoo interface."""

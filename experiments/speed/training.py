@@ -1,4 +1,4 @@
-"""Measure the speed of training in agent steps per second: `python -m experiments.training_speed --runs quickstart`."""
+"""The speed of training in agent steps per second."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
-
-import tyro
 
 from mapf_pz.rl.config import (
     CollectorName,
@@ -45,7 +43,7 @@ def configs() -> dict[str, TrainConfig]:
     }
 
 
-def measure(
+def main(
     device: DeviceName = "auto",
     precision: PrecisionName | None = None,
     num_learners: tuple[int, ...] = (1,),
@@ -102,7 +100,3 @@ def _speed(config: TrainConfig) -> str:
     rate = config.steps_per_update * (len(rows) - 1) / (moments[-1] - moments[0])
     shares = ", ".join(f"{part} {rows[-1][f'{part}_share']:.2f}" for part in ("collecting", "acting", "learning"))
     return f"{rate:,.0f} agent steps per second; {shares}"
-
-
-if __name__ == "__main__":
-    tyro.cli(measure)

@@ -1,4 +1,4 @@
-"""The command `mapf-pz benchmark`: measure the speed of environments."""
+"""Environments with random actions: the interfaces of this package, its simulator, and other environments."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from typing import Literal
 from rich.console import Console
 from rich.table import Table
 
-from mapf_pz.speed.candidates import candidate_table
-from mapf_pz.speed.peers import Peers
-from mapf_pz.speed.scaling import scaling_table
-from mapf_pz.speed.startup import reset_table, startup_table
-from mapf_pz.speed.workload import Workload
+from experiments.speed.candidates import candidate_table
+from experiments.speed.peers import Peers
+from experiments.speed.scaling import scaling_table
+from experiments.speed.startup import reset_table, startup_table
+from experiments.speed.workload import Workload
 
 
 @dataclass(frozen=True)
-class BenchmarkOptions(Peers, Workload):
-    """Options of `mapf-pz benchmark`."""
+class Options(Peers, Workload):
+    """What is measured."""
 
     tables: tuple[Literal["candidates", "scaling", "resets", "startup"], ...] = ("candidates",)
     """Tables to print. `candidates`: the interfaces of this package, a memory copy of the same observations, and other
@@ -28,7 +28,7 @@ class BenchmarkOptions(Peers, Workload):
     """Duration of the measurement per table in seconds; there are at least five runs."""
 
 
-TABLES: dict[str, Callable[[BenchmarkOptions], Table]] = {
+TABLES: dict[str, Callable[[Options], Table]] = {
     "candidates": lambda options: candidate_table(options, options, options.seconds),
     "scaling": lambda options: scaling_table(options, options.seconds),
     "resets": lambda options: reset_table(options, options.seconds),
@@ -36,7 +36,7 @@ TABLES: dict[str, Callable[[BenchmarkOptions], Table]] = {
 }
 
 
-def benchmark(options: BenchmarkOptions) -> None:
+def main(options: Options) -> None:
     """Measure the speed of environments with random actions, and print tables."""
     console = Console()
     for name in options.tables:

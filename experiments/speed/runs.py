@@ -57,14 +57,14 @@ class Measurement:
     """Bytes that each agent observes per step; None: nothing is observed."""
 
 
-def measure(runs: Mapping[str, Run], seconds: float) -> dict[str, Measurement]:
-    """Alternate between all runs for about `seconds` in total, after one unmeasured run each."""
+def measure(runs: Mapping[str, Run], seconds: float = 0.0, min_runs: int = MIN_RUNS) -> dict[str, Measurement]:
+    """Alternate between all runs for about `seconds`, at least `min_runs` rounds, after one unmeasured run each."""
     for play in runs.values():
         play()
     results: dict[str, list[Timing]] = {name: [] for name in runs}
     start = time.perf_counter()
     num_rounds = 0
-    while num_rounds < MIN_RUNS or time.perf_counter() - start < seconds:
+    while num_rounds < min_runs or time.perf_counter() - start < seconds:
         num_rounds += 1
         for name, play in runs.items():
             results[name].append(play())

@@ -1,4 +1,4 @@
-"""Measure how fast the page of `mapf-pz render` opens and plays: `python experiments/page_speed.py`.
+"""How fast the page of `mapf-pz render` opens and plays.
 
 It requires Chromium and the package playwright.
 """
@@ -12,10 +12,10 @@ from pathlib import Path
 
 from playwright.sync_api import Page, sync_playwright
 
-from mapf_pz.commands.main import main
+from experiments.screenshots import FLAGS
+from mapf_pz.commands.main import main as mapf_pz
 
 EPISODE = "--policy pibt --map warehouse-20-40-10-2-2 --num-agents 1000 --max-steps 1000 --on-target restart"
-FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update")
 REPEATS = 3
 SECONDS = 4
 """Duration of a measurement of frames."""
@@ -39,11 +39,11 @@ def frames(page: Page, speed: int, setup: str) -> float:
     return page.evaluate(COUNT_FRAMES, SECONDS)
 
 
-def run() -> None:
+def main() -> None:
     """Write a page, and print its size, the time until it is ready, and the frames per second."""
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         file = Path(folder) / "episode.html"
-        if main(["render", str(file), *EPISODE.split()]):
+        if mapf_pz(["render", str(file), *EPISODE.split()]):
             raise SystemExit(1)
         print(f"size: {file.stat().st_size / 1e6:.2f} MB")
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=list(FLAGS))
@@ -59,7 +59,3 @@ def run() -> None:
             f"zoomed in, an agent selected: {frames(page, 4, 'player.zoom(4); player.choose(3)'):.0f} frames per second"
         )
         browser.close()
-
-
-if __name__ == "__main__":
-    run()

@@ -1,8 +1,4 @@
-"""Measure memory and time with many agents: `PYTHONPATH=. python experiments/scale.py --num-agents 10000`.
-
-Episodes are lifelong. Prints the time and the memory of the cost to go to all first goals, then medians over steps of
-the time to compute the cost to go to new goals, to plan, and to take the step.
-"""
+"""Memory and time with many agents."""
 
 from __future__ import annotations
 
@@ -11,7 +7,6 @@ import sys
 import time
 
 import numpy as np
-import tyro
 
 from mapf_pz.instances import load_map
 from mapf_pz.instances.instance import ActionModel, Grid, Instance, Scenario
@@ -22,7 +17,7 @@ from mapf_pz.simulator import Simulator
 from mapf_pz.simulator.config import EnvConfig
 
 
-def scale(
+def main(
     num_agents: int,
     map: str = "",
     planner: str = "pibt",
@@ -31,7 +26,10 @@ def scale(
     steps: int = 50,
     num_threads: int = 1,
 ) -> None:
-    """Run a planner with many agents, and print its time and memory.
+    """Run a planner with many agents in a lifelong episode, and print its time and memory.
+
+    Prints the time and the memory of the cost to go to all first goals, then medians over steps of the time to compute
+    the cost to go to new goals, to plan, and to take the step.
 
     Args:
         num_agents: Number of agents.
@@ -86,7 +84,3 @@ def _step(simulator: Simulator, planner: Planner) -> list[float]:
 def memory() -> float:
     """Return the largest resident memory of this process in GB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 1e9
-
-
-if __name__ == "__main__":
-    tyro.cli(scale)

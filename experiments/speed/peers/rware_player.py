@@ -1,4 +1,4 @@
-"""Run an episode of `rware` 2.0 in a separate Python, for `mapf-pz benchmark`: `rware_player.py OPTIONS`.
+"""Run an episode of `rware` 2.0 in a separate Python, for `experiments.speed`: `rware_player.py OPTIONS`.
 
 OPTIONS is a JSON object: `num_agents`, `max_steps` and `seed`. The warehouse is the tiny one of its benchmarks, 11 x 10
 cells. Actions are random, and the reset is included. It prints the number of agent steps, the seconds, the CPU seconds

@@ -11,9 +11,9 @@ from mapf_pz._internal.arrays import Bools, Floats, Ints
 from mapf_pz.environment.mapf_env import MapfEnv
 from mapf_pz.planners.epibt.operations import operations
 from mapf_pz.planners.epibt.state import NONE, allocate_epibt
-from mapf_pz.planners.pibt.shield_kernels import Progress, choose_by_pibt
-from mapf_pz.planners.pibt.shield_operations import Intentions, choose_rotating
 from mapf_pz.planners.pibt.state import LATE, Options, PibtState, allocate_pibt
+from mapf_pz.planners.shield.by_epibt import Intentions, choose_by_epibt
+from mapf_pz.planners.shield.by_pibt import Progress, choose_by_pibt
 from mapf_pz.simulator.simulator import Observation, Simulator
 
 PATIENCE = 4
@@ -26,8 +26,8 @@ _SEED = 1  # breaks ties of PIBT
 class BatchShield:
     """The safety layer for all environments of a simulator.
 
-    Agents follow PIBT, see `mapf_pz.planners.pibt.shield_kernels`; those that turn and only have to pass their goals
-    follow EPIBT, see `mapf_pz.planners.pibt.shield_operations`.
+    Agents follow PIBT, see `mapf_pz.planners.shield.by_pibt`; those that turn and only have to pass their goals
+    follow EPIBT, see `mapf_pz.planners.shield.by_epibt`.
     Environment `b` of a batch is the same as a single one.
     """
 
@@ -126,7 +126,7 @@ class _EpibtRules:
 
     def choose(self, preferences: Floats, patience: int, progress: Progress, actions: Ints) -> None:
         simulator = self._simulator
-        choose_rotating(
+        choose_by_epibt(
             simulator.world, simulator.tables.arrays, simulator.state,
             patience, preferences, progress, self._tree, self._intentions, self._scratch, actions,
         )  # fmt: skip

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from experiments.speed.peers import SIMILAR, Peers, peer_runs
+from experiments.speed.runs import Measurement, Run, measure, timed
+from experiments.speed.teams import async_run, team_run
+from experiments.speed.workload import Workload
 from mapf_pz._internal.arrays import Ints
 from mapf_pz.environment.mapf_env import parallel_env
-from mapf_pz.speed.peers import SIMILAR, Peers, peer_runs
-from mapf_pz.speed.runs import Measurement, Run, measure, timed
-from mapf_pz.speed.teams import async_run, team_run
-from mapf_pz.speed.workload import Workload
 from mapf_pz.wrappers.agent_vector import AgentVectorEnv
 
 SIMULATOR, COPY = "simulator", "memory copy"

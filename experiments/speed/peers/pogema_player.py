@@ -1,4 +1,4 @@
-"""Run an episode in POGEMA 1.4.0 in a separate Python, for `mapf-pz benchmark`: `pogema_player.py OPTIONS`.
+"""Run an episode in POGEMA 1.4.0 in a separate Python, for `experiments.speed`: `pogema_player.py OPTIONS`.
 
 OPTIONS is a JSON object: `map` (rows of `.` and `#`), `num_agents`, `view_size` (odd, square), `max_steps`, `seed`, and
 `integration` (null: its own interface, or `PettingZoo`). Actions are random, and the reset is included. It prints the

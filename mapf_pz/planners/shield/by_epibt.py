@@ -3,7 +3,7 @@
 Agents that turn need several steps to make way for each other, so they agree on operations, sequences of several
 actions, as in EPIBT (`mapf_pz.planners.epibt.kernels`). Each agent tries its operations in the order of its preferences
 for their first actions, and in the order of EPIBT where these are equal. An agent that has not come closer to its goal
-for some steps follows EPIBT for as many steps, as in `mapf_pz.planners.pibt.shield_kernels`.
+for some steps follows EPIBT for as many steps, as in `mapf_pz.planners.shield.by_pibt`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import NamedTuple
 from mapf_pz._internal.jit import Array, jit
 from mapf_pz.planners.epibt.kernels import continue_operations, decide, evaluate, first_actions, pack_option
 from mapf_pz.planners.epibt.state import LAST_OPERATION, EpibtState, Operations
-from mapf_pz.planners.pibt.shield_kernels import Progress, count_steps, is_stuck, num_better
+from mapf_pz.planners.shield.by_pibt import Progress, count_steps, is_stuck, num_better
 from mapf_pz.simulator.kernels.state import Distances, State, World, planning_view_of
 
 _CLASS_BIT = 56
@@ -29,7 +29,7 @@ class Intentions(NamedTuple):
 
 
 @jit
-def choose_rotating(
+def choose_by_epibt(
     world: World,
     distances: Distances,
     state: State,

@@ -1,23 +1,15 @@
-"""Measure how fast trained policies are evaluated: `PYTHONPATH=. python experiments/evaluation_speed.py`.
-
-Prints the CPU time per agent step of the suite `standard` with one episode at a time and with batches of episodes, in
-alternating runs, and the time of the network alone in batches of 256 agents: medians of several runs.
-"""
+"""How fast trained policies are evaluated."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
-from statistics import median
 from typing import Any
 
-import tyro
-
+from experiments.speed.runs import Run, measure, timed
 from mapf_pz._internal.parallel import use_one_thread
 from mapf_pz.evaluation import EvaluationTask, Policy, load_suite, policy_factory
 from mapf_pz.evaluation.episodes import AnyEnv, PolicyFactory, run_episodes
 
-NUM_ROWS = 256
+NUM_ROWS, NETWORK_RUNS = 256, 50
 
 
 class OneByOne:
@@ -39,15 +31,8 @@ def one_by_one(factory: PolicyFactory) -> PolicyFactory:
     return make
 
 
-def cpu_seconds(run: Callable[[], object]) -> float:
-    """Return the CPU time of a call."""
-    start = time.process_time()
-    run()
-    return time.process_time() - start
-
-
-def network_microseconds(name: str) -> float:
-    """Return the time of a policy's network per agent, in microseconds."""
+def network_run(name: str) -> Run:
+    """Call a policy's network once for `NUM_ROWS` agents."""
     import torch
 
     from mapf_pz.rl import load_policy
@@ -56,22 +41,32 @@ def network_microseconds(name: str) -> float:
     policy = load_policy(name)
     shape = ObservationShape.of_task(policy.config.task)
     inputs = torch.rand(NUM_ROWS, *shape.image), torch.rand(NUM_ROWS, shape.features)
-    with torch.no_grad():
-        times = [cpu_seconds(lambda: policy.network(*inputs)) for _ in range(50)]
-    return 1e6 * median(times) / NUM_ROWS
+
+    def play() -> int:
+        with torch.no_grad():
+            policy.network(*inputs)
+        return NUM_ROWS
+
+    return timed(play)
 
 
-def measured(factory: PolicyFactory, task: EvaluationTask) -> tuple[float, float]:
-    """Return the CPU time of all episodes of a task, and the number of their agent steps."""
-    episodes: list[dict[str, float]] = []
-    seconds = cpu_seconds(lambda: episodes.extend(run_episodes(factory, task, range(task.episodes))))
-    return seconds, sum(1e6 * episode["runtime"] / episode["agent_us"] for episode in episodes)
+def episodes_run(factory: PolicyFactory, task: EvaluationTask) -> Run:
+    """Run all episodes of a task."""
+
+    def play() -> int:
+        episodes = run_episodes(factory, task, range(task.episodes))
+        return round(sum(1e6 * episode["runtime"] / episode["agent_us"] for episode in episodes))
+
+    return timed(play)
 
 
-def evaluation_speed(
+def main(
     policies: tuple[str, ...] = ("mappo", "mappo+pibt", "oneshot", "lifelong"), share: float = 0.25, runs: int = 3
 ) -> None:
     """Evaluate policies on the suite `standard`.
+
+    Prints the CPU time per agent step with one episode at a time and with batches of episodes, and the time of the
+    network alone in batches of 256 agents: medians of several runs.
 
     Args:
         policies: names of trained policies.
@@ -80,18 +75,13 @@ def evaluation_speed(
     """
     use_one_thread()
     for name in policies:
-        print(f"{name}: network {network_microseconds(name.partition('+')[0]):.1f} us per agent")
+        network = measure({"network": network_run(name.partition("+")[0])}, min_runs=NETWORK_RUNS)["network"]
+        print(f"{name}: network {1e6 / network.cpu_rate:.1f} us per agent")
         factory = policy_factory(name)
         for task in load_suite("standard"):
             task = task.with_(episodes=max(1, round(share * task.episodes)))
             makers = {"one": one_by_one(factory), "batch": factory}
-            for maker in makers.values():
-                measured(maker, task.with_(episodes=2))
-            found = [{kind: measured(maker, task) for kind, maker in makers.items()} for _ in range(runs)]
-            one, batch = (median(1e6 * run[kind][0] / run[kind][1] for run in found) for kind in makers)
-            ratio = median(run["one"][0] / run["batch"][0] for run in found)
+            found = measure({kind: episodes_run(maker, task) for kind, maker in makers.items()}, min_runs=runs)
+            one, batch = (1e6 / found[kind].cpu_rate for kind in makers)
+            ratio = one / batch
             print(f"  {task.label}: {one:.1f} us per agent step one by one, {batch:.1f} in batches, ratio {ratio:.1f}")
-
-
-if __name__ == "__main__":
-    tyro.cli(evaluation_speed)

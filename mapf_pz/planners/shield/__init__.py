@@ -1,0 +1,1 @@
+"""The safety layer, which executes the preferences of any policy without collisions, by PIBT or EPIBT."""
