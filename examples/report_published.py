@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 import torch
 import tyro
+from centralized_sb3 import ReportCNN
 from numpy.typing import NDArray
 from report_env import Actions, Defects, ReportEnv
-from report_sb3 import ReportCNN
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.preprocessing import is_image_space

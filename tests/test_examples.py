@@ -90,15 +90,13 @@ def test_custom_parts(run_with_torch, tmp_path, algorithm):
     assert output.splitlines()[-1] == "custom_parts:Pooled"
 
 
-def test_stable_baselines(run_with_torch):
-    pytest.importorskip("stable_baselines3")
-    assert "CSR on 2 unseen maps" in run_with_torch("centralized_sb3.py", "--steps", 2048, "--episodes", 2)
-
-
-def test_the_report_with_stable_baselines(run_with_torch, tmp_path):
+@pytest.mark.parametrize("preset", ["report", "report-repaired"])
+def test_the_report_with_stable_baselines(run_with_torch, tmp_path, preset):
     pytest.importorskip("torchrl")
     pytest.importorskip("stable_baselines3")
-    told = run_with_torch("report_sb3.py", "--steps", 512, "--episodes", 2, "--output", tmp_path)
+    told = run_with_torch(
+        "centralized_sb3.py", "--preset", preset, "--steps", 512, "--episodes", 2, "--output", tmp_path
+    )
     assert re.fullmatch(r"after training: CSR .*, ISR .*, reward .*", told.splitlines()[-1])
     assert {"progress.csv", "results.json"} <= {file.name for file in tmp_path.iterdir()}
 
