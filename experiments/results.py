@@ -32,7 +32,7 @@ from experiments.measured_numbers import pages as measured_pages
 from experiments.measured_numbers import without_origin
 from experiments.pages import read_rows
 from experiments.paired import paired_rows
-from experiments.tables import TABLES, Results, ResultTable, markdown
+from experiments.tables import NOT_MEASURED, TABLES, Results, ResultTable, markdown
 from mapf_pz._internal.atomic import write_whole
 from mapf_pz.evaluation import Episode, EvaluationTask, evaluate, load_suite, policy_factory
 from mapf_pz.evaluation.identity import Identities, stated_identity
@@ -60,12 +60,13 @@ def measure(suites: tuple[str, ...] = (), policies: tuple[str, ...] = (), jobs: 
     their policies and tasks are still the same: see `mapf_pz.evaluation.identity`. Others are replaced.
 
     Args:
-        suites: suites of the tables. Default: all.
+        suites: suites of the tables, also of those that are not measured yet. Default: all that have results.
         policies: policies of the tables; earlier results of the others are kept. Default: all.
         jobs: number of processes.
     """
-    tables = [table for table in TABLES if not suites or table.suite in suites]
-    _check_known("suites", suites, [table.suite for table in TABLES])
+    every = (*TABLES, *NOT_MEASURED)
+    tables = [table for table in every if table.suite in suites] if suites else TABLES
+    _check_known("suites", suites, [table.suite for table in every])
     _check_known("policies", policies, list(chain.from_iterable(table.policies for table in tables)))
     for table in tables:
         chosen = [name for name in table.policies if not policies or name in policies]

@@ -86,6 +86,22 @@ TABLES = (
     ResultTable("central-16", ("pibt", "central")),
 )
 
+TURNING_ONE_SHOT = (*ONE_SHOT, "mappo", "mappo+pibt", *TURNING)
+TURNING_LIFELONG = (*LIFELONG, *CRISSCROSS, "lifelong", "lifelong+pibt:temperature=0")
+NOT_MEASURED = (
+    ResultTable("pogema-random-turning", TURNING_ONE_SHOT),
+    ResultTable("pogema-random-lifelong-turning", TURNING_LIFELONG),
+    ResultTable("pogema-mazes-turning", TURNING_ONE_SHOT),
+    ResultTable("pogema-mazes-lifelong-turning", TURNING_LIFELONG),
+    ResultTable("pogema-warehouse-turning", TURNING_ONE_SHOT),
+    ResultTable("pogema-warehouse-lifelong-turning", TURNING_LIFELONG),
+    ResultTable("pogema-cities-turning", TURNING_ONE_SHOT),
+    ResultTable("pogema-cities-lifelong-turning", TURNING_LIFELONG),
+    ResultTable("pogema-puzzles-turning", ONE_SHOT[:3]),
+    ResultTable("pogema-puzzles-lifelong-turning", LIFELONG),
+)
+"""Tables without results, which no page has. Once measured, they belong to `TABLES`, and their blocks to the pages."""
+
 
 def by_agents(results: Results, metrics: Sequence[str]) -> list[list[str]]:
     """Return a table with a row for each policy and a column for each number of agents.

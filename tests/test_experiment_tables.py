@@ -2,10 +2,21 @@
 
 import pytest
 
-from experiments import candidates, curiosity, edge_weights, imitation, pages, report_runs
+from experiments import (
+    candidates,
+    curiosity,
+    edge_weights,
+    imitation,
+    observed_weights,
+    pages,
+    report_runs,
+    weighted_cost,
+)
 
 
-@pytest.mark.parametrize("experiment", [candidates, curiosity, edge_weights, imitation, report_runs])
+@pytest.mark.parametrize(
+    "experiment", [candidates, curiosity, edge_weights, imitation, observed_weights, report_runs, weighted_cost]
+)
 def test_the_table_of_the_page_is_that_of_the_results(tmp_path, monkeypatch, experiment):
     text, page = experiment.PAGE.read_text(), tmp_path / "page.md"
     page.write_text(text)

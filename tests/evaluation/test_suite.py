@@ -5,6 +5,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import mapf_pz
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation import load_suite, suite_names
 from mapf_pz.evaluation.episodes import run_episodes
@@ -12,6 +13,8 @@ from mapf_pz.evaluation.policies import factory_for
 from mapf_pz.evaluation.suite import suite_label
 from mapf_pz.evaluation.tracker import KnownCost
 from mapf_pz.instances import write_map, write_scenario
+from mapf_pz.instances.benchmarks.pogema import instance_names
+from mapf_pz.instances.heading import Heading
 from mapf_pz.instances.instance import Grid, Scenario
 from tests.evaluation.test_episodes import Right
 
@@ -82,6 +85,21 @@ def test_suites_that_come_with_the_package(name, monkeypatch, request):
         assert task.episodes > 0
         assert all(instance.num_agents == task.num_agents for instance in task.instances)
     assert (name in RANDOM) == (not any(task.instances for task in tasks))
+
+
+@pytest.mark.parametrize("name", instance_names())
+def test_agents_that_turn_have_the_instances_of_cardinal_agents_and_face_east(name):
+    cardinal, turning = load_suite(name), load_suite(f"{name}-turning")
+    assert [task.num_agents for task in turning] == [task.num_agents for task in cardinal]
+    assert all(a.instances == b.instances for a, b in zip(cardinal, turning, strict=True))
+    factor = 1 if name.endswith("-lifelong") else 2
+    assert [task.keywords["max_steps"] for task in turning] == [
+        factor * task.keywords["max_steps"] for task in cardinal
+    ]
+    env = mapf_pz.parallel_env(**turning[0].env_keywords(0))
+    env.reset(seed=turning[0].seed)
+    assert env.config.action_model == "rotate"
+    assert (env.headings == Heading.EAST).all()
 
 
 def test_every_preset_of_training_is_evaluated_on_a_suite_that_needs_nothing():
