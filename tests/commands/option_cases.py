@@ -41,6 +41,7 @@ OBSERVATIONS = {
     "--num-frames": "--num-frames 2",
     "--num-neighbors": "--num-neighbors 1",
     "--neighbor-radius": "--num-neighbors 2 | --neighbor-radius 1",
+    "--around-agents-at-goals": "--channels cost_to_go --view-size 9 9 | --around-agents-at-goals",
 }
 NO_OBSERVATIONS = {option: f"!{use.rpartition('| ')[2]}" for option, use in OBSERVATIONS.items()}
 REWARDS = {

@@ -52,8 +52,6 @@ def test_uniform_weights_replace_those_of_the_policy(tmp_path, command, ending, 
         ("train quickstart --scenario warehouse_small_10 --density 0.3", "density: not allowed together with scenario"),
         ("train report --maps random", "maps: not allowed together with map"),
         ("train quickstart --reward progress --goal 0", "goal: not allowed together with reward='progress'"),
-        ("benchmark --map empty-8-8 --height 32", "height: not allowed together with map"),
-        ("benchmark --map empty-8-8 --new-maps", "new_maps: not allowed together with map"),
     ],
 )
 def test_a_default_value_is_refused_like_others(tmp_path, monkeypatch, capsys, command, message):
