@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from experiments.pages import PAGES, read_rows, spread, write_rows, write_table
+from experiments.pages import PAGES, read_rows, setting_lines, write_rows, write_table
 from mapf_pz.evaluation.episodes import rollout, simulator_of
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.rl.config import TaskConfig, TrainConfig
@@ -140,11 +140,7 @@ def table(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
     """Yield the lines of the table in Markdown."""
     yield "| observed | agreement | goals per step | cost per goal |"
     yield "| --- | --- | --- | --- |"
-    for setting in dict.fromkeys(row["setting"] for row in rows):
-        chosen = [row for row in rows if row["setting"] == setting]
-        columns = {metric: [float(row[metric]) for row in chosen if row[metric]] for metric in METRICS}
-        cells = [spread(values, METRICS[metric]) if values else "" for metric, values in columns.items()]
-        yield f"| {setting} | {' | '.join(cells)} |"
+    yield from setting_lines(rows, METRICS)
 
 
 if __name__ == "__main__":

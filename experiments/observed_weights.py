@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import tyro
 
-from experiments.pages import PAGES, key_of, read_rows, spread, write_rows, write_table
+from experiments.pages import PAGES, key_of, read_rows, setting_lines, write_rows, write_table
 from mapf_pz import parallel_env
 from mapf_pz._internal.arrays import Floats, Ints
 from mapf_pz._internal.jit import Array
@@ -229,11 +229,7 @@ def table(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
     """Yield the lines of the table in Markdown."""
     yield f"| | {' | '.join(METRICS)} |"
     yield f"| --- |{' --- |' * len(METRICS)}"
-    for setting in dict.fromkeys(row["setting"] for row in rows):
-        chosen = [row for row in rows if row["setting"] == setting]
-        columns = {metric: [float(row[metric]) for row in chosen if row[metric]] for metric in METRICS}
-        cells = [spread(values, METRICS[metric]) if values else "" for metric, values in columns.items()]
-        yield f"| {setting} | {' | '.join(cells)} |"
+    yield from setting_lines(rows, METRICS)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -49,3 +49,12 @@ def spread(values: Sequence[float] | np.ndarray, digits: int, form: str = "f") -
     """
     mean, low, high = (f"{value:.{digits}{form}}" for value in (np.mean(values), np.min(values), np.max(values)))
     return mean if low == high else f"{mean} ({low} to {high})"
+
+
+def setting_lines(rows: Sequence[Mapping[str, str]], metrics: Mapping[str, int]) -> Iterator[str]:
+    """Yield a line of a table for each `setting` of the rows: the metrics over its seeds, with their digits."""
+    for setting in dict.fromkeys(row["setting"] for row in rows):
+        chosen = [row for row in rows if row["setting"] == setting]
+        columns = {metric: [float(row[metric]) for row in chosen if row[metric]] for metric in metrics}
+        cells = [spread(values, metrics[metric]) if values else "" for metric, values in columns.items()]
+        yield f"| {setting} | {' | '.join(cells)} |"
