@@ -36,6 +36,7 @@ from mapf_pz.evaluation.policies import is_trained
 from mapf_pz.evaluation.reports.published import published_episodes
 from mapf_pz.evaluation.reports.report import exhausted, failures, infinite_costs
 from mapf_pz.evaluation.tracker import known_cost
+from mapf_pz.guidance.library import random_share
 from mapf_pz.instances import load_instances
 from mapf_pz.instances.instance import Scenario
 from mapf_pz.instances.library import scenario_name
@@ -206,7 +207,8 @@ def _check_repetitions(task: EvaluationTask, factories: Mapping[str, PolicyFacto
     for name, factory in factories.items():
         config = simulator_of(factory(task.env_keywords(0))[0]).config
         headings = config.action_model == "rotate" and config.initial_heading == "random"
-        if config.edge_weights != "random" and not (headings and any(one.headings is None for one in task.instances)):
+        headings &= any(one.headings is None for one in task.instances)
+        if not headings and not random_share(config.edge_weights):
             instances = f"{task.label!r} has {len(task.instances)} instances, and nothing is random with {name!r}"
             raise ValueError(f"episodes={task.episodes}: {instances}; expected at most one episode per instance")
 

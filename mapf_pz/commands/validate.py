@@ -10,7 +10,7 @@ from tyro.conf import Positional
 
 from mapf_pz.commands.planfile import load_plan
 from mapf_pz.guidance import GuidanceGraph
-from mapf_pz.guidance.library import guidance_graph
+from mapf_pz.guidance.library import guidance_graph, random_share
 from mapf_pz.instances.instance import Instance
 from mapf_pz.planners.plans.plan import Plan, validate, violations
 
@@ -66,8 +66,8 @@ def _graph(edge_weights: str | None, instance: Instance) -> GuidanceGraph | None
     """Return the guidance graph, if one is given; raise `ValueError` unless plans of the instance have a cost in it."""
     if edge_weights is None:
         return None
-    if edge_weights == "random":
-        raise ValueError("--edge-weights random: expected weights that do not differ between episodes")
+    if random_share(edge_weights):
+        raise ValueError(f"--edge-weights {edge_weights}: expected weights that do not differ between episodes")
     if instance.scenario.goals.ndim == 3:
         raise ValueError("--edge-weights: expected a plan with one goal for each agent")
     return guidance_graph(edge_weights, instance.grid)

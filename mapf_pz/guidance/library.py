@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from importlib import resources
 from pathlib import Path
 from reprlib import repr as shortened
@@ -16,9 +17,14 @@ from mapf_pz.guidance.graph import ALONG, GuidanceGraph
 from mapf_pz.instances.instance import Grid
 
 EdgeWeights = str | Path | GuidanceGraph
-"""A guidance graph, its file, or its name: one of `GENERATED`, `crisscross:ALONG`, or one of `guidance_names()`."""
+"""A guidance graph, its file, or its name: one of `GENERATED`, `crisscross:ALONG`, `random:SHARE`, or one of
+`guidance_names()`."""
 GENERATED = ("uniform", "random", "crisscross")
-"""Names of the guidance graphs that are generated for any map; `random` differs in every episode."""
+"""Names of the guidance graphs that are generated for any map.
+
+`random` differs in every episode. With `random:SHARE`, the graph is random in this fraction of the episodes and uniform
+in the others.
+"""
 
 
 def guidance_names() -> list[str]:
@@ -52,7 +58,7 @@ def check_edge_weights(weights: Any) -> None:
     if not isinstance(weights, str):
         raise ValueError(f"edge_weights={shown}: expected a name, the path of a file, or a GuidanceGraph")
     names = (*GENERATED, *guidance_names())
-    if weights not in names and _along(weights) is None:
+    if weights not in names and _along(weights) is None and not random_share(weights):
         advice = f"expected one of {', '.join(map(repr, names))}, or the path of a file ({', '.join(FORMATS)})"
         raise ValueError(f"edge_weights={shown}: {advice}")
 
@@ -74,8 +80,11 @@ def guidance_graph(weights: EdgeWeights, grid: Grid, rng: np.random.Generator | 
         return GuidanceGraph.uniform(grid.free)
     if (along := _along(weights)) is not None:
         return GuidanceGraph.crisscross(grid.free, along)
-    if weights == "random":
-        return GuidanceGraph.random(grid.free, np.random.default_rng(0) if rng is None else rng)
+    if share := random_share(weights):
+        rng = np.random.default_rng(0) if rng is None else rng
+        # `random` samples nothing but the weights.
+        is_random = share == 1 or rng.random() < share
+        return GuidanceGraph.random(grid.free, rng) if is_random else GuidanceGraph.uniform(grid.free)
     return load_guidance(weights if is_guidance_file(weights) else _bundled() / f"{weights}.npz", grid)
 
 
@@ -84,22 +93,38 @@ def fits_any_map(weights: EdgeWeights) -> bool:
     return isinstance(weights, GuidanceGraph) or weights == "uniform" or _along(weights) is not None
 
 
+def random_share(weights: object) -> float:
+    """Return the fraction of episodes whose guidance graph is random: 1 for `random`, SHARE for `random:SHARE`, or 0.
+
+    Raises `ValueError` unless it is a number greater than 0 and at most 1.
+    """
+    return _named_number(weights, "random", default=1, most=1, expected="greater than 0 and at most 1") or 0
+
+
 def _along(weights: object) -> float | None:
     """Return the weight along the directions of `crisscross` or `crisscross:ALONG`; None for other weights.
 
     Raises `ValueError` unless it is a number greater than 0.
     """
-    if weights == "crisscross":
-        return ALONG
-    if not isinstance(weights, str) or not weights.startswith("crisscross:"):
+    return _named_number(weights, "crisscross", default=ALONG, most=sys.float_info.max, expected="greater than 0")
+
+
+def _named_number(weights: object, name: str, default: float, most: float, expected: str) -> float | None:
+    """Return the number of `NAME:NUMBER`, or `default` for `NAME`; None for other weights.
+
+    Raises `ValueError` unless the number is greater than 0 and at most `most`.
+    """
+    if weights == name:
+        return default
+    if not isinstance(weights, str) or not weights.startswith(f"{name}:"):
         return None
     try:
-        along = float(weights.removeprefix("crisscross:"))
+        number = float(weights.removeprefix(f"{name}:"))
     except ValueError:
-        along = math.nan
-    if not 0 < along < math.inf:
-        raise ValueError(f"edge_weights={weights!r}: expected a number greater than 0 after 'crisscross:'")
-    return along
+        number = math.nan
+    if not 0 < number <= most:
+        raise ValueError(f"edge_weights={weights!r}: expected a number {expected} after '{name}:'")
+    return number
 
 
 def _bundled() -> Path:

@@ -12,7 +12,7 @@ import numpy as np
 from mapf_pz._internal.lock import locked
 from mapf_pz._internal.parallel import job_runner
 from mapf_pz.guidance import GuidanceGraph
-from mapf_pz.guidance.library import guidance_graph
+from mapf_pz.guidance.library import guidance_graph, random_share
 from mapf_pz.optimization.candidate import Candidate
 from mapf_pz.optimization.config import OptimizeConfig
 from mapf_pz.optimization.evolution import evolution
@@ -123,7 +123,7 @@ def _optimize(
 def baselines(task: GuidanceTask) -> list[Candidate]:
     """Return uniform and crisscross weights and those of the task, which the result should not be worse than."""
     names = dict.fromkeys(("uniform", "crisscross", task.config.edge_weights))
-    return [Candidate(guidance_graph(weights, task.grid)) for weights in names if weights != "random"]
+    return [Candidate(guidance_graph(weights, task.grid)) for weights in names if not random_share(weights)]
 
 
 def _report(

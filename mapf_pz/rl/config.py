@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal, get_args
 from pydantic import ConfigDict
 from tyro.conf import arg
 
+from mapf_pz.guidance.library import random_share
 from mapf_pz.instances.instance import InstanceSource
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl.checks import check_counts, check_from_zero, check_names, check_part, check_positive
@@ -213,8 +214,12 @@ class TaskConfig:
         return self.env_config().keywords()
 
     def observation_keywords(self) -> dict[str, Any]:
-        """Return the keywords that an environment needs so that a policy of this task can act in it."""
-        return {name: getattr(self.env, name) for name in POLICY_FIELDS}
+        """Return the keywords that an environment needs so that a policy of this task can act in it.
+
+        Random edge weights vary the episodes of training: the environment has uniform ones.
+        """
+        keywords = {name: getattr(self.env, name) for name in POLICY_FIELDS}
+        return keywords | ({"edge_weights": "uniform"} if random_share(self.env.edge_weights) else {})
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from mapf_pz._internal.arrays import Ints
 from mapf_pz.guidance import GuidanceGraph, open_edges
-from mapf_pz.guidance.library import EdgeWeights, fits_any_map, guidance_graph
+from mapf_pz.guidance.library import EdgeWeights, fits_any_map, guidance_graph, random_share
 from mapf_pz.instances.heading import Heading
 from mapf_pz.instances.instance import Grid, HeadingName, Instance, InstanceSource
 from mapf_pz.instances.place import check_reachable, place
@@ -23,7 +23,7 @@ from mapf_pz.simulator.seeds import MAX_SEED
 
 def shares_map(config: EnvConfig, source: InstanceSource) -> bool:
     """Whether all environments and episodes have the same map and the same guidance graph."""
-    return source.grid is not None and config.edge_weights != "random"
+    return source.grid is not None and not random_share(config.edge_weights)
 
 
 class EpisodeLoader:
@@ -112,10 +112,10 @@ class EpisodeLoader:
         self._state.goals[b], self.goal_counts[b] = self._goals(instance, rng)
 
     def _set_map(self, m: int, grid: Grid, rng: np.random.Generator) -> None:
-        if grid is self._grids[m] and self._config.edge_weights != "random":
+        if grid is self._grids[m] and self._graph is not None:
             return
         self._grids[m] = grid
-        graph = GuidanceGraph.random(grid.free, rng) if self._graph is None else self._graph
+        graph = guidance_graph(self._config.edge_weights, grid, rng) if self._graph is None else self._graph
         world.set_map(self._world, m, grid.free, graph)
         draw_map(self._layers, m, self._world.weight[m], self._world.obstacle[m])
         self._tables.forget(m)
@@ -170,7 +170,7 @@ def _check_headings(headings: HeadingName | ArrayLike, num_agents: int) -> None:
 
 def _common_graph(weights: EdgeWeights, source: InstanceSource) -> GuidanceGraph | None:
     """Return the guidance graph of all maps of a source; None: each has its own."""
-    if weights == "random":
+    if random_share(weights):
         return None
     if fits_any_map(weights):  # edges into obstacles are blocked when a map is laid out
         return guidance_graph(weights, Grid(np.ones(source.shape, np.bool_)))

@@ -76,6 +76,36 @@ def test_other_weights_along_its_directions_are_refused(along):
         mapf_pz.EnvConfig(edge_weights=f"crisscross:{along}")
 
 
+def test_weights_that_are_random_in_a_share_of_the_episodes():
+    env = mapf_pz.parallel_env(map="empty-8-8", edge_weights="random:0.25", num_agents=3)
+    graphs = []
+    for seed in range(40):
+        env.reset(seed=seed)
+        weights = env.simulator.guidance(0).move
+        graphs.append(weights[np.isfinite(weights)])
+    is_uniform = [bool((weights == 1).all()) for weights in graphs]
+    assert 20 < sum(is_uniform) < 38
+    different = [weights for weights, uniform in zip(graphs, is_uniform, strict=True) if not uniform]
+    assert all(0.1 <= weights.min() < weights.max() <= 1 for weights in different)
+    assert len({weights.tobytes() for weights in different}) == len(different)
+
+
+def test_random_weights_in_all_episodes():
+    moves = []
+    for name in ("random", "random:1"):
+        env = mapf_pz.parallel_env(map="empty-8-8", edge_weights=name, num_agents=3)
+        env.reset(seed=0)
+        moves.append(env.simulator.guidance(0).move)
+    np.testing.assert_array_equal(*moves)
+
+
+@pytest.mark.parametrize("share", ["", "0", "-1", "1.5", "nan", "half"])
+def test_other_shares_are_refused(share):
+    advice = "expected a number greater than 0 and at most 1 after 'random:'"
+    with pytest.raises(ValueError, match=f"^edge_weights='random:{share}': {advice}$"):
+        mapf_pz.EnvConfig(edge_weights=f"random:{share}")
+
+
 @pytest.mark.parametrize("name", guidance_names())
 def test_every_bundled_graph_has_a_card(name):
     folder = Path(str(resources.files("mapf_pz.guidance"))) / "graphs"

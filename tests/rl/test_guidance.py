@@ -90,3 +90,10 @@ def test_a_name_that_is_not_known_is_refused(run):
         mapf_pz.FormatError, match=r"task\.env: .*edge_weights='\.\./elsewhere.*': expected one of 'uniform'"
     ):
         load_policy(run)
+
+
+@pytest.mark.parametrize("weights", ["random", "random:0.5"])
+def test_random_weights_vary_the_episodes_of_training_alone(weights):
+    task = dataclasses.replace(CONFIG.task, env=dataclasses.replace(CONFIG.task.env, edge_weights=weights))
+    assert task.env_keywords()["edge_weights"] == weights
+    assert task.observation_keywords()["edge_weights"] == "uniform"

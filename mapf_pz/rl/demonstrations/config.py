@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from mapf_pz.guidance import GuidanceGraph
+from mapf_pz.guidance.library import random_share
 from mapf_pz.instances.instance import InstanceSource
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.planners import Planner, planner_of
@@ -56,7 +57,7 @@ class DatasetConfig:
             most = FIRST_EVALUATION_SEED - self.episodes
             raise ValueError(f"seed={self.seed}: expected at most {most}, since evaluations use the following seeds")
         weights = self.env.edge_weights
-        if isinstance(weights, GuidanceGraph) or weights == "random":
+        if isinstance(weights, GuidanceGraph) or random_share(weights):
             raise ValueError("edge_weights: expected a name or a file, since guidance graphs are not stored")
 
     @cached_property
