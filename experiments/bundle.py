@@ -1,6 +1,6 @@
 """Copy the policy of a training run into the package: `python -m experiments.bundle RUN NAME`.
 
-Its weights are rounded to 16 bits, so that all policies of the package together stay below 8 MB. The policy's folder
+Its weights are rounded to 16 bits, so that all policies of the package together stay below 10 MB. The policy's folder
 also gets its card, and of the run's progress the rows with a validation. Results of an earlier policy are kept among
 those of other seeds, or removed if its configuration is another one.
 """

@@ -67,6 +67,16 @@ TABLES = (
             "central-warehouse+pibt",
         ),
     ),
+    ResultTable(
+        "report-10",
+        (
+            "pibt",
+            "lacam:clock=work",
+            "central-warehouse:temperature=0.85",
+            "report-repaired",
+            "report-repaired:temperature=0",
+        ),
+    ),
     ResultTable("report-800", ("pibt", "lacam:clock=work", "mappo+pibt", "oneshot+pibt")),
     ResultTable(
         "lorr-2023-example",

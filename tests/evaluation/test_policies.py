@@ -17,7 +17,7 @@ ROOM = {"map": "empty-8-8", "num_agents": 2, "max_steps": 12}
 CARDINAL = ROOM | {"action_model": "cardinal"}
 TRAINED = [
     *("central", "central-ppo", "central-warehouse", "ippo", "lifelong", "lifelong-cardinal"),
-    *("mappo", "mappo-cardinal", "oneshot", "oneshot-cardinal"),
+    *("mappo", "mappo-cardinal", "oneshot", "oneshot-cardinal", "report-repaired"),
 ]
 
 

@@ -31,6 +31,7 @@ def test_the_policies_that_come_with_the_package():
         "mappo-cardinal",
         "oneshot",
         "oneshot-cardinal",
+        "report-repaired",
     ]
 
 

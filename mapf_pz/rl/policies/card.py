@@ -27,10 +27,10 @@ from mapf_pz.evaluation import make_env
 from mapf_pz.rl import load_policy
 
 policy = load_policy("{address}")
-env = make_env(policy, map="random-16-16-20", num_agents=20)
+env = make_env(policy, map="{map}", num_agents={num_agents})
 ```
 
-`mapf-pz evaluate --policy {address} --map random-16-16-20 --num-agents 20 --action-model {action_model}` measures it.
+`mapf-pz evaluate --policy {address} --map {map} --num-agents {num_agents} --action-model {action_model}` measures it.
 
 {table}
 """
@@ -71,6 +71,8 @@ def card(policy: str | Path, address: str, license: str, results: str = "") -> s
         license=license.lower(),
         name=address.rpartition("/")[2],
         address=address,
+        map=env.map if isinstance(env.map, str) else "random-16-16-20",
+        num_agents=loaded.num_agents or 20,
         action_model=env.action_model,
         table=table,
     )
