@@ -27,9 +27,9 @@ LIMITS = {
     "mappo": _SMALL,
     "mappo-cardinal": _SMALL,
     "oneshot": f"{_BLOCKED}. With 800 agents, its sum of costs is far above that of LaCAM, which it imitates.",
-    "report-repaired": "It acts for exactly 10 agents, and was trained on one map with the optimized edge weights of this map.",
     "oneshot-cardinal": "In mazes with many agents, some do not arrive in time. Without the safety layer, an agent in "
     "a dead end sometimes waits for ever, even if no other is near.",
+    "report-repaired": "It acts for exactly 10 agents, and was trained on one map with its optimized edge weights.",
 }
 """What each policy cannot do."""
 

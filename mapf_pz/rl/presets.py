@@ -98,6 +98,7 @@ _REPORT_REPAIRED = replace(
     optimization=replace(_REPORT.optimization, num_envs=16, minibatch_size=64, learning_rate=7e-4, max_grad_norm=0.5),
     ppo=replace(_REPORT.ppo, gamma=0.9, lmbda=0.9, entropy_coeff=0.003, credit="agent"),
     agent_steps=2_000_000,
+    validation_interval=200_000,
 )
 
 # The problem of the authors' runs, their episodes and the settings of their PPO, with this package's environment; their
