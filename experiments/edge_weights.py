@@ -15,7 +15,8 @@ import numpy as np
 import tyro
 
 from experiments.pages import PAGES, read_rows, setting_lines, write_rows, write_table
-from mapf_pz.evaluation.episodes import rollout, simulator_of
+from mapf_pz.environment.policy import simulator_of
+from mapf_pz.evaluation.episodes import rollout
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.rl.config import TaskConfig, TrainConfig
 from mapf_pz.rl.presets import PRESETS

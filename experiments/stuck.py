@@ -19,8 +19,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from mapf_pz._internal.arrays import Bools, Floats, Ints
+from mapf_pz.environment.policy import simulator_of
 from mapf_pz.evaluation import InspectedPolicy, policy_factory, rollout
-from mapf_pz.evaluation.episodes import simulator_of
 from mapf_pz.instances import MapMixture
 from mapf_pz.instances.place import components
 from mapf_pz.render import Inspection, Recording, save_html

@@ -23,6 +23,7 @@ FIELDS = {
     "source": lambda config, name: config["task"]["env"].update(source=name, map=None, num_agents=None),
     "algorithm": lambda config, name: config.update(algorithm=name),
     "encoder": lambda config, name: config["model"].update(encoder=name),
+    "expert": lambda config, name: config.update(imitation={"expert": name}),
 }
 
 

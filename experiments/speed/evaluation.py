@@ -6,8 +6,9 @@ from typing import Any
 
 from experiments.speed.runs import Run, measure, timed
 from mapf_pz._internal.parallel import use_one_thread
+from mapf_pz.environment.policy import AnyEnv, PolicyFactory
 from mapf_pz.evaluation import EvaluationTask, Policy, load_suite, policy_factory
-from mapf_pz.evaluation.episodes import AnyEnv, PolicyFactory, run_episodes
+from mapf_pz.evaluation.episodes import run_episodes
 
 NUM_ROWS, NETWORK_RUNS = 256, 50
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import sys
 from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
@@ -12,6 +14,7 @@ from mapf_pz._internal.suggest import closest
 from mapf_pz.errors import FormatError
 
 Part = TypeVar("Part")
+_CODE = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*(?=[:+]|$)")
 NAMED_PARTS = ("channels", "features", "reward", "source")
 """The fields of `EnvConfig` that may name code, as `package.module:name`."""
 
@@ -50,6 +53,21 @@ def import_object(field: str, path: str) -> Any:
         return getattr(import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
         raise ValueError(f"{field}={path!r}: {' '.join(str(error).split())}") from None
+
+
+def code_in(name: str) -> str | None:
+    """Return `package.module:name` at the start of a name that options may follow, after `:` or `+`; None without it.
+
+    A name with options, such as `lacam:anytime=False`, has none.
+    """
+    match = _CODE.match(name)
+    return match and match[0]
+
+
+def imported_object(path: str) -> Any:
+    """Return the object at `package.module:name` of a module that is imported already; None without it."""
+    module, _, name = path.partition(":")
+    return getattr(sys.modules.get(module), name, None)
 
 
 def import_subclass(field: str, path: str, base: type[Part]) -> type[Part]:

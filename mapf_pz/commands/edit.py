@@ -7,14 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Thread
-from typing import Any
+from typing import Annotated, Any
 
-from tyro.conf import Positional
+from tyro.conf import Positional, UseAppendAction
 
 from mapf_pz._internal.text import read_text
 from mapf_pz.editor.folders import Folders
 from mapf_pz.instances import format_scenario, load_map, load_scenario
 from mapf_pz.instances.library import map_file, scenario_map, scenario_name
+from mapf_pz.planners.named import import_code
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,8 @@ class EditOptions:
     folder: tuple[Path, ...] = ()
     """Folders in which the page may read and write files. Default: the working directory, and the folders of the given
     files."""
+    solver: Annotated[tuple[str, ...], UseAppendAction] = ()
+    """Planner or policy of your own, `package.module:Class`, that the page offers; may be given several times."""
     port: int = 0
     """Port of the server. 0: a free one."""
     browser: bool = True
@@ -41,7 +44,9 @@ def edit(options: EditOptions) -> None:
     The page is served on this machine only, at the address that is printed. Ctrl-C ends the server.
     """
     folders = options.folder or (Path(), *(Path(file).parent for file in _given_files(options)))
-    _serve(_start(options), folders, options.port, options.browser)
+    for solver in options.solver:
+        import_code(solver)
+    _serve(_start(options), folders, options)
 
 
 def _given_files(options: EditOptions) -> list[str]:
@@ -67,7 +72,7 @@ def _start(options: EditOptions) -> dict[str, Any]:
     return {"map": opened, "scenario": {"name": f"{name}.scen", "text": text}}
 
 
-def _serve(start: dict[str, Any], folders: Sequence[Path], port: int, browser: bool) -> None:
+def _serve(start: dict[str, Any], folders: Sequence[Path], options: EditOptions) -> None:
     try:
         from mapf_pz.editor.server import serve
     except ModuleNotFoundError as error:
@@ -75,7 +80,7 @@ def _serve(start: dict[str, Any], folders: Sequence[Path], port: int, browser: b
 
     def show(address: str) -> None:
         print(address, flush=True)
-        if browser:  # in a thread, as a browser in the terminal would be waited for
+        if options.browser:  # in a thread, as a browser in the terminal would be waited for
             Thread(target=webbrowser.open, args=(address,), daemon=True).start()
 
-    serve(Folders(folders), start, port, show)
+    serve(Folders(folders), start, options.port, show, options.solver)

@@ -20,6 +20,7 @@ from mapf_pz._internal.lock import locked
 from mapf_pz._internal.parallel import use_one_thread
 from mapf_pz.commands.env_flags import EpisodeKeywords
 from mapf_pz.commands.progress import progress_bar
+from mapf_pz.environment.policy import Policy, PolicyFactory, simulator_of
 from mapf_pz.evaluation import (
     Episode,
     EvaluationTask,
@@ -29,10 +30,9 @@ from mapf_pz.evaluation import (
     policy_factory,
     terminal_table,
 )
-from mapf_pz.evaluation.episodes import Policy, PolicyFactory, simulator_of
 from mapf_pz.evaluation.external.command import PREFIX, TIME_LIMIT, CommandFactory
 from mapf_pz.evaluation.external.plan_folder import PlanFolderFactory
-from mapf_pz.evaluation.policies import is_trained
+from mapf_pz.evaluation.policies import TrainedFactory
 from mapf_pz.evaluation.reports.published import published_episodes
 from mapf_pz.evaluation.reports.report import exhausted, failures, infinite_costs
 from mapf_pz.evaluation.tracker import known_cost
@@ -40,6 +40,7 @@ from mapf_pz.guidance.library import random_share
 from mapf_pz.instances import load_instances
 from mapf_pz.instances.instance import Scenario
 from mapf_pz.instances.library import scenario_name
+from mapf_pz.planners.named import import_code
 from mapf_pz.simulator.source import goals_per_agent
 
 TABLE_FILE = "evaluation.md"
@@ -151,8 +152,10 @@ class EvaluateOptions:
         if separator and (not name or name.endswith("=")):
             limit = TIME_LIMIT if self.time_limit is None else self.time_limit
             return (name[:-1] or policy) + seed, CommandFactory(command, limit, self.policy_seed)
+        import_code(policy)
         factory = policy_factory(policy, self.policy_seed, self.deterministic, self.trust_remote_code)
-        return policy + seed + (", deterministic" if self.deterministic and is_trained(policy) else ""), factory
+        deterministic = self.deterministic and isinstance(factory, TrainedFactory)
+        return policy + seed + (", deterministic" if deterministic else ""), factory
 
     def _on_map(self) -> list[EvaluationTask]:
         """Return a task with random instances for each number of agents."""

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 from mapf_pz.environment.mapf_env import MapfEnv
-from mapf_pz.evaluation.episodes import actions_of
+from mapf_pz.environment.policy import actions_of
 from mapf_pz.evaluation.policies import check_observed, policy_factory
+from mapf_pz.planners.named import import_code
 from mapf_pz.render.rgb import Canvas
 from mapf_pz.render.window import Window
 from mapf_pz.simulator.actions import Action, CardinalAction
@@ -55,6 +56,7 @@ class PlayOptions:
 def play(options: PlayOptions) -> None:
     """Control agent 0 with the arrow keys. Each key press is one step."""
     given = options.env.keywords
+    import_code(options.policy)
     check_observed(options.policy, given)
     make = policy_factory(options.policy, options.seed, trust_remote_code=options.trust_remote_code)
     env, policy = make(given if {"map", "scenario", "source"} & given.keys() else PLAYED | given)

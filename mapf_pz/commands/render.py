@@ -11,10 +11,12 @@ from tyro.conf import Positional, UseAppendAction
 from mapf_pz._internal.parallel import use_one_thread
 from mapf_pz.commands.planfile import LoadedPlan, load_plan
 from mapf_pz.commands.progress import progress_bar
-from mapf_pz.evaluation.episodes import AnyEnv, Policy, rollout
+from mapf_pz.environment.policy import AnyEnv, Policy
+from mapf_pz.evaluation.episodes import rollout
 from mapf_pz.evaluation.inspection import InspectedPolicy
 from mapf_pz.evaluation.policies import check_observed, policy_factory
 from mapf_pz.planners import record_plan, violations
+from mapf_pz.planners.named import import_code
 from mapf_pz.render import Recording, save_html, save_recording, save_viewer
 from mapf_pz.render.recording import RecordedViolation
 from mapf_pz.render.save import check_output
@@ -100,6 +102,7 @@ def record_episode(env: AnyEnv, policy: Policy, seed: int, policy_name: str, ins
 def _episode_recording(episode: EpisodeOptions, policy_name: str) -> Recording:
     use_one_thread()
     seed = episode.seed or 0
+    import_code(policy_name)
     check_observed(policy_name, episode.env.keywords)
     make = policy_factory(policy_name, seed, trust_remote_code=episode.trust_remote_code)
     env, policy = make(episode.env.keywords)

@@ -10,6 +10,7 @@ from tyro.conf import Positional
 from mapf_pz.evaluation.pogema.pogema import InPogema
 from mapf_pz.evaluation.pogema.served_policy import replies
 from mapf_pz.evaluation.policies import policy_factory
+from mapf_pz.planners.named import import_code
 from mapf_pz.simulator.config import CollisionSystem, OnTarget
 
 
@@ -35,6 +36,7 @@ def serve(options: ServeOptions) -> None:
     Reads observations from the standard input and writes actions to the standard output, as lines of JSON, until the
     input ends. `examples/in_pogema.py` is a client.
     """
+    import_code(options.policy)
     policy = InPogema(
         policy_factory(options.policy, trust_remote_code=options.trust_remote_code),
         collision_system=options.collision_system,

@@ -18,6 +18,7 @@ from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.instances.library import scenario_name
 from mapf_pz.planners import Planner, planner_of, validate, write_trace
 from mapf_pz.planners.base import guidance_of, lower_bound
+from mapf_pz.planners.named import import_code
 from mapf_pz.planners.plans.files import PlanMetadata, check_format, write_plan
 from mapf_pz.planners.plans.plan import Plan
 from mapf_pz.planners.scheduling import SCHEDULERS, run_problem
@@ -101,6 +102,7 @@ class ScheduleOptions:
 def solve(options: SolveOptions) -> None:
     """Solve an instance, validate and write the plan, and print its costs. The exit status is 1 if there is no plan."""
     use_one_thread()
+    import_code(options.planner)
     solver = solver_of(options.planner, options.seed)
     env = options.env.config()
     check_format(options.output, env.action_model)
@@ -156,6 +158,7 @@ def schedule(options: ScheduleOptions) -> None:
     if options.output is not None:
         check_format(options.output, "rotate")
     problem = load_problem(options.problem)
+    import_code(options.planner)
     planner, scheduler = planner_of(options.planner, options.seed), SCHEDULERS[options.scheduler]
     planner.compile("rotate")
     start = time.perf_counter()

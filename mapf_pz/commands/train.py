@@ -25,6 +25,7 @@ from mapf_pz.commands.render import save_episode
 from mapf_pz.evaluation import EvaluationTask, load_suite
 from mapf_pz.evaluation.policies import SHIELD_SUFFIX, policy_factory
 from mapf_pz.evaluation.results import EPISODES_FILE, discard
+from mapf_pz.planners.named import import_code
 from mapf_pz.rl.config import DeviceName, TaskConfig, TrainConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
 from mapf_pz.rl.presets import PRESETS, SUMMARIES
@@ -171,6 +172,7 @@ def _train(run: Run) -> None:
     from mapf_pz.rl.training.launch import is_first  # torch is loaded here, so that `--help` is quick
 
     config = _config_of(run)
+    import_code(config.imitation.expert)
     suite = () if run.evaluate == "none" else load_suite(run.evaluate, run.trust_remote_code)
     tasks = [_by_rules_of(config, task) for task in suite]
     for task in tasks:

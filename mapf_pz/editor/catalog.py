@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any, NamedTuple
 
 from mapf_pz._internal.json import parse_object, text_member
+from mapf_pz._internal.plugins import imported_object
 from mapf_pz._internal.signatures import field_docs
 from mapf_pz._internal.suggest import expected_names
 from mapf_pz._internal.text import read_text
@@ -55,15 +57,16 @@ FAMILIES = {
 """The families of `MapMixture`."""
 
 
-def all_names() -> dict[str, Any]:
-    """Return the response to `names`, except for the folders."""
+def all_names(solvers: Sequence[str] = ()) -> dict[str, Any]:
+    """Return the response to `names`, except for the folders; `solvers` are planners and policies of the user."""
     return {
         "maps": list(map_paths()),
         "scenarios": scenario_names(),
         "problems": list(problem_names()),
         "graphs": [*GENERATED, *guidance_names()],
         "families": [_described(name) for name in FAMILIES],
-        "planners": [{"name": name, "options": default_options(name)} for name in PLANNERS],
+        "planners": [{"name": name, "options": default_options(kind)} for name, kind in PLANNERS.items()]
+        + [{"name": name, "options": default_options(imported_object(name))} for name in solvers],
         "policies": [{"name": name, "action_model": model} for name, model in bundled_policies().items()],
     }
 

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from mapf_pz.editor.task import OnStep, Outcome, Task, agents_away, plan_message
-from mapf_pz.evaluation.episodes import actions_of, compile_policy, simulator_of
+from mapf_pz.environment.policy import actions_of, simulator_of
+from mapf_pz.evaluation.episodes import compile_policy
 from mapf_pz.evaluation.inspection import InspectedPolicy
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.evaluation.solver import instance_keywords
@@ -99,6 +100,7 @@ class PolicyEpisode:
         self._observations, self._infos = self._env.reset(seed=self._task.seed)
         self._policy.reset_states()
         self._steps = Steps(self._simulator)
+        self._steps.add()
         self._actions: list[dict[str, int]] = []
         self._reached = [0]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import secrets
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import uvicorn
@@ -30,6 +30,7 @@ from mapf_pz.editor.task import Task
 from mapf_pz.evaluation.policies import PlannerFactory, TrainedFactory, bundled_policies, policy_factory
 from mapf_pz.evaluation.solver import solver_of
 from mapf_pz.guidance.library import is_guidance_file
+from mapf_pz.planners.named import own_code
 from mapf_pz.rl.policies.folder import FILES, policy_folder
 from mapf_pz.rl.policies.hub import is_address
 
@@ -41,7 +42,9 @@ BAD_INPUT = (ValueError, OSError, ImportError, MemoryError)
 """Errors that a request can cause. Any other error is a bug."""
 
 
-def serve(folders: Folders, start: dict[str, Any], port: int, on_start: Callable[[str], object]) -> None:
+def serve(
+    folders: Folders, start: dict[str, Any], port: int, on_start: Callable[[str], object], solvers: Sequence[str] = ()
+) -> None:
     """Serve the page until Ctrl-C or SIGTERM.
 
     Args:
@@ -49,6 +52,7 @@ def serve(folders: Folders, start: dict[str, Any], port: int, on_start: Callable
         start: the files that the page opens, as in `create_app`.
         port: the port; 0: a free one.
         on_start: is called with the address of the page, which contains the token, once it can be opened.
+        solvers: names of planners and policies of the user, `package.module:Class`, that the page may run.
 
     Raises `OSError` if the port is not available.
     """
@@ -57,7 +61,7 @@ def serve(folders: Folders, start: dict[str, Any], port: int, on_start: Callable
     with socket.create_server((HOST, port)) as listening:
         port = listening.getsockname()[1]
         config = uvicorn.Config(
-            create_app(Editor(folders, runs), token, port, start),
+            create_app(Editor(folders, runs, solvers), token, port, start),
             log_config=None,
             log_level="warning",
             access_log=False,
@@ -80,9 +84,10 @@ def serve(folders: Folders, start: dict[str, Any], port: int, on_start: Callable
 class Editor:
     """The functions that the page calls by name. They block, so they run in threads."""
 
-    def __init__(self, folders: Folders, runs: Runs) -> None:
-        """Create the functions, which read and write only in `folders`."""
+    def __init__(self, folders: Folders, runs: Runs, solvers: Sequence[str] = ()) -> None:
+        """Create the functions, which read and write only in `folders`, and import only `solvers`: see `serve`."""
         self._folders = folders
+        self._solvers = tuple(solvers)
         self._runs = runs
         self._functions: dict[str, tuple[type[requests.Request], Callable[[Any], dict[str, Any]]]] = {
             "names": (requests.NamesRequest, self.names),
@@ -111,7 +116,7 @@ class Editor:
 
     def names(self, request: requests.NamesRequest) -> dict[str, Any]:
         """Return what is available by name, and the folders."""
-        return all_names() | {"folders": [str(path) for path in self._folders.paths]}
+        return all_names(self._solvers) | {"folders": [str(path) for path in self._folders.paths]}
 
     def generate(self, request: requests.GenerateRequest) -> dict[str, Any]:
         """Return a generated map."""
@@ -139,7 +144,9 @@ class Editor:
         return {"run": self._runs.start(tasks)}
 
     def _check_solver(self, solver: str, lifelong: bool) -> None:
-        """Raise `ValueError` for an unknown name or option; `Refusal` for files that are not inside the folders."""
+        """Raise `ValueError` for an unknown name or option; `Refusal` for files outside the folders, and other code."""
+        if (code := own_code(solver)) is not None and code not in self._solvers:
+            raise Refusal(403, f"{code}: expected code that the editor was started with, as in --solver {code}")
         if not lifelong:
             solver_of(solver)
         factory = policy_factory(solver)

@@ -12,8 +12,9 @@ from mapf_pz.editor.requests import Refusal
 from mapf_pz.evaluation.solver import costs_text
 from mapf_pz.guidance.library import EdgeWeights
 from mapf_pz.instances import Instance
-from mapf_pz.planners import PLANNERS, Plan
+from mapf_pz.planners import Plan
 from mapf_pz.planners.base import PlanFollower
+from mapf_pz.planners.named import planner_class
 from mapf_pz.simulator.kernels.cost_tables import default_bytes, table_bytes
 
 OnStep: TypeAlias = "Callable[[int], object]"
@@ -42,7 +43,7 @@ class Task:
     @property
     def plans_paths(self) -> bool:
         """Whether the solver plans whole paths, before the first step, instead of single steps."""
-        planner = PLANNERS.get(self.solver.partition(":")[0])
+        planner = planner_class(self.solver)
         return not self.lifelong and planner is not None and issubclass(planner, PlanFollower)
 
     @property

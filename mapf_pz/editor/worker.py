@@ -18,6 +18,7 @@ from mapf_pz.editor.planned import PlannedPaths
 from mapf_pz.editor.task import OnStep, Solving, Task
 from mapf_pz.errors import USER_ERRORS
 from mapf_pz.instances import MapMixture, format_map
+from mapf_pz.planners.named import import_code
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,7 @@ def work(connection: Connection[Any, Any], task: Task, step: c_int64, started_at
         started_at: shared memory, which is set to `time.monotonic()` when the work begins, after kernels are compiled.
     """
     _start()
+    import_code(task.solver)  # the server has checked that it may run
 
     def show(number: int) -> None:
         step.value = number

@@ -4,8 +4,8 @@ It imports everything but the commands. Read `evaluate_policies.py` first.
 """
 
 from mapf_pz._internal.digest import digest
-from mapf_pz.evaluation.batch import BatchPolicy, PolicyInBatch
-from mapf_pz.evaluation.episodes import Policy, Rollout, make_env, rollout
+from mapf_pz.environment.policy import BatchPolicy, Policy, PolicyInBatch, make_env
+from mapf_pz.evaluation.episodes import Rollout, rollout
 from mapf_pz.evaluation.evaluate_policies import evaluate
 from mapf_pz.evaluation.inspection import InspectedPolicy
 from mapf_pz.evaluation.policies import policy_factory

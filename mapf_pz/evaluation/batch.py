@@ -6,47 +6,21 @@ import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from mapf_pz._internal.arrays import Ints
+from mapf_pz.environment.policy import PolicyInBatch
 from mapf_pz.evaluation.measures import Measures, Metrics
 from mapf_pz.evaluation.task import EvaluationTask
 from mapf_pz.instances import InstanceList
 from mapf_pz.simulator.kernels.cost_tables import CACHE_BYTES
-from mapf_pz.simulator.simulator import Observation, Simulator
+from mapf_pz.simulator.simulator import Simulator
 
 MAX_AGENTS = 256
 """Maximum number of agents of a batch, unless an episode alone has more. More agents are hardly faster."""
 CELL_BYTES, GOAL_BYTES = 128, 20
 """Maximum memory of an environment for each cell: for the map, and for the cost to go to each agent's goal."""
-
-
-class PolicyInBatch(Protocol):
-    """A policy in all environments of a simulator. In each of them it acts as in a single environment."""
-
-    def reset(self, b: int) -> None:
-        """Reset all per-episode state of environment `b`. Called before each episode."""
-        ...
-
-    def actions(self, observation: Observation, envs: Sequence[int]) -> Ints:
-        """Return actions (B, N) int64.
-
-        Args:
-            observation: what the agents of all B environments observe.
-            envs: the environments to act in; actions in the others have no effect, but must be valid.
-        """
-        ...
-
-
-@runtime_checkable
-class BatchPolicy(Protocol):
-    """A policy that acts in several environments at the same time."""
-
-    def in_batch(self, simulator: Simulator) -> PolicyInBatch | None:
-        """Return the policy in all environments of a simulator; None: it acts in single environments only."""
-        ...
 
 
 class EpisodeBatch:

@@ -7,70 +7,22 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
-from typing import Any, Protocol, TypeAlias, cast
 
-from pettingzoo.utils import BaseParallelWrapper
-
-from mapf_pz.environment.mapf_env import AgentObservation, MapfEnv, parallel_env
-from mapf_pz.evaluation.batch import BatchPolicy, EpisodeBatch, batch_of
+from mapf_pz.environment.mapf_env import MapfEnv
+from mapf_pz.environment.policy import (
+    AnyEnv,
+    BatchPolicy,
+    Policy,
+    PolicyFactory,
+    actions_of,
+    check_policy,
+    simulator_of,
+)
+from mapf_pz.evaluation.batch import EpisodeBatch, batch_of
 from mapf_pz.evaluation.external.planned_policy import PlannedPolicy
 from mapf_pz.evaluation.measures import Measures, Metrics
 from mapf_pz.evaluation.task import EvaluationTask
 from mapf_pz.instances.instance import Instance
-from mapf_pz.simulator.simulator import Simulator
-
-AnyEnv: TypeAlias = "MapfEnv | BaseParallelWrapper[str, AgentObservation, Any]"
-"""A `MapfEnv`, or a wrapper of one, which has the same attributes."""
-
-
-class Policy(Protocol):
-    """Protocol of policies, which is that of POGEMA's toolbox.
-
-    A policy that also needs the agents' infos, such as their action masks, has an attribute `needs_infos = True`, and a
-    method `act(observations, infos)`. `BatchPolicy` has another method for evaluations of several episodes at once.
-    """
-
-    def act(self, observations: dict[str, Any]) -> dict[str, int]:
-        """Return an action for each agent in `observations`."""
-        ...
-
-    def reset_states(self) -> None:
-        """Reset all per-episode state. Called before each episode."""
-        ...
-
-
-PolicyFactory: TypeAlias = "Callable[[dict[str, Any]], tuple[AnyEnv, Policy]]"
-"""Makes the environment that the policy requires, and the policy, from keyword arguments of `parallel_env`."""
-
-
-def check_policy(policy: object) -> None:
-    """Raise `TypeError` unless `policy` is an object with the methods of `Policy`."""
-    if isinstance(policy, type):
-        raise TypeError(f"policy {policy.__name__}: expected an object, such as {policy.__name__}(), got the class")
-    for method in ("act", "reset_states"):
-        if not callable(getattr(policy, method, None)):
-            raise TypeError(
-                f"policy {type(policy).__name__}: expected the methods act and reset_states, not found: {method}"
-            )
-
-
-def make_env(policy: Policy, **keywords: Any) -> MapfEnv:
-    """Return the environment `parallel_env(**keywords)`, with the settings that the policy requires.
-
-    A policy states them in an attribute `env_kwargs`: keyword arguments, which are overridden by `keywords`.
-    """
-    return parallel_env(**(getattr(policy, "env_kwargs", {}) | keywords))
-
-
-def actions_of(policy: Policy, observations: dict[str, Any], infos: dict[str, Any]) -> dict[str, int]:
-    """Return the policy's actions; a policy with `needs_infos` also gets the infos."""
-    act: Callable[..., dict[str, int]] = policy.act
-    return act(observations, infos) if getattr(policy, "needs_infos", False) else act(observations)
-
-
-def simulator_of(env: AnyEnv) -> Simulator:
-    """Return the simulator of an environment or of a wrapped environment."""
-    return cast("MapfEnv", env.unwrapped).simulator
 
 
 @dataclass(frozen=True)
@@ -91,6 +43,7 @@ def rollout(
     seed: int | None = None,
     instance: Instance | None = None,
     on_step: Callable[[], object] = lambda: None,
+    until: Callable[[], bool] = lambda: False,
 ) -> Rollout:
     """Run an episode.
 
@@ -100,6 +53,7 @@ def rollout(
         seed: Random seed of the episode, as in `reset`.
         instance: Instance of the episode; None: the environment samples it.
         on_step: Is called after the reset and after each step.
+        until: Is called before each step; the episode is left if it returns True.
 
     Raises:
         TypeError: `policy` is not a policy.
@@ -109,7 +63,7 @@ def rollout(
     policy.reset_states()
     on_step()
     runtime = 0.0
-    while env.agents:
+    while env.agents and not until():
         start = time.process_time()
         actions = actions_of(policy, observations, infos)
         runtime += time.process_time() - start

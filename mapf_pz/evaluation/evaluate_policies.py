@@ -8,8 +8,9 @@ from typing import Any, NamedTuple, cast
 
 from mapf_pz._internal.lock import locked
 from mapf_pz._internal.parallel import run_jobs
+from mapf_pz.environment.policy import AnyEnv, Policy, PolicyFactory
 from mapf_pz.evaluation.batch import MAX_AGENTS
-from mapf_pz.evaluation.episodes import AnyEnv, Policy, PolicyFactory, run_episodes
+from mapf_pz.evaluation.episodes import run_episodes
 from mapf_pz.evaluation.external.command import PREFIX, CommandFactory
 from mapf_pz.evaluation.identity import Identities
 from mapf_pz.evaluation.policies import factory_for, policy_factory

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapf_pz._internal.arrays import Floats
-from mapf_pz.evaluation.episodes import AnyEnv, Policy, actions_of, simulator_of
+from mapf_pz.environment.policy import AnyEnv, Policy, actions_of, simulator_of
 from mapf_pz.planners import Shield
 from mapf_pz.render.inspection import Inspection
 

@@ -1,7 +1,8 @@
-"""Policies by name: planners, trained policies, and trained policies shielded by PIBT."""
+"""Policies by name: planners, trained policies and users' classes, also with the safety layer."""
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,24 +10,31 @@ from typing import Any
 
 from mapf_pz._internal.digest import digest
 from mapf_pz._internal.json import parse_object
+from mapf_pz._internal.plugins import imported_object
 from mapf_pz._internal.suggest import closest
 from mapf_pz._internal.text import read_text
 from mapf_pz.environment.mapf_env import parallel_env
+from mapf_pz.environment.policy import AnyEnv, BatchPolicy, Policy, PolicyFactory, Preferring, check_policy, make_env
 from mapf_pz.errors import FormatError
-from mapf_pz.evaluation.batch import BatchPolicy
-from mapf_pz.evaluation.episodes import AnyEnv, Policy, PolicyFactory, check_policy, make_env
 from mapf_pz.evaluation.random_policy import RandomPolicy
 from mapf_pz.guidance.library import check_edge_weights, weights_digest
 from mapf_pz.instances.instance import ActionModel
-from mapf_pz.planners import PLANNERS, Planner, Shield, planner_of
-from mapf_pz.planners.named import parse_options, planner_options
+from mapf_pz.planners import PLANNERS, Planner, Shield
+from mapf_pz.planners.named import (
+    default_options,
+    own_code,
+    parse_options,
+    planner_class,
+    planner_options,
+    split_options,
+)
 from mapf_pz.planners.shield.shield import DEPTH, PATIENCE
 from mapf_pz.rl.config_file import CONFIG
 from mapf_pz.rl.policies.folder import WEIGHTS, bundled, is_policy, policy_folder, policy_names
 from mapf_pz.simulator.config import OBSERVATION_FIELDS
 
 SHIELD_SUFFIX = "+pibt"
-"""Suffix of a trained policy's name: PIBT executes its preferences without collisions."""
+"""Suffix of a policy's name: PIBT executes its preferences such that no move is blocked."""
 WEIGHTS_OPTION = "edge_weights="
 """Option of planners: the guidance graph that determines their costs."""
 _TRAINED_OPTIONS = {"temperature": None}
@@ -39,35 +47,61 @@ def policy_factory(
     """Return a factory for the environment and the policy of this name.
 
     Args:
-        name: `random`; a planner, optionally with options, such as `epibt` or `epibt:depth=5,time_limit=0.1`, one of
-            which can be a guidance graph for its costs, such as `edge_weights=crisscross`; the name of a trained policy
-            of the package, the folder of a training run, or an address `hf://USER/NAME` on the Hugging Face Hub,
-            optionally followed by `+pibt` and options, such as `mappo:temperature=0.5` or
-            `mappo+pibt:patience=2,temperature=0.5`.
+        name: one of these:
+
+            - `random`;
+            - a planner, optionally with options, such as `epibt` or `epibt:depth=5,time_limit=0.1`, one of which can be
+              a guidance graph for its costs, such as `edge_weights=crisscross`;
+            - the name of a trained policy of the package, the folder of a training run, or an address `hf://USER/NAME`
+              on the Hugging Face Hub, optionally followed by `+pibt` and options, such as `mappo:temperature=0.5` or
+              `mappo+pibt:patience=2,temperature=0.5`;
+            - `package.module:Class`, a planner or policy of your own in a module that has been imported, also followed
+              by `+pibt` and options. Options are arguments of the class other than `env` and `seed`, which it gets if
+              it has them. A policy that is an object, `package.module:name`, has no options.
         seed: random seed of the policy in every episode.
         deterministic: whether a trained policy takes the most likely action instead of sampling one.
         trust_remote_code: whether the configuration of a trained policy may name code outside this package.
 
     Raises `ValueError` for an unknown name, and for an unknown or invalid option.
     """
-    if name.partition(":")[0] in PLANNERS:
-        factory = PlannerFactory(*_without_weights(name), seed)
-        planner_of(factory.name, seed)  # rejects invalid options
-        if factory.edge_weights is not None:
-            check_edge_weights(factory.edge_weights)
+    if planner_class(name) is not None:
+        named, weights = _without_weights(name)
+        factory = PlannerFactory(*planner_options(named), weights, seed)
+        factory.kind(seed=seed, **factory.options)  # rejects invalid options
+        if weights is not None:
+            check_edge_weights(weights)
         return factory
     if name == "random":
         return RandomFactory(seed)
+    if (code := own_code(name)) is not None:
+        return _factory_of_code(code, name, seed)
     return _factory_of_trained(name, seed, deterministic, trust_remote_code)
 
 
 def _without_weights(name: str) -> tuple[str, str | None]:
     """Return a planner's name without the option `edge_weights`, and that option; None if there is none."""
-    planner, _, text = name.partition(":")
+    planner, text = split_options(name)
     options = text.split(",")
     weights = [option for option in options if option.startswith(WEIGHTS_OPTION)]
     others = ",".join(option for option in options if option not in weights)
     return f"{planner}:{others}" if others else planner, weights[-1].removeprefix(WEIGHTS_OPTION) if weights else None
+
+
+def _factory_of_code(code: str, name: str, seed: int) -> PolicyFactory:
+    """Return a factory for a policy that is named `package.module:Class` or, an object, `package.module:name`."""
+    policy, rest = imported_object(code), name.removeprefix(code)
+    if policy is None:
+        raise ValueError(f"policy {name!r}: expected an object of a module that is imported; import it first")
+    if not isinstance(policy, type):
+        if rest:
+            raise ValueError(f"policy {name!r}: expected a class before {rest!r}, got an object")
+        return factory_for(policy)
+    shielded = rest.startswith(SHIELD_SUFFIX)
+    _, _, text = rest.partition(":")
+    own, layer = default_options(policy), _SHIELD_OPTIONS if shielded else {}
+    chosen = parse_options(policy.__name__, layer | own, text)
+    options = {option: value for option, value in chosen.items() if option in own}
+    return ClassFactory(name, policy, seed, options, layer | {o: v for o, v in chosen.items() if o not in own})
 
 
 def _factory_of_trained(name: str, seed: int, deterministic: bool, trust_remote_code: bool) -> PolicyFactory:
@@ -82,8 +116,8 @@ def _factory_of_trained(name: str, seed: int, deterministic: bool, trust_remote_
         names = ["random", *PLANNERS, *policy_names()]
         near = "" if base in names else closest(base, names)
         raise ValueError(
-            f"policy {name!r}: {near}expected random, a planner ({planners}), a trained policy ({trained_names}), or "
-            "the folder of a training run"
+            f"policy {name!r}: {near}expected random, a planner ({planners}), a trained policy ({trained_names}), "
+            "the folder of a training run, or package.module:Class"
         )
     allowed = _TRAINED_OPTIONS | (_SHIELD_OPTIONS if shielded != trained else {})
     chosen = allowed | parse_options(shielded, allowed, options)
@@ -93,13 +127,8 @@ def _factory_of_trained(name: str, seed: int, deterministic: bool, trust_remote_
 def check_observed(name: str, keywords: Mapping[str, Any]) -> None:
     """Raise `ValueError` if `keywords` determine observations, and the policy of this name has none."""
     given = [field for field in OBSERVATION_FIELDS if field in keywords]
-    if given and not is_trained(name):
+    if given and (name == "random" or planner_class(name) is not None):
         raise ValueError(f"{given[0]}: expected only with a trained policy, since {name!r} has no observations")
-
-
-def is_trained(name: str) -> bool:
-    """Return whether `policy_factory` interprets this name as that of a trained policy."""
-    return name != "random" and name.partition(":")[0] not in PLANNERS
 
 
 def bundled_policies() -> dict[str, ActionModel]:
@@ -122,7 +151,7 @@ def factory_for(policy: Policy) -> PolicyFactory:
     return ExistingFactory(policy)
 
 
-def _check_actions(description: str, policy: Policy, keywords: dict[str, Any]) -> None:
+def _check_actions(description: str, policy: object, keywords: dict[str, Any]) -> None:
     """Raise `ValueError` if the policy needs another action model."""
     expected = getattr(policy, "env_kwargs", {}).get("action_model")
     if expected is not None and keywords.get("action_model", expected) != expected:
@@ -150,6 +179,60 @@ class ExistingFactory:
         """Return the environment and the policy; raises `ValueError` if the policy needs another action model."""
         _check_actions(type(self.policy).__name__, self.policy, keywords)
         return make_env(self.policy, **keywords), self.policy
+
+
+@dataclass(frozen=True)
+class ClassFactory:
+    """Makes a policy of a user's class, and its environment."""
+
+    name: str
+    """The name: `package.module:Class`, with options."""
+    kind: type[Any]
+    """The class."""
+    seed: int
+    """Random seed of the policy in every episode, if the class has an argument `seed`."""
+    options: dict[str, Any]
+    """Other arguments of the class."""
+    shield_options: dict[str, Any]
+    """Options of the safety layer that executes its preferences; empty: there is none."""
+
+    @property
+    def in_batches(self) -> bool:
+        """Whether the policy acts in several episodes at the same time."""
+        return hasattr(self.kind, "in_batch")
+
+    @property
+    def identity(self) -> dict[str, Any] | None:
+        """The class, the options and the seed; see `_stated`."""
+        own = _stated(self.kind)
+        fields = {"policy": self.name, "options": self.options | self.shield_options, "seed": self.seed}
+        return None if own is None else fields | own
+
+    def __call__(self, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:
+        """Return the environment and the policy; raises `ValueError` if the policy needs another action model."""
+        arguments = inspect.signature(self.kind).parameters
+        seed = {"seed": self.seed} if "seed" in arguments else {}
+        if "env" in arguments:
+            _check_actions(f"policy {self.name!r}", self.kind, keywords)
+            env = parallel_env(**(getattr(self.kind, "env_kwargs", {}) | keywords))
+            policy = self.kind(env=env, **seed, **self.options)
+            check_policy(policy)
+        else:
+            policy = self.kind(**seed, **self.options)
+            check_policy(policy)
+            _check_actions(f"policy {self.name!r}", policy, keywords)
+            env = make_env(policy, **keywords)
+        if not self.shield_options:
+            return env, policy
+        if not isinstance(policy, Preferring):
+            raise ValueError(f"policy {self.name!r}: expected a method preferences, which {SHIELD_SUFFIX} needs")
+        return env, Shield(policy, env, **self.shield_options)
+
+
+def _stated(kind: type) -> dict[str, Any] | None:
+    """Return what a user's class states as its identity; None, so that results are not reused, if it states nothing."""
+    identity = getattr(kind, "identity", None)
+    return {"identity": identity} if isinstance(identity, str) else None
 
 
 @dataclass(frozen=True)
@@ -201,25 +284,29 @@ class PlannerFactory:
     """Makes a planner and its environment."""
 
     name: str
-    """Name of the planner, with options."""
+    """Name of the planner, without options."""
+    kind: type[Planner]
+    """Its class."""
+    options: dict[str, Any]
+    """Its options."""
     edge_weights: str | None
     """Guidance graph of its costs; None: that of the task."""
     seed: int
     """Random seed of the planner in every episode."""
 
     @property
-    def identity(self) -> dict[str, Any]:
-        """The planner, its options with the digest of its guidance graph, and its seed."""
-        planner, options = planner_options(self.name)
-        if self.edge_weights is not None:
-            options |= {"edge_weights": weights_digest(self.edge_weights)}
-        return {"policy": planner, "options": options, "seed": self.seed}
+    def identity(self) -> dict[str, Any] | None:
+        """The planner, its options with the digest of its guidance graph, and its seed; see `_stated`."""
+        weights = {} if self.edge_weights is None else {"edge_weights": weights_digest(self.edge_weights)}
+        own = {} if self.name in PLANNERS else _stated(self.kind)
+        fields = {"policy": self.name, "options": self.options | weights, "seed": self.seed}
+        return None if own is None else fields | own
 
     def __call__(self, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:
         """Return the environment and the planner."""
         weights: dict[str, Any] = {} if self.edge_weights is None else {"edge_weights": self.edge_weights}
         env = parallel_env(**(Planner.env_kwargs | keywords | weights))
-        return env, planner_of(self.name, self.seed, env)
+        return env, self.kind(env, seed=self.seed, **self.options)
 
 
 @dataclass(frozen=True)

@@ -5,14 +5,16 @@ from __future__ import annotations
 import time
 from typing import Any, ClassVar
 
-from mapf_pz.evaluation.episodes import AnyEnv, Policy, actions_of, compile_policy, simulator_of
+from mapf_pz.environment.policy import AnyEnv, Policy, simulator_of
+from mapf_pz.evaluation.episodes import compile_policy, rollout
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.guidance.library import EdgeWeights
 from mapf_pz.instances.instance import Instance
 from mapf_pz.instances.sources import InstanceList
-from mapf_pz.planners import PLANNERS, Plan, Planner, Trace, base, planner_of
+from mapf_pz.planners import Plan, Planner, Trace, base, planner_of
 from mapf_pz.planners.base import Steps, action_model_of
 from mapf_pz.planners.deadline import Deadline
+from mapf_pz.planners.named import planner_class
 from mapf_pz.planners.problem import obstruction, problem_of
 from mapf_pz.simulator.config import OnTarget
 
@@ -28,7 +30,7 @@ def solver_of(name: str, seed: int = 0, trust_remote_code: bool = False) -> Plan
     Raises:
         ValueError: the name or an option of it is unknown, or the value of an option is invalid.
     """
-    if name.partition(":")[0] in PLANNERS:
+    if planner_class(name) is not None:
         return planner_of(name, seed)
     return PolicySolver(name, seed, trust_remote_code)
 
@@ -130,11 +132,8 @@ class PolicySolver:
 
 def _run_episode(env: AnyEnv, policy: Policy, seed: int, deadline: Deadline) -> Plan:
     """Run an episode until it ends or the deadline passes, and return its steps."""
-    observations, infos = env.reset(seed=seed)
-    policy.reset_states()
     simulator = simulator_of(env)
     steps = Steps(simulator)
-    while env.agents and not (simulator.agents[0]["at_goal"].all() or deadline.has_passed):
-        observations, _, _, _, infos = env.step(actions_of(policy, observations, infos))
-        steps.add()
+    agents = simulator.agents[0]
+    rollout(env, policy, seed, on_step=steps.add, until=lambda: agents["at_goal"].all() or deadline.has_passed)
     return steps.plan()

@@ -15,6 +15,7 @@ from pydantic import TypeAdapter
 from mapf_pz._internal.arrays import Floats
 from mapf_pz._internal.atomic import replacing
 from mapf_pz._internal.npz import read_npz, write_npz
+from mapf_pz._internal.plugins import check_trusted
 from mapf_pz._internal.text import read_text
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.policies import policy_factory
@@ -26,6 +27,7 @@ from mapf_pz.optimization.pictures import save_pictures
 from mapf_pz.optimization.rule import FeedbackRule, Traffic
 from mapf_pz.optimization.search import Progress
 from mapf_pz.optimization.usage import Usage
+from mapf_pz.planners.named import import_code, own_code
 from mapf_pz.rl.config_file import CONFIG, read_config, write_config_files
 from mapf_pz.rl.inputs import sources_digest
 from mapf_pz.simulator.saved_config import object_files
@@ -128,6 +130,8 @@ def read_optimization(path: Path, trust_remote_code: bool = False) -> OptimizeCo
     if not (path / HISTORY_FILE).exists():
         raise FileNotFoundError(f"{str(path)!r} holds no optimization to resume")
     config = read_config(_ADAPTER, path / CONFIG, trust_remote_code)
+    check_trusted(path / CONFIG, {"planner": own_code(config.task.planner)}, trust_remote_code)
+    import_code(config.task.planner)
     return replace(config, task=replace(config.task, trust_remote_code=trust_remote_code))
 
 

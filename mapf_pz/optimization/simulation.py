@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from mapf_pz.evaluation.episodes import rollout, simulator_of
+from mapf_pz.environment.policy import simulator_of
+from mapf_pz.evaluation.episodes import rollout
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.optimization.task import GuidanceTask
 from mapf_pz.optimization.usage import Usage
 from mapf_pz.planners import Planner, planner_of
+from mapf_pz.planners.base import run_episode
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.simulator import Simulator
 
@@ -51,9 +53,7 @@ def _plan(task: GuidanceTask, keywords: dict[str, Any], seed: int, usage: Usage)
     simulator.prepare_cost_to_go(1 + _typical_goals(config, simulator.shape))
     planner = planner_of(task.planner, seed)
     planner.compile(config.action_model)
-    while not simulator.over[0]:
-        simulator.step(planner.decide(simulator)[None])
-        usage.add(simulator.agents[0])
+    run_episode(simulator, planner, lambda _: usage.add(simulator.agents[0]))
     return simulator
 
 

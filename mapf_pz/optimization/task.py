@@ -9,7 +9,7 @@ from typing import Any
 from mapf_pz.evaluation.policies import check_observed
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances.instance import Grid
-from mapf_pz.planners import PLANNERS
+from mapf_pz.planners.named import planner_class
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.keywords import EnvKeywords
 from mapf_pz.simulator.saved_config import SavedKeywords
@@ -66,7 +66,7 @@ class GuidanceTask:
     @property
     def is_planner(self) -> bool:
         """Whether a planner acts, which reads the state instead of observations."""
-        return self.planner.partition(":")[0] in PLANNERS
+        return planner_class(self.planner) is not None
 
     def with_graph(self, graph: GuidanceGraph, num_steps: int | None = None) -> dict[str, Any]:
         """Return the environment's keywords with this guidance graph, and another maximum number of steps if given."""

@@ -3,7 +3,7 @@
 It imports the environment and the simulator. Read `base.py` first, then `pibt/kernels.py` for a planner.
 """
 
-from mapf_pz.planners.base import Planner
+from mapf_pz.planners.base import PlanFollower, Planner, StepPlanner
 from mapf_pz.planners.cbs.planner import CBS
 from mapf_pz.planners.epibt.planner import EPIBT
 from mapf_pz.planners.lacam.planner import LaCAM
@@ -24,10 +24,12 @@ __all__ = [
     "BatchShield",
     "LaCAM",
     "Plan",
+    "PlanFollower",
     "Planner",
     "PrioritizedSIPP",
     "Shield",
     "Solution",
+    "StepPlanner",
     "Trace",
     "Violation",
     "WindowedLNS",

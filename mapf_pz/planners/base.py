@@ -141,7 +141,12 @@ class StepPlanner(Planner):
     """Base class of planners that plan one step at a time, for all agents at once."""
 
     def _solve(self, simulator: Simulator, deadline: Deadline) -> Plan | None:
-        return _run_episode(simulator, self.decide, deadline)
+        agents, steps = simulator.agents[0], Steps(simulator)
+        steps.add()
+        run_episode(
+            simulator, self, lambda _: steps.add(), until=lambda: agents["at_goal"].all() or deadline.has_passed
+        )
+        return steps.plan()
 
 
 class PlanFollower(Planner):
@@ -235,14 +240,13 @@ class Steps:
     """The steps of an environment's episode, recorded as a plan."""
 
     def __init__(self, simulator: Simulator, b: int = 0) -> None:
-        """Start with the current state of environment `b`."""
+        """Record environment `b`, from the first call of `add`."""
         self._simulator, self._b = simulator, b
         self._positions: list[Ints] = []
         self._headings: list[Ints] = []
-        self.add()
 
     def add(self) -> None:
-        """Add the state after a step."""
+        """Add the current state."""
         self._positions.append(self._simulator.positions(self._b))
         self._headings.append(self._simulator.agents[self._b]["heading"].copy())
 
@@ -302,10 +306,21 @@ def _simulator_of_corridors(action_model: ActionModel) -> Simulator:
     return simulator_of(Instance(grid, scenario, headings), max_steps=10, edge_weights="crisscross", seed=0)
 
 
-def _run_episode(simulator: Simulator, decide: Callable[[Simulator], Ints], deadline: Deadline) -> Plan:
-    """Run the episode until all agents are at their goals, it ends or the deadline passes; return its steps."""
-    agents, steps = simulator.agents[0], Steps(simulator)
-    while not (agents["at_goal"].all() or agents["truncated"].any() or deadline.has_passed):
-        simulator.step(decide(simulator)[None])
-        steps.add()
-    return steps.plan()
+def run_episode(
+    simulator: Simulator,
+    planner: Planner,
+    on_step: Callable[[Ints], object],
+    until: Callable[[], bool] = lambda: False,
+) -> None:
+    """Let a planner act in environment 0 until the episode is over.
+
+    Args:
+        simulator: the simulator, after a reset.
+        planner: the planner.
+        on_step: is called after each step with the actions (N,).
+        until: is called before each step; the episode is left if it returns True.
+    """
+    while not (simulator.over[0] or until()):
+        actions = planner.decide(simulator)
+        simulator.step(actions[None])
+        on_step(actions)

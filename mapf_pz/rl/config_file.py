@@ -12,6 +12,7 @@ from mapf_pz._internal.atomic import write_whole
 from mapf_pz._internal.plugins import check_trusted
 from mapf_pz._internal.text import read_text
 from mapf_pz.errors import FormatError
+from mapf_pz.planners.named import import_code, own_code
 from mapf_pz.rl.config import OptimizationConfig, TrainConfig
 from mapf_pz.simulator.saved_config import OBJECT_FIELDS, Origin, complaint, object_file, object_files
 
@@ -54,7 +55,10 @@ def load_config(file: Path, trust_remote_code: bool = False) -> TrainConfig:
     Raises `FormatError` if one of them is malformed, or names code outside this package without `trust_remote_code`.
     """
     config = read_config(_ADAPTER, file, trust_remote_code)
-    check_trusted(file, {"algorithm": config.algorithm, "encoder": config.model.encoder}, trust_remote_code)
+    expert = config.imitation.expert
+    named = {"algorithm": config.algorithm, "encoder": config.model.encoder, "expert": own_code(expert)}
+    check_trusted(file, named, trust_remote_code)
+    import_code(expert)
     return config
 
 

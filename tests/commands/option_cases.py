@@ -100,6 +100,7 @@ CASES = {
         {
             "--scenario": "--scenario random-2",
             "--folder": "--folder ..",
+            "--solver": "--solver mapf_pz.planners:PIBT",
             "--port": "--port 8123",
             "--browser": "--no-browser",
         },

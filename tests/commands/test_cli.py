@@ -515,7 +515,7 @@ def test_evaluate_reports_unknown_policies(capsys):
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert "expected random, a planner (pibt, epibt, " in error
-    assert "or the folder of a training run" in error
+    assert "the folder of a training run, or package.module:Class" in error
 
 
 COMPILE_TWO_KERNELS = """

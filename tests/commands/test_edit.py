@@ -38,13 +38,13 @@ def files(tmp_path):
 def test_files_are_opened(served, files):
     map, scenario = files
     assert main(["edit", str(map), "--scenario", str(scenario), "--no-browser", "--port", "8123"]) == 0
-    [(start, folders, port, browser)] = served
+    [(start, folders, options)] = served
     assert start == {
         "map": {"name": "a.map", "text": map.read_text()},
         "scenario": {"name": "b.scen", "text": scenario.read_text()},
     }
     assert [folder.resolve() for folder in folders] == [map.parents[2].cwd(), map.parent, scenario.parent]
-    assert (port, browser) == (8123, False)
+    assert (options.port, options.browser) == (8123, False)
 
 
 def test_the_map_beside_a_scenario_is_opened(served, files):
@@ -60,12 +60,12 @@ def test_names_are_opened(served, tmp_path):
     assert main(["edit", "random-32-32-20", "--scenario", "random-2", "--folder", str(tmp_path)]) == 0
     assert main(["edit", "--scenario", "random-32-32-20-random-2"]) == 0
     assert main(["edit"]) == 0
-    [(start, folders, port, browser), (same, _, _, _), (nothing, _, _, _)] = served
+    [(start, folders, options), (same, _, _), (nothing, _, _)] = served
     assert start == same
     assert start["map"]["name"] == "random-32-32-20.map"
     assert start["scenario"]["name"] == "random-32-32-20-random-2.scen"
     assert start["scenario"]["text"].startswith("version 1\n")
-    assert (list(folders), port, browser) == ([tmp_path], 0, True)
+    assert (list(folders), options.port, options.browser) == ([tmp_path], 0, True)
     assert nothing == {"map": None, "scenario": None}
 
 

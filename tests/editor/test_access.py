@@ -138,5 +138,5 @@ def test_large_numbers_are_refused(server, function, body, place, number):
 
 
 def test_a_bug_is_one_line(server, monkeypatch):
-    monkeypatch.setattr("mapf_pz.editor.server.all_names", lambda: {}["maps"])
+    monkeypatch.setattr("mapf_pz.editor.server.all_names", lambda solvers: {}["maps"])
     assert server.refused("names") == (500, "internal error, see the terminal: KeyError")

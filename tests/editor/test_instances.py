@@ -115,6 +115,13 @@ def test_runs_that_are_refused(server, members, error):
     assert message.startswith(error)
 
 
+@pytest.mark.parametrize("solver", ["stranger:Thing", "stranger:Thing+pibt:patience=2", "mapf_pz.planners:PIBT"])
+def test_other_code_than_that_of_the_user_is_refused(server, solver):
+    status, message = server.refused("solve", instance=GIVEN, solvers=[solver])
+    code = solver.partition("+")[0]
+    assert (status, message) == (403, f"{code}: expected code that the editor was started with, as in --solver {code}")
+
+
 def test_solvers_read_only_files_inside_the_folders(server, tmp_path):
     (tmp_path / "run").mkdir()
     for solver in (str(tmp_path / "run"), f"{tmp_path / 'run'}+pibt:patience=2"):

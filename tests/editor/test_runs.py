@@ -3,22 +3,24 @@
 import multiprocessing
 import os
 import signal
+import sys
 
 import numpy as np
 import pytest
 
 from mapf_pz import EnvConfig
 from mapf_pz.commands.main import main
-from mapf_pz.evaluation.episodes import actions_of, simulator_of
+from mapf_pz.environment.policy import actions_of, simulator_of
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.guidance import GuidanceGraph, save_guidance
 from mapf_pz.instances import Grid, Instance, Scenario, format_map, format_scenario, load_map
 from mapf_pz.instances.sources import InstanceList
 from mapf_pz.planners import planner_of
+from mapf_pz.planners.named import import_code
 from mapf_pz.planners.plans.plan import reached
 from mapf_pz.simulator.source import sample_instance
 from tests.editor.test_instances import encoded
-from tests.helpers.editor_server import array, positions
+from tests.helpers.editor_server import EditorServer, array, positions
 
 pytestmark = pytest.mark.usefixtures("forked_solvers")
 
@@ -343,3 +345,29 @@ def test_progress_is_without_compilation(server, monkeypatch):
     assert (progress["state"], progress["seconds"], progress["message"]) == ("running", 0, "compiling")
     server.call("stop", run=run)
     assert server.call("progress", run=run)["solvers"][0]["seconds"] == 0
+
+
+def test_planners_and_policies_of_the_user(tmp_path, monkeypatch):
+    (tmp_path / "users.py").write_text(
+        "from mapf_pz.planners import PIBT\n\n\nclass Own(PIBT):\n    pass\n\n\n"
+        "class Right:\n    def act(self, observations):\n        return dict.fromkeys(observations, 1)\n\n"
+        "    def reset_states(self):\n        pass\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    names = ("users:Own", "users:Right")
+    for name in names:
+        import_code(name)
+    server = EditorServer(tmp_path, solvers=names)
+    try:
+        offered = {planner["name"]: planner["options"] for planner in server.call("names")["planners"]}
+        assert offered["users:Own"] == offered["pibt"]
+        assert offered["users:Right"] == {}
+        given = edited(sampled())
+        plans = []
+        for solver in ("pibt", *names):
+            run, _ = solved(server, given, solver, max_steps=60)
+            plans.append(server.call("episode", run=run, solver=0)["plan"])
+        assert plans[0] == plans[1] != plans[2]
+    finally:
+        server.close()
+        sys.modules.pop("users")

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from pettingzoo.utils import BaseParallelWrapper
 
+from mapf_pz.environment.policy import BatchPolicy, make_env
 from mapf_pz.evaluation import EvaluationTask, evaluate, policy_factory, rollout
 from mapf_pz.evaluation import batch as batches
-from mapf_pz.evaluation.batch import MAX_AGENTS, BatchPolicy, batch_of
-from mapf_pz.evaluation.episodes import make_env, run_episodes
+from mapf_pz.evaluation.batch import MAX_AGENTS, batch_of
+from mapf_pz.evaluation.episodes import run_episodes
 from mapf_pz.evaluation.policies import factory_for
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import Shield

@@ -8,7 +8,7 @@ import pytest
 
 from mapf_pz.evaluation import EvaluationTask, evaluate, policy_factory
 from mapf_pz.evaluation.episodes import run_episodes
-from mapf_pz.evaluation.policies import factory_for, is_trained
+from mapf_pz.evaluation.policies import factory_for
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import EPIBT, PIBT, PLANNERS, LaCAM, Shield
 from tests.evaluation.test_episodes import Right
@@ -135,7 +135,7 @@ def test_unknown_names(name, near, tmp_path, monkeypatch):
     hint = f"did you mean {near!r}? " if near else ""
     expected = (
         f"policy {name!r}: {hint}expected random, a planner ({', '.join(PLANNERS)}), "
-        f"a trained policy ({', '.join(TRAINED)}), or the folder of a training run"
+        f"a trained policy ({', '.join(TRAINED)}), the folder of a training run, or package.module:Class"
     )
     with pytest.raises(ValueError, match=f"^{re.escape(expected)}$"):
         policy_factory(name)
@@ -225,13 +225,3 @@ def test_an_existing_policy():
     assert (env.config.action_model, env.config.view_size) == ("cardinal", (1, 1))
     with pytest.raises(ValueError, match=r"^Right requires action_model='cardinal', got 'rotate'$"):
         factory_for(policy)(ROOM | {"action_model": "rotate"})
-
-
-def test_which_names_are_of_trained_policies():
-    assert [
-        name for name in ["random", "pibt", "epibt:depth=2", "mappo", "mappo+pibt", "runs/a"] if is_trained(name)
-    ] == [
-        "mappo",
-        "mappo+pibt",
-        "runs/a",
-    ]

@@ -21,9 +21,9 @@ TOKEN = "the-token"
 class EditorServer:
     """A server on a free port that reads and writes in some folders."""
 
-    def __init__(self, *folders):
+    def __init__(self, *folders, solvers=()):
         self.runs = Runs()
-        self.editor = Editor(Folders(folders), self.runs)
+        self.editor = Editor(Folders(folders), self.runs, solvers)
         listening = socket.create_server(("127.0.0.1", 0))
         self.port = listening.getsockname()[1]
         app = create_app(self.editor, TOKEN, self.port, {"map": None, "scenario": None})

@@ -17,7 +17,7 @@ from pettingzoo.utils import BaseParallelWrapper
 
 from mapf_pz._internal.arrays import Bools, Floats, Ints
 from mapf_pz.environment.mapf_env import MapfEnv
-from mapf_pz.evaluation.episodes import AnyEnv, Policy, PolicyFactory, actions_of, simulator_of
+from mapf_pz.environment.policy import AnyEnv, Policy, PolicyFactory, actions_of, simulator_of
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.instances import InstanceList
 from mapf_pz.instances.instance import Grid, Instance, Scenario

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 import numpy as np
 
 from mapf_pz._internal.arrays import Bools, Floats, Ints
 from mapf_pz.environment.mapf_env import MapfEnv
+from mapf_pz.environment.policy import Preferring, PreferringInBatch
 from mapf_pz.planners.epibt.operations import operations
 from mapf_pz.planners.epibt.state import NONE, allocate_epibt
 from mapf_pz.planners.pibt.state import LATE, Options, PibtState, allocate_pibt
@@ -137,34 +138,10 @@ def _passing(simulator: Simulator) -> bool:
     return simulator.config.on_target != "nothing"
 
 
-class Preferring(Protocol):
-    """A policy that returns preferences over actions, not just one action."""
-
-    def preferences(self, observations: dict[str, Any]) -> dict[str, Floats]:
-        """Return the preferences (A,) of each agent in `observations`; higher is better."""
-        ...
-
-    def reset_states(self) -> None:
-        """Reset all per-episode state. Called before each episode."""
-        ...
-
-
-class PreferringBatch(Protocol):
-    """A policy that returns preferences in all environments of a simulator."""
-
-    def preferences(self, observation: Observation, envs: Sequence[int]) -> Floats:
-        """Return preferences (B, N, A) in the environments `envs`, and any finite numbers in the others."""
-        ...
-
-    def reset(self, b: int) -> None:
-        """Reset all per-episode state of environment `b`. Called before each episode."""
-        ...
-
-
 class ShieldedBatch:
     """Executes a policy's preferences in all environments of a simulator such that no move is blocked."""
 
-    def __init__(self, policy: PreferringBatch, shield: BatchShield) -> None:
+    def __init__(self, policy: PreferringInBatch, shield: BatchShield) -> None:
         """Put the safety layer of a simulator between a policy and this simulator."""
         self._policy = policy
         self._shield = shield

@@ -9,6 +9,7 @@ import numpy as np
 from mapf_pz._internal.arrays import Ints
 from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.planners import Planner
+from mapf_pz.planners.base import run_episode
 from mapf_pz.simulator.simulator import Simulator
 
 METRICS = ("CSR", "ISR", "SoC", "SoC_ratio", "makespan", "ep_length", "avg_throughput")
@@ -46,9 +47,7 @@ def demonstrate(simulator: Simulator, planner: Planner, seed: int) -> Demonstrat
     agents = simulator.agents[0]
     starts, headings = simulator.positions(0), agents["heading"].copy()
     actions: list[Ints] = []
-    while not simulator.over[0]:
-        actions.append(planner.decide(simulator))
-        simulator.step(actions[-1][None])
+    run_episode(simulator, planner, actions.append)
     config, metrics = simulator.config, simulator.metrics(0)
     scenario = Scenario(starts, _goals(simulator))
     return Demonstration(

@@ -38,7 +38,7 @@ class LearnedPolicy:
     `num_agents` is the number of agents that the policy acts for; None: any number.
 
     `env_kwargs` are the keywords that give an environment the policy's observations;
-    `mapf_pz.evaluation.episodes.make_env` applies them.
+    `mapf_pz.evaluation.make_env` applies them.
     """
 
     def __init__(
