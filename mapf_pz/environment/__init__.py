@@ -3,25 +3,7 @@
 It imports the simulator and rendering. Read `mapf_env.py` first.
 """
 
-from __future__ import annotations
+import lazy_loader
 
-from typing import TYPE_CHECKING
-
-from mapf_pz._internal.lazy import lazy_attributes
-
-if TYPE_CHECKING:
-    from mapf_pz.environment.mapf_env import MapfEnv, env, parallel_env
-
-_HOMES = {
-    "MapfEnv": "mapf_env",
-    "env": "mapf_env",
-    "parallel_env": "mapf_env",
-}
-
-__all__ = ["MapfEnv", "env", "parallel_env"]
-
-__getattr__ = lazy_attributes(__name__, _HOMES)
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+# The names are those of `__init__.pyi`.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
