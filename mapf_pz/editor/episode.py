@@ -1,4 +1,4 @@
-"""The work of policies, and of planners of single steps."""
+"""The work of solvers: an episode of a policy or a planner of single steps, or the plan of a planner of whole paths."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from mapf_pz.environment.policy import actions_of, simulator_of
 from mapf_pz.evaluation.episodes import compile_policy
 from mapf_pz.evaluation.inspection import InspectedPolicy
 from mapf_pz.evaluation.policies import policy_factory
-from mapf_pz.evaluation.solver import instance_keywords
+from mapf_pz.evaluation.solver import instance_keywords, no_plan_text
 from mapf_pz.instances import Instance, Scenario
-from mapf_pz.planners.base import Steps, lower_bound
+from mapf_pz.planners import Plan, planner_of, record_plan
+from mapf_pz.planners.base import Steps, action_model_of, lower_bound
 from mapf_pz.planners.deadline import Deadline
 from mapf_pz.planners.plans.files import format_plan
 from mapf_pz.render.recording import episode_data
@@ -131,3 +132,46 @@ class PolicyEpisode:
         goals = self._simulator.coordinates(self._simulator.state.goals[0, :, :count])
         given = self._task.instance
         return Instance(given.grid, Scenario(given.scenario.starts, goals), given.headings)
+
+
+class PlannedPaths:
+    """The plan of a planner of whole paths."""
+
+    def __init__(self, task: Task) -> None:
+        """Create the planner of a task, and compile it; raises `ValueError` for an unknown name or option."""
+        self._task = task
+        self._solver = planner_of(task.solver, task.seed)
+        self._solver.compile(action_model_of(task.instance))
+        self._plan: Plan | None = None
+
+    def run(self) -> Outcome:
+        """Plan; raises `RuntimeError` if no plan is found within the limits."""
+        task = self._task
+        weights = task.edge_weights or "uniform"
+        plan = self._solver.solve(task.instance, task.time_limit, task.max_steps, weights, partial=True)
+        seconds = self._solver.trace.seconds
+        if plan is None:
+            limits = f"{task.time_limit:g} seconds and {task.max_steps} steps"
+            raise RuntimeError(no_plan_text(task.solver, self._solver, task.instance, limits))
+        self._plan = plan
+        bound = plan.sum_of_costs if self._solver.optimal else lower_bound(task.instance)
+        message = plan_message(plan, task.instance, bound)
+        return Outcome(message, plan.num_steps, agents_away(plan, task.instance), seconds=seconds)
+
+    def resume(self, start: int, actions: Mapping[int, int], steps: int) -> Outcome:
+        """Raise `ValueError`, since single steps are not planned."""
+        raise ValueError(f"{self._task.solver} plans whole paths: expected a policy, or a planner of single steps")
+
+    def episode(self) -> dict[str, Any]:
+        """Return the recording of the plan, and the plan's file; raises `RuntimeError` before `run`."""
+        if self._plan is None:
+            raise RuntimeError("there is no plan")
+        task, plan = self._task, self._plan
+        recording = replace(
+            record_plan(task.instance, plan),
+            name=task.solver,
+            facts={"solver": task.solver, "seed": str(task.seed)},
+            metrics={"SoC": plan.sum_of_costs, "makespan": plan.makespan},
+        )
+        text = format_plan(plan, "plan.json", task.instance)
+        return {"episode": episode_data(recording), "goalsReached": None, "plan": text}

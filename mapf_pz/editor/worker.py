@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from mapf_pz._internal.parallel import start_process
-from mapf_pz.editor.episode import PolicyEpisode
-from mapf_pz.editor.planned import PlannedPaths
+from mapf_pz.editor.episode import PlannedPaths, PolicyEpisode
 from mapf_pz.editor.task import OnStep, Solving, Task
 from mapf_pz.errors import USER_ERRORS
 from mapf_pz.instances import MapMixture, format_map

@@ -14,7 +14,6 @@ from pettingzoo.utils.conversions import parallel_to_aec_wrapper
 
 from mapf_pz._internal.arrays import Bools, Ints
 from mapf_pz._internal.signatures import with_fields_of
-from mapf_pz.environment.infos import AgentInfo, agent_infos
 from mapf_pz.instances.instance import Instance, Scenario
 from mapf_pz.render.modes import render_modes
 from mapf_pz.render.state import RenderState
@@ -332,3 +331,31 @@ def env(**keywords: Any) -> AECEnv[str, AgentObservation, SupportsIndex | None]:
     `metrics()` and the members of `unwrapped`, the `MapfEnv`, describe the last complete step.
     """
     return _OrderEnforced(MapfAecEnv(parallel_env(**keywords)))
+
+
+AgentInfo = dict[str, Any]
+
+_FLAGS = ("at_goal", "arrived", "blocked", "moved")
+_TEMPLATES: list[AgentInfo] = [
+    {"action_mask": None, **{flag: bits >> k & 1 for k, flag in enumerate(_FLAGS)}, "arrivals": 0}
+    for bits in range(2 ** len(_FLAGS))
+]
+"""An info for each combination of flags: copying one is faster than building a dictionary of six values."""
+
+
+def agent_infos(names: list[str], agents: NDArray[np.void], action_mask: Ints) -> dict[str, AgentInfo]:
+    """Return the infos of N agents by name.
+
+    Args:
+        names: Names of the agents (N).
+        agents: Their records, (N,) AGENT.
+        action_mask: Their action masks, (N, A) int8, of which the infos contain views.
+    """
+    flags = (agents["at_goal"], agents["arrived"], agents["blocked"], agents["cell"] != agents["was_cell"])
+    bits = np.packbits(flags, axis=0, bitorder="little")[0]  # (N,), flag k of _FLAGS is bit k
+    infos: dict[str, AgentInfo] = {}
+    for name, mask, k, arrivals in zip(names, action_mask, bits.tolist(), agents["arrivals"].tolist(), strict=True):
+        infos[name] = info = _TEMPLATES[k].copy()
+        info["action_mask"] = mask
+        info["arrivals"] = arrivals
+    return infos

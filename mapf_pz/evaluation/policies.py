@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from mapf_pz._internal.digest import digest
 from mapf_pz._internal.json import parse_object
 from mapf_pz._internal.plugins import imported_object
@@ -16,7 +18,6 @@ from mapf_pz._internal.text import read_text
 from mapf_pz.environment.mapf_env import parallel_env
 from mapf_pz.environment.policy import AnyEnv, BatchPolicy, Policy, PolicyFactory, Preferring, check_policy, make_env
 from mapf_pz.errors import FormatError
-from mapf_pz.evaluation.random_policy import RandomPolicy
 from mapf_pz.guidance.library import check_edge_weights, weights_digest
 from mapf_pz.instances.instance import ActionModel
 from mapf_pz.planners import PLANNERS, Planner, Shield
@@ -325,3 +326,22 @@ class RandomFactory:
         """Return the environment and the policy."""
         env = parallel_env(**(Planner.env_kwargs | keywords))
         return env, RandomPolicy(env.simulator.num_actions, self.seed)
+
+
+class RandomPolicy:
+    """Samples actions uniformly."""
+
+    def __init__(self, num_actions: int, seed: int) -> None:
+        """Create a policy with `num_actions` actions and a random seed."""
+        self._num_actions = num_actions
+        self._seed = seed
+        self.reset_states()
+
+    def act(self, observations: dict[str, Any]) -> dict[str, int]:
+        """Return an action for each agent in `observations`."""
+        actions = self._rng.integers(self._num_actions, size=len(observations))
+        return dict(zip(observations, actions.tolist(), strict=True))
+
+    def reset_states(self) -> None:
+        """Reset all per-episode state. Called before each episode."""
+        self._rng = np.random.default_rng((self._seed, 1))  # not the environment's stream

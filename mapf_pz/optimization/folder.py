@@ -6,6 +6,7 @@ import csv
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, fields, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import get_type_hints
 
@@ -23,11 +24,11 @@ from mapf_pz.guidance import GuidanceGraph, save_guidance
 from mapf_pz.instances.instance import Grid
 from mapf_pz.optimization.candidate import Candidate, Origin
 from mapf_pz.optimization.config import OptimizeConfig
-from mapf_pz.optimization.pictures import save_pictures
 from mapf_pz.optimization.rule import FeedbackRule, Traffic
 from mapf_pz.optimization.search import Progress
 from mapf_pz.optimization.usage import Usage
 from mapf_pz.planners.named import import_code, own_code
+from mapf_pz.render.guidance import save_guidance_picture
 from mapf_pz.rl.config_file import CONFIG, read_config, write_config_files
 from mapf_pz.rl.inputs import sources_digest
 from mapf_pz.simulator.saved_config import object_files
@@ -189,3 +190,28 @@ def _candidate(arrays: Mapping[str, Floats], index: int, grid: Grid) -> Candidat
     scores = arrays[_SCORES][index]
     known = scores[~np.isnan(scores)].tolist()
     return Candidate(graph, origin, known, Usage(values["moves"], values["waits"]) if known else None)
+
+
+GRAPH_PICTURE, CURVE_PICTURE = "guidance.png", "curve.png"
+
+
+def save_pictures(folder: Path, graph: GuidanceGraph, grid: Grid, history: Sequence[Progress]) -> None:
+    """Draw the graph and the history, those for which the packages are installed."""
+    if find_spec("PIL") is not None:
+        save_guidance_picture(graph, grid, folder / GRAPH_PICTURE)
+    if find_spec("matplotlib") is not None:
+        _draw_curve(history, folder / CURVE_PICTURE)
+
+
+def _draw_curve(history: Sequence[Progress], file: Path) -> None:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.5, 3.4), layout="constrained")
+    panel = figure.subplots()
+    seconds = [row.seconds for row in history]
+    panel.plot(seconds, [row.latest for row in history], ".", markersize=3, alpha=0.5, label="latest simulations")
+    panel.plot(seconds, [row.best for row in history], label="best candidate")
+    panel.set(xlabel="seconds", ylabel="mean score")
+    panel.legend()
+    with replacing(file) as temporary:
+        figure.savefig(temporary, dpi=110)

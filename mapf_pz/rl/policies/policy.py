@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
@@ -25,7 +26,7 @@ Infos: TypeAlias = "Mapping[str, Mapping[str, Any]]"
 """Infos by agent, as the environment gives them."""
 
 
-class LearnedPolicy:
+class LearnedPolicy(ABC):
     """A trained policy: `act(observations) -> actions`, both of them dictionaries by agent, as in the environment.
 
     Actions are sampled from the network's distribution p, or from the one proportional to p^(1 / temperature), since
@@ -155,9 +156,9 @@ class LearnedPolicy:
                 self._observer(Decision(seen.agents, preferences, attention, **self._distribution(outputs, seen)))
         return preferences
 
+    @abstractmethod
     def choose(self, preferences: Floats, counts: Sequence[int], memories: Sequence[Memory]) -> Ints:
         """Return the actions (R,) int64 for preferences (R, A); episodes have so many rows and these memories."""
-        raise NotImplementedError
 
     def _seen(self, observations: dict[str, Any], infos: Infos | None) -> Seen:
         """Return the observations of one episode as arrays."""
@@ -173,13 +174,13 @@ class LearnedPolicy:
             mask = _stack([infos[name]["action_mask"] for name in observations])
         return Seen([len(values)], list(observations), image, features, mask)
 
+    @abstractmethod
     def _prefer(self, outputs: tuple[Tensor, ...], seen: Seen, memories: Sequence[Memory]) -> Tensor:
         """Return the preferences (R, A) of agents for which the network has these outputs."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _distribution(self, outputs: tuple[Tensor, ...], seen: Seen) -> dict[str, Floats]:
         """Return the fields of `Decision` for the distribution of actions, from the network's outputs."""
-        raise NotImplementedError
 
 
 class SharedPolicy(LearnedPolicy):

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 
 from tensordict import TensorDictBase
+from torch import nn
 
 from mapf_pz.rl.algorithms.algorithm import Algorithm
 from mapf_pz.rl.algorithms.learner import Learner
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.training.episodes import EpisodesByStart
-from mapf_pz.rl.training.stopwatch import Stopwatch
 from mapf_pz.rl.training.validation import Validation
 
 
@@ -55,3 +57,43 @@ def _shares(seconds: dict[str, float]) -> dict[str, float]:
         "acting_share": acting / total,
         "learning_share": seconds["learning"] / total,
     }
+
+
+class Stopwatch:
+    """Accumulates seconds by name."""
+
+    def __init__(self) -> None:
+        """Start at zero."""
+        self._seconds: defaultdict[str, float] = defaultdict(float)
+
+    @contextmanager
+    def time(self, name: str) -> Generator[None]:
+        """Add the duration of a `with` block to `name`."""
+        began = time.perf_counter()
+        try:
+            yield
+        finally:
+            self._count(name, began)
+
+    @contextmanager
+    def calls(self, module: nn.Module, name: str) -> Generator[None]:
+        """Add the duration of all calls of a module within a `with` block to `name`."""
+        began: list[float] = []
+        hooks = (
+            module.register_forward_pre_hook(lambda *_: began.append(time.perf_counter())),
+            module.register_forward_hook(lambda *_: self._count(name, began.pop())),
+        )
+        try:
+            yield
+        finally:
+            for hook in hooks:
+                hook.remove()
+
+    def lap(self) -> dict[str, float]:
+        """Return the seconds by name since the previous lap."""
+        seconds = dict(self._seconds)
+        self._seconds.clear()
+        return seconds
+
+    def _count(self, name: str, began: float) -> None:
+        self._seconds[name] += time.perf_counter() - began
