@@ -96,7 +96,7 @@ def test_observations_of_another_kind_are_refused():
             policy.in_batch(simulator)
 
 
-@pytest.mark.parametrize("name", [name for name in policy_names() if not name.startswith("central")])
+@pytest.mark.parametrize("name", [name for name in policy_names() if not name.startswith(("central", "report"))])
 def test_outputs_do_not_depend_on_the_batch(name):
     """This depends on the processor's routines of matrix products; `MIN_ROWS` describes them."""
     policy = load_policy(name)
