@@ -40,7 +40,7 @@ lint: .venv/developed
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/basedpyright
-	$(BIN)/python -m experiments.words
+	$(BIN)/python -m experiments.checks.words
 
 format: .venv/developed
 	$(BIN)/ruff check --fix
@@ -51,7 +51,7 @@ docs: .venv/developed
 
 # Hours; MAPF_PZ_BENCHMARK names the folders of benchmark data. Resumes where it was stopped.
 results: .venv/developed
-	$(BIN)/python -m experiments.results measure $(if $(SUITE),--suites $(SUITE))
+	$(BIN)/python -m experiments.tables.results measure $(if $(SUITE),--suites $(SUITE))
 
 # Type checkers and editors find the modules of an editable install only in the mode `compat`.
 INSTALL := $(BIN)/pip install --quiet --no-compile --disable-pip-version-check --constraint constraints.txt \
@@ -133,17 +133,17 @@ long-record-pogema: .venv-peers/installed
 	PYTHONPATH=. .venv-peers/bin/python -m tests.recordings.record_pogema tests/recordings
 
 long-figures: .venv/developed
-	$(BIN)/python experiments/figures.py
-	$(BIN)/python experiments/concept_figures.py
-	$(BIN)/python -m experiments.report_figures
-	$(BIN)/python experiments/screenshots.py
-	$(BIN)/python -m experiments.editor_pictures
+	$(BIN)/python -m experiments.figures.episodes
+	$(BIN)/python -m experiments.figures.concepts
+	$(BIN)/python -m experiments.report.figures
+	$(BIN)/python -m experiments.figures.player
+	$(BIN)/python -m experiments.figures.editor
 
 long-reproduction: .venv/developed
-	$(BIN)/python -m experiments.reproduction
+	$(BIN)/python -m experiments.report.reproduction
 
 # MAPF_PZ_REPORT_RUNS names the authors' evaluations, which are drawn beside ours.
 long-report-runs: .venv/developed
-	$(BIN)/python -m experiments.report_runs run
-	$(BIN)/python -m experiments.report_runs collect
-	$(BIN)/python -m experiments.report_runs write $(if $(MAPF_PZ_REPORT_RUNS),--authors $(MAPF_PZ_REPORT_RUNS))
+	$(BIN)/python -m experiments.report.published run
+	$(BIN)/python -m experiments.report.published collect
+	$(BIN)/python -m experiments.report.published write $(if $(MAPF_PZ_REPORT_RUNS),--authors $(MAPF_PZ_REPORT_RUNS))

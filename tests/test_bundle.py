@@ -5,7 +5,7 @@ from math import isnan
 
 import torch
 
-from experiments import bundle, cards
+from experiments.policies import bundle, cards
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.policies.folder import WEIGHTS
 from mapf_pz.rl.progress import read_progress

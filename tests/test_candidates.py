@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from experiments import candidates, imitation
 from experiments.pages import read_rows
+from experiments.policies import candidates, imitation
 from mapf_pz.rl.progress import write_progress
 
 NAMES = [candidate.name for candidate in candidates.candidates()]

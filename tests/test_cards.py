@@ -2,14 +2,14 @@
 
 import pytest
 
-from experiments import cards
+from experiments.policies import cards
 from mapf_pz.rl.policies.folder import bundled, policy_names
 
 
 @pytest.mark.parametrize("name", policy_names())
 def test_a_card_is_as_written_and_has_limits_and_results(name):
     text = (bundled() / name / "README.md").read_text("utf-8")
-    assert text == cards.text(name), "run python -m experiments.cards"
+    assert text == cards.text(name), "run python -m experiments.policies.cards"
     _, _, results = text.partition("## Results")
     assert "Limits: " in results
     assert f"| **{name}" in results or f"| `{name}" in results

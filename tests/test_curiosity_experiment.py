@@ -4,7 +4,7 @@ import pytest
 
 pytest.importorskip("torchrl")
 
-from experiments import curiosity
+from experiments.ideas import curiosity
 
 
 def test_results_of_runs_and_their_table(tmp_path, monkeypatch):

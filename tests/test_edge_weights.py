@@ -3,7 +3,7 @@
 import numpy as np
 
 import mapf_pz
-from experiments import edge_weights
+from experiments.ideas import edge_weights
 from mapf_pz.evaluation.episodes import simulator_of
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.simulator.actions import CardinalAction

@@ -2,20 +2,15 @@
 
 import pytest
 
-from experiments import (
-    candidates,
-    curiosity,
-    edge_weights,
-    imitation,
-    observed_weights,
-    pages,
-    report_runs,
-    weighted_cost,
-)
+from experiments import pages
+from experiments.ideas import curiosity, edge_weights, observed_weights
+from experiments.planners import weighted_cost
+from experiments.policies import candidates, imitation
+from experiments.report import published
 
 
 @pytest.mark.parametrize(
-    "experiment", [candidates, curiosity, edge_weights, imitation, observed_weights, report_runs, weighted_cost]
+    "experiment", [candidates, curiosity, edge_weights, imitation, observed_weights, published, weighted_cost]
 )
 def test_the_table_of_the_page_is_that_of_the_results(tmp_path, monkeypatch, experiment):
     text, page = experiment.PAGE.read_text(), tmp_path / "page.md"

@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("torchrl")
 
-from experiments import imitation
+from experiments.policies import imitation
 from mapf_pz.rl.policies.folder import policy_folder
 
 

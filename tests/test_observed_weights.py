@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import mapf_pz
-from experiments import observed_weights, weighted_cost
+from experiments.ideas import observed_weights
+from experiments.planners import weighted_cost
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.planners import planner_of

@@ -9,8 +9,8 @@ pytest.importorskip("torchrl")
 
 from torchrl.envs import TransformedEnv
 
-from experiments import flaws, repair, reproduction
 from experiments.pages import write_rows
+from experiments.report import flaws, repair, reproduction
 from mapf_pz.rl import BatchedMapfEnv
 
 

@@ -5,10 +5,10 @@ from dataclasses import asdict
 
 import pytest
 
-from experiments import measured_numbers, results
-from experiments.paired import paired_rows
-from experiments.results import as_json, differences, is_reproducible, load_results, repeated
-from experiments.tables import NOT_MEASURED, TABLES, ResultTable, markdown
+from experiments.tables import measured_numbers, results
+from experiments.tables.paired import paired_rows
+from experiments.tables.result_tables import NOT_MEASURED, TABLES, ResultTable, markdown
+from experiments.tables.results import as_json, differences, is_reproducible, load_results, repeated
 from mapf_pz._internal.digest import digest
 from mapf_pz.evaluation import Episode, load_suite, policy_factory
 
@@ -184,7 +184,7 @@ def test_every_suite_is_on_the_leaderboard():
 def test_pages_have_the_tables_of_the_results():
     for page in results.pages():
         text = page.read_text("utf-8")
-        assert results.with_tables(text) == text, f"{page}: run python -m experiments.results write"
+        assert results.with_tables(text) == text, f"{page}: run python -m experiments.tables.results write"
 
 
 def test_every_table_is_measured_by_its_command():
@@ -227,7 +227,7 @@ def test_other_policies_and_tasks_are_reported(monkeypatch):
     assert not any("version" in identity for identity in policies.values())
     policies["mappo"]["weights"] = next(iter(tasks.values()))["instances"] = "other"
     lines = list(results.changes(table))
-    advice = "run python -m experiments.results measure --suites standard"
+    advice = "run python -m experiments.tables.results measure --suites standard"
     assert lines == [
         f"standard, mappo: weights differ; {advice}",
         f"standard, {next(iter(tasks))}: instances differ; {advice}",
@@ -301,4 +301,4 @@ def test_episodes_end_as_when_they_were_measured(table, request, monkeypatch):
     pytest.importorskip("torchrl")
     if table.suite == "lorr-2023":  # its problems are not bundled
         monkeypatch.setenv("MAPF_PZ_BENCHMARK", str(request.getfixturevalue("benchmark")))
-    assert list(differences(table, quick=0.1)) == []  # `experiments.results check` repeats more
+    assert list(differences(table, quick=0.1)) == []  # `experiments.tables.results check` repeats more

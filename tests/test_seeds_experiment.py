@@ -6,9 +6,9 @@ import pytest
 
 pytest.importorskip("torchrl")
 
-from experiments import seeds
 from experiments.pages import read_rows, write_rows
-from experiments.tables import ResultTable, markdown
+from experiments.policies import seeds
+from experiments.tables.result_tables import ResultTable, markdown
 from mapf_pz.evaluation import Episode
 from mapf_pz.evaluation.identity import Identities
 from mapf_pz.rl import load_policy

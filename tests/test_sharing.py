@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("torchrl")
 
-from experiments import sharing
+from experiments.ideas import sharing
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Why agents do not reach their goals: `experiments/stuck.py`."""
+"""Why agents do not reach their goals: `experiments/policies/stuck.py`."""
 
 from types import SimpleNamespace
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("matplotlib")
-from experiments.stuck import WINDOW, Ending, causes
+from experiments.policies.stuck import WINDOW, Ending, causes
 from mapf_pz.render import Inspection, Recording
 
 STEPS = {1: (-1, 0), 2: (1, 0), 3: (0, -1), 4: (0, 1)}

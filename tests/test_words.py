@@ -2,7 +2,7 @@
 
 import pytest
 
-from experiments.words import found_words, load_words, main, prose_of
+from experiments.checks.words import found_words, load_words, main, prose_of
 
 WORDS = {"anew": "again", "colour*": "color", "at hand": "available"}
 
