@@ -82,7 +82,9 @@ def test_the_changes_of_the_repair_lead_from_the_report_to_the_repaired_one():
         before = now
         now = repair.changed(now, name, full, fields)
         assert now.config != before.config
-    assert replace(now.config, agent_steps=full.config.agent_steps) == full.config
+    # `learn` sets the length of trainings and of the intervals between validations.
+    lengths = {"agent_steps": full.config.agent_steps, "validation_interval": full.config.validation_interval}
+    assert replace(now.config, **lengths) == full.config
 
 
 def test_a_setting_of_the_repair_differs_in_what_its_name_says():
