@@ -16,7 +16,8 @@ from typing import get_args
 import numpy as np
 import tyro
 
-from experiments.pages import PAGES, read_rows, spread, write_rows, write_table
+from experiments.pages import FILES, PAGES, spread, write_table
+from experiments.study import Study, StudyOptions, folder
 from mapf_pz.instances.instance import Scenario
 from mapf_pz.rl.config import CuriosityConfig, CuriosityName, TrainConfig
 from mapf_pz.rl.presets import PRESETS
@@ -24,8 +25,7 @@ from mapf_pz.rl.progress import read_progress
 from mapf_pz.rl.training.train import train
 from mapf_pz.simulator.kernels.reward import RewardConfig
 
-ROOT = Path(__file__).parents[2]
-RESULTS, PAGE = ROOT / "docs" / "results" / "curiosity.csv", PAGES / "report-ideas.md"
+PAGE = PAGES / "report-ideas.md"
 
 ROOMS = """
 ....@....@....
@@ -39,12 +39,12 @@ AGENT_STEPS = 400_000
 """Length of a training."""
 SOLVED = 0.9
 """Fraction of the agents that reach their goals in the episodes of an update, from which on the task is solved."""
-COLUMNS: tuple[str, ...] = ("curiosity", "seed", "solved", "ISR")
-"""The kind, the seed, the agent steps until the task is solved (empty: it is not), and the ISR of the last tenth."""
+STUDY = Study(FILES / "curiosity.csv", ("curiosity", "seed"), ("solved", "ISR"))
+"""Of each kind and seed, the agent steps until the task is solved (empty: it is not), and the ISR of the last tenth."""
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(StudyOptions):
     """Options of the experiment."""
 
     output: Path = Path("runs/curiosity")
@@ -81,22 +81,17 @@ def config(kind: CuriosityName) -> TrainConfig:
 
 def main(options: Options) -> None:
     """Train the missing runs in sequence, write the results after each, and the table at the end."""
-    rows = read_rows(RESULTS)
-    known = {(row["curiosity"], row["seed"]) for row in rows}
-    for seed in options.seeds:
-        for kind in get_args(CuriosityName):
-            if (kind, str(seed)) not in known:
-                run = options.output / f"{kind}-{seed}"
-                train(replace(config(kind), seed=seed, agent_steps=options.agent_steps), run, overwrite=True)
-                rows.append({"curiosity": kind, "seed": str(seed)} | _measures(run))
-                write_rows(RESULTS, rows, COLUMNS)
-                print(rows[-1], flush=True)
+    if not options.write:
+        for kind, seed in STUDY.missing((kind, seed) for seed in options.seeds for kind in get_args(CuriosityName)):
+            run = folder(options.output, kind, seed)
+            train(replace(config(kind), seed=seed, agent_steps=options.agent_steps), run, overwrite=True)
+            STUDY.add((kind, seed), _measures(run))
     write()
 
 
 def write() -> None:
     """Write the table."""
-    write_table(PAGE, "curiosity", table(read_rows(RESULTS)))
+    write_table(PAGE, "curiosity", table(STUDY.rows()))
 
 
 def _measures(run: Path) -> dict[str, str]:

@@ -2,8 +2,8 @@
 
 It is idea 1 of the report. Policies that differ in what they observe of the costs imitate a planner under guidance
 graphs that are random in every episode, with three seeds, and are evaluated under graphs that none of them has seen.
-Finished runs are reused. `docs/results/edge-weights.csv` gets the results, and `docs/explanation/report-ideas.md` the
-table.
+`docs/results/edge-weights.csv` gets the results, whose runs are not repeated, and `docs/explanation/report-ideas.md`
+the table.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from experiments.pages import PAGES, read_rows, setting_lines, write_rows, write_table
+from experiments.pages import FILES, PAGES, setting_lines, write_table
+from experiments.study import Study, StudyOptions, folder
 from mapf_pz.evaluation.episodes import rollout, simulator_of
 from mapf_pz.evaluation.policies import policy_factory
 from mapf_pz.rl.config import TaskConfig, TrainConfig
@@ -25,12 +26,11 @@ from mapf_pz.rl.training.train import train
 from mapf_pz.simulator.seeds import FIRST_EVALUATION_SEED
 from mapf_pz.simulator.simulator import Simulator
 
-ROOT = Path(__file__).parents[2]
-RESULTS, PAGE = ROOT / "docs" / "results" / "edge-weights.csv", PAGES / "report-ideas.md"
+PAGE = PAGES / "report-ideas.md"
 
 AGENT_STEPS = 800_000
 """Length of a training."""
-EXPERT = PRESETS["lifelong"].imitation.expert
+PLANNER, EXPERT = "the planner", PRESETS["lifelong"].imitation.expert
 CHANNELS, FEATURES = ("view", "goal", "orientation", "other_goals"), ("last_actions", "goal_vector")
 WEIGHTS = ("edge_weights",)
 ROUTES = ("cost_to_go", "heuristic", "others_next", "others_heuristic")
@@ -46,10 +46,11 @@ SETTINGS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 """Channels and features that are observed in addition to `CHANNELS` and `FEATURES`."""
 METRICS = {"agreement": 3, "throughput": 2, "cost": 1}
 """Measures of a policy and their digits in the table; the expert has no agreement."""
+STUDY = Study(FILES / "edge-weights.csv", ("setting", "seed"), tuple(METRICS))
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(StudyOptions):
     """Options of the experiment."""
 
     output: Path = Path("runs/edge-weights")
@@ -76,17 +77,16 @@ def config(setting: str) -> TrainConfig:
 
 
 def main(options: Options) -> None:
-    """Train and evaluate the missing runs in sequence, and write the results and the table."""
-    rows = [{"setting": "the planner", "seed": "0"} | _measures(config("neither").task, EXPERT, options.episodes)]
-    for seed in options.seeds:
-        for setting in SETTINGS:
-            run = options.output / f"{setting.replace(',', '').replace(' ', '-')}-{seed}"
+    """Train and evaluate the missing runs in sequence, write the results after each, and the table at the end."""
+    if not options.write:
+        for planner in STUDY.missing([(PLANNER, 0)]):
+            STUDY.add(planner, _measures(config("neither").task, EXPERT, options.episodes))
+        for setting, seed in STUDY.missing((setting, seed) for seed in options.seeds for setting in SETTINGS):
+            run = folder(options.output, setting, seed)
             if not (run / "policy.safetensors").exists():
                 train(replace(config(setting), seed=seed, agent_steps=options.agent_steps), run, overwrite=True)
             measures = _measures(config(setting).task, f"{run}+pibt:temperature=0", options.episodes)
-            rows.append({"setting": setting, "seed": str(seed), "agreement": _agreement(run)} | measures)
-            print(rows[-1], flush=True)
-    write_rows(RESULTS, rows, ["setting", "seed", *METRICS])
+            STUDY.add((setting, seed), {"agreement": _agreement(run)} | measures)
     write()
 
 
@@ -134,7 +134,7 @@ class Costs:
 
 def write() -> None:
     """Write the table: means over seeds, with minimum and maximum."""
-    write_table(PAGE, "edge weights", table(read_rows(RESULTS)))
+    write_table(PAGE, "edge weights", table(STUDY.rows()))
 
 
 def table(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 import tyro
 
-from experiments.pages import PAGES, key_of, read_rows, setting_lines, write_rows, write_table
+from experiments.pages import FILES, PAGES, setting_lines, write_table
+from experiments.study import Study, StudyOptions, folder
 from mapf_pz import parallel_env
 from mapf_pz._internal.arrays import Floats, Ints
 from mapf_pz._internal.jit import Array
@@ -44,25 +45,25 @@ from mapf_pz.simulator.kernels.reward import RewardConfig
 from mapf_pz.simulator.kernels.world import allocate, set_map
 from mapf_pz.simulator.seeds import FIRST_EVALUATION_SEED
 
-ROOT = Path(__file__).parents[2]
-RESULTS, PAGE = ROOT / "docs" / "results" / "observed-weights.csv", PAGES / "report-ideas.md"
+PAGE = PAGES / "report-ideas.md"
 
 SETTINGS = {"without edge weights": (), "with edge weights": ("edge_weights",)}
 """Channels that are observed in addition to the others."""
-REFERENCES = ("the planner without the weights", "the planner with the weights")
+REFERENCES = {"the planner without the weights": False, "the planner with the weights": True}
+"""Whether a planner knows the weights, by its name in the table."""
 SOLVED = "weighted_cost_ratio (solved)"
 METRICS = {"CSR": 3, "ISR": 3, SOLVED: 3}
 """Metrics and their digits in the table."""
 TEMPERATURE = 0.5
 """Temperature of the evaluated policies: with their most likely actions, some agents block each other forever."""
-COLUMNS = ("setting", "seed", *METRICS)
+STUDY = Study(FILES / "observed-weights.csv", ("setting", "seed"), tuple(METRICS))
 NUM_AGENTS, MAX_STEPS, MAPS = 4, 64, MapMixture(height=10, width=10, density=0.1)
 REWARD = RewardConfig(forward=0.0, rotate=0.0, goal=2.0, weighted_step_cost=0.2)
 """No term but `weighted_step_cost` depends on the weights."""
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(StudyOptions):
     """Options of the experiment."""
 
     output: Path = Path("runs/observed-weights")
@@ -163,17 +164,14 @@ def config(setting: str) -> TrainConfig:
 
 def main(options: Options) -> None:
     """Train and evaluate the missing runs in sequence, write the results after each, and the table at the end."""
-    rows = read_rows(RESULTS) or list(references(options.episodes))
-    known = {key_of(row, COLUMNS[:2]) for row in rows}
-    for seed in options.seeds:
-        for setting in SETTINGS:
-            if (setting, str(seed)) not in known:
-                run = options.output / f"{setting.replace(' ', '-')}-{seed}"
-                if not (run / "policy.safetensors").exists():
-                    train(replace(config(setting), seed=seed, agent_steps=options.agent_steps), run, overwrite=True)
-                rows.append({"setting": setting, "seed": str(seed)} | measured(setting, run, options.episodes))
-                write_rows(RESULTS, rows, COLUMNS)
-                print(rows[-1], flush=True)
+    if not options.write:
+        for name, seed in STUDY.missing((name, 0) for name in REFERENCES):
+            STUDY.add((name, seed), reference(REFERENCES[name], options.episodes))
+        for setting, seed in STUDY.missing((setting, seed) for seed in options.seeds for setting in SETTINGS):
+            run = folder(options.output, setting, seed)
+            if not (run / "policy.safetensors").exists():
+                train(replace(config(setting), seed=seed, agent_steps=options.agent_steps), run, overwrite=True)
+            STUDY.add((setting, seed), measured(setting, run, options.episodes))
     write()
 
 
@@ -193,18 +191,16 @@ def means(metrics: Iterable[Mapping[str, float]]) -> dict[str, str]:
     return {name: f"{np.mean(each):.4f}" for name, each in values.items()}
 
 
-def references(episodes: int) -> Iterator[dict[str, str]]:
-    """Yield the rows of a planner in the held-out episodes, without knowledge of their weights and with it."""
+def reference(knows_weights: bool, episodes: int) -> dict[str, str]:
+    """Return the means of a planner's metrics in the held-out episodes."""
     env = parallel_env(**config("without edge weights").task.env_keywords())
-    found: dict[str, list[dict[str, float]]] = {name: [] for name in REFERENCES}
+    found: list[dict[str, float]] = []
     for episode in range(episodes):
         env.reset(seed=FIRST_EVALUATION_SEED + episode)
         instance = Instance(env.simulator.grid(0), Scenario(env.positions, env.goals), env.headings)
         graph = env.simulator.guidance(0)
-        for name, weights in zip(REFERENCES, ("uniform", graph), strict=True):
-            found[name].append(planned(instance, weights, graph))
-    for name, metrics in found.items():
-        yield {"setting": name, "seed": "0"} | means(metrics)
+        found.append(planned(instance, graph if knows_weights else "uniform", graph))
+    return means(found)
 
 
 def planned(instance: Instance, weights: EdgeWeights, graph: GuidanceGraph) -> dict[str, float]:
@@ -222,7 +218,7 @@ def planned(instance: Instance, weights: EdgeWeights, graph: GuidanceGraph) -> d
 
 def write() -> None:
     """Write the table: means over seeds, with minimum and maximum."""
-    write_table(PAGE, "observed weights", table(read_rows(RESULTS)))
+    write_table(PAGE, "observed weights", table(STUDY.rows()))
 
 
 def table(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:

@@ -17,26 +17,28 @@ import numpy as np
 import tyro
 from matplotlib.figure import Figure
 
-from experiments.pages import read_rows, write_rows
+from experiments.pages import FILES
 from experiments.report.reproduction import Variation
+from experiments.study import Study, StudyOptions, folder
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.rl.config import ImitationConfig, TrainConfig
 from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.progress import read_progress
 from mapf_pz.rl.training.train import train
 
-ROOT = Path(__file__).parents[2]
-CURVES, IMAGE = ROOT / "docs" / "results" / "sharing.csv", ROOT / "docs" / "images" / "sharing.png"
+IMAGE = FILES.parent / "images" / "sharing.png"
 NUM_NEIGHBORS, RADII = (1, 2, 4), (0, 3, 5, None)
 DENSITIES = (0.15, 0.3)
 AGENT_STEPS = {"dagger": 150_000, "mappo": 600_000}
 """Length of a training by imitation and by PPO."""
 VALIDATIONS = 5
 METRICS = ("CSR", "ISR", "return")
+STUDY = Study(FILES / "sharing.csv", ("algorithm", "density", "knows", "seed"), ("agent_steps", *METRICS))
+"""The validations of each run."""
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(StudyOptions):
     """Options of the experiment."""
 
     output: Path = Path("runs/sharing")
@@ -85,30 +87,27 @@ def rows(algorithm: str, density: float) -> Iterator[Variation]:
 
 def main(options: Options) -> None:
     """Train the missing runs in sequence; write the validations after each, and the figure at the end."""
-    found = read_rows(CURVES)
-    known = {_setting(row) for row in found}
-    for seed, algorithm, density in itertools.product(options.seeds, options.algorithms, DENSITIES):
-        for row in rows(algorithm, density):
-            if (algorithm, str(density), row.name, str(seed)) not in known:
-                run = options.output / f"{algorithm}-{density}-{row.name.replace(' ', '-')}-{seed}"
-                train(replace(row.config, seed=seed), run, overwrite=True)
-                found += _validations(run, algorithm, density, row.name, seed)
-                write_rows(CURVES, sorted(found, key=_setting))
-    draw(found)
+    if not options.write:
+        for seed, algorithm, density in itertools.product(options.seeds, options.algorithms, DENSITIES):
+            learn(algorithm, density, seed, options.output)
+    draw(STUDY.rows())
 
 
-def _setting(row: Mapping[str, str]) -> tuple[str, str, str, str]:
-    """Return what determines a run."""
-    return row["algorithm"], row["density"], row["knows"], row["seed"]
+def learn(algorithm: str, density: float, seed: int, output: Path) -> None:
+    """Train the missing runs that differ in what agents know of each other."""
+    configs = {(algorithm, density, row.name, seed): row.config for row in rows(algorithm, density)}
+    for run in STUDY.missing(configs):
+        where = folder(output, f"{algorithm}-{density}-{run[2]}", seed)
+        train(replace(configs[run], seed=seed), where, overwrite=True)
+        STUDY.add(run, *_validations(where))
 
 
-def _validations(run: Path, algorithm: str, density: float, name: str, seed: int) -> Iterator[dict[str, str]]:
+def _validations(run: Path) -> Iterator[dict[str, str]]:
     """Yield a run's validations."""
     for row in read_progress(run):
         if not np.isnan(row["validation_CSR"]):
-            setting = {"algorithm": algorithm, "density": str(density), "knows": name, "seed": str(seed)}
             numbers = {metric: f"{row[f'validation_{metric}']:.3f}" for metric in METRICS}
-            yield setting | {"agent_steps": f"{row['agent_steps']:.0f}"} | numbers
+            yield {"agent_steps": f"{row['agent_steps']:.0f}"} | numbers
 
 
 def draw(validations: Sequence[Mapping[str, str]]) -> None:

@@ -11,12 +11,12 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import tyro
 
-from experiments.pages import PAGES, key_of, read_rows, write_rows, write_table
+from experiments.pages import FILES, PAGES, key_of, write_table
+from experiments.study import Study, StudyOptions
 from mapf_pz.evaluation.reports.intervals import mean_interval
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances import RandomObstacles
@@ -25,8 +25,7 @@ from mapf_pz.planners import Planner, planner_of
 from mapf_pz.planners.base import guidance_of
 from mapf_pz.planners.deadline import WorkClock
 
-ROOT = Path(__file__).parents[2]
-RESULTS, PAGE = ROOT / "docs" / "results" / "weighted-costs.csv", PAGES / "guidance-graphs.md"
+PAGE = PAGES / "guidance-graphs.md"
 
 PLANNERS = {
     "pibt": "pibt",
@@ -40,12 +39,13 @@ PLANNERS = {
 CASES = tuple(product(("cardinal", "rotate"), ("crisscross", "random")))
 """Action models and edge weights."""
 SIZE, DENSITY, NUM_AGENTS = 16, 0.1, 16
-COLUMNS = ("planner", "action_model", "weights", "seed", "known", "unknown")
+KEY = ("planner", "action_model", "weights", "seed")
+STUDY = Study(FILES / "weighted-costs.csv", KEY, ("known", "unknown"))
 """The weighted costs of the plans with and without knowledge of the weights; empty: there is no plan."""
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(StudyOptions):
     """Options of the experiment."""
 
     seeds: int = 20
@@ -55,21 +55,15 @@ class Options:
 
 
 def main(options: Options) -> None:
-    """Plan all instances, and write the results and the table. Planners that have results are not measured again."""
-    rows = read_rows(RESULTS)
-    measured = {row["planner"] for row in rows}
-    for name, planner in PLANNERS.items():
-        if name in measured:
-            continue
-        for model, weights in CASES:
-            for seed in range(options.seeds):
-                instance = instance_of(seed, model)
-                graph = guidance_of(instance, weights, seed)
-                costs = priced(made(planner, seed), instance, graph, options.time_limit)
-                known, unknown = ("" if cost is None else f"{cost:.4f}" for cost in costs)
-                rows.append(dict(zip(COLUMNS, (name, model, weights, str(seed), known, unknown), strict=True)))
-            print(name, model, weights, cell(rows, name, model, weights), flush=True)
-        write_rows(RESULTS, rows, COLUMNS)
+    """Plan the instances without results, write the costs after each, and the table at the end."""
+    if not options.write:
+        plans = ((name, *case, seed) for name in PLANNERS for case in CASES for seed in range(options.seeds))
+        for name, model, weights, seed in STUDY.missing(plans):
+            instance = instance_of(seed, model)
+            graph = guidance_of(instance, weights, seed)
+            costs = priced(made(PLANNERS[name], seed), instance, graph, options.time_limit)
+            cells = ("" if cost is None else f"{cost:.4f}" for cost in costs)
+            STUDY.add((name, model, weights, seed), dict(zip(STUDY.measures, cells, strict=True)))
     write()
 
 
@@ -99,7 +93,7 @@ def priced(
 
 def write() -> None:
     """Write the table: means with 95 % intervals."""
-    write_table(PAGE, "weighted costs", table(read_rows(RESULTS)))
+    write_table(PAGE, "weighted costs", table(STUDY.rows()))
 
 
 def table(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
@@ -114,7 +108,7 @@ def table(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
 def cell(rows: Sequence[Mapping[str, str]], planner: str, model: str, weights: str) -> str:
     """Return the mean ratio of the costs with its interval, and of how many instances it is, if not of all."""
     key = (planner, model, weights)
-    chosen = [row for row in rows if key_of(row, COLUMNS[:3]) == key]
+    chosen = [row for row in rows if key_of(row, KEY[:3]) == key]
     ratios = [float(row["known"]) / float(row["unknown"]) for row in chosen if row["known"] and row["unknown"]]
     if not ratios:
         return f"0 of {len(chosen)} instances"

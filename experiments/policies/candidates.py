@@ -16,20 +16,21 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from experiments.pages import key_of, read_rows, spread, write_rows, write_table
+from experiments.pages import FILES, key_of, spread, write_table
 from experiments.policies import imitation
-from experiments.report.published import folder
 from experiments.report.reproduction import Variation
-from experiments.tables.results import FILES
+from experiments.study import Study, StudyOptions, folder
 from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.progress import read_progress
 
 PRESET = "oneshot-cardinal"
-RESULTS, CURVES, PAGE = FILES / "candidates.csv", FILES / "candidate-curves.csv", imitation.PAGE
+PAGE = imitation.PAGE
 KEY = ("candidate", "seed", "agent_steps")
 """Columns that determine a run."""
 PROGRESS = ("loss", "agreement", "validation_CSR")
 """What is kept of the progress of a training."""
+STUDY = Study(FILES / "candidates.csv", KEY, ("hours", *imitation.MEASURES))
+CURVES = Study(FILES / "candidate-curves.csv", KEY, ("agent_steps_so_far", "hours", *PROGRESS))
 
 
 def candidates() -> Iterator[Variation]:
@@ -48,7 +49,7 @@ def candidates() -> Iterator[Variation]:
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(StudyOptions):
     """Options of the search."""
 
     output: Path = Path("runs/candidates")
@@ -65,22 +66,22 @@ class Options:
 
 def main(options: Options) -> None:
     """Train and evaluate the missing runs in sequence; write the results after each, and the table at the end."""
-    found = read_rows(RESULTS)
-    alive = [candidate for candidate in candidates() if candidate.name in options.candidates]
+    alive = [] if options.write else [each for each in candidates() if each.name in options.candidates]
     for agent_steps in options.lengths:
+        learn(alive, agent_steps, options)
         of_round = (str(options.seed), str(agent_steps))
-        for candidate in alive:
-            key = (candidate.name, *of_round)
-            if key not in [key_of(row, KEY) for row in found]:
-                run = folder(options.output, f"{candidate.name}-{agent_steps}", options.seed)
-                measured = imitation.trained(candidate.config, options.seed, agent_steps, run)
-                measured |= imitation.measured(PRESET, [str(run)], run, options.episodes)
-                of_run = dict(zip(KEY, key, strict=True))
-                found.append(of_run | measured)
-                write_rows(RESULTS, found)
-                write_rows(CURVES, [*read_rows(CURVES), *(of_run | row for row in curve(run))])
-        alive = better_half(alive, [row for row in found if key_of(row, KEY[1:]) == of_round])
+        alive = better_half(alive, [row for row in STUDY.rows() if key_of(row, KEY[1:]) == of_round])
     write()
+
+
+def learn(alive: Sequence[Variation], agent_steps: int, options: Options) -> None:
+    """Train and evaluate the missing runs of a round."""
+    configs = {(candidate.name, options.seed, agent_steps): candidate.config for candidate in alive}
+    for run in STUDY.missing(configs):
+        where = folder(options.output, f"{run[0]}-{agent_steps}", options.seed)
+        hours = imitation.trained(configs[run], options.seed, agent_steps, where)
+        STUDY.add(run, hours | imitation.measured(PRESET, [str(where)], where, options.episodes))
+        CURVES.add(run, *curve(where))
 
 
 def curve(run: Path) -> Iterator[dict[str, str]]:
@@ -92,7 +93,7 @@ def curve(run: Path) -> Iterator[dict[str, str]]:
 
 def score(row: Mapping[str, str]) -> float:
     """Return the mean over all sets and numbers of agents."""
-    return float(np.mean([float(row[column]) for column in imitation.measures()]))
+    return float(np.mean([float(row[column]) for column in imitation.MEASURES]))
 
 
 def better_half(alive: Sequence[Variation], rows: Sequence[Mapping[str, str]]) -> list[Variation]:
@@ -104,7 +105,7 @@ def better_half(alive: Sequence[Variation], rows: Sequence[Mapping[str, str]]) -
 
 def write() -> None:
     """Write the table."""
-    write_table(PAGE, "candidates", table(read_rows(RESULTS)))
+    write_table(PAGE, "candidates", table(STUDY.rows()))
 
 
 def table(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
@@ -112,7 +113,7 @@ def table(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
 
     Cells have the mean over seeds, in brackets the smallest and the largest.
     """
-    measures = imitation.measures()
+    measures = imitation.MEASURES
     yield f"| candidate | seeds | million agent steps | hours | {' | '.join(measures)} | mean |"
     yield f"| {' | '.join(['---'] * (5 + len(measures)))} |"
     groups: dict[tuple[int, str], list[Mapping[str, str]]] = {}

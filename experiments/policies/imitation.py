@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from experiments.pages import PAGES, key_of, read_rows, spread, write_rows, write_table
-from experiments.report.published import folder
+from experiments.pages import FILES, PAGES, spread, write_table
 from experiments.report.reproduction import Variation
+from experiments.study import Study, StudyOptions, folder
 from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.instances import MapMixture
 from mapf_pz.rl.config import TrainConfig
@@ -29,8 +29,7 @@ from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.progress import read_progress
 from mapf_pz.rl.training.train import resume, train
 
-ROOT = Path(__file__).parents[2]
-RESULTS, PAGE = ROOT / "docs" / "results" / "imitation.csv", PAGES / "imitation.md"
+PAGE = PAGES / "imitation.md"
 EXPERTS = {"oneshot-cardinal": "LaCAM", "lifelong-cardinal": "windowed planning, lifelong"}
 """The planner that each preset imitates."""
 BUNDLED = "augmented"
@@ -45,14 +44,20 @@ SETS = {
 """The maps of evaluations."""
 TEAMS = (32, 64)
 """Numbers of agents in evaluations."""
+MEASURES = tuple(f"{name} {n}" for name, n in itertools.product(SETS, TEAMS))
+"""Names of the measures, one for each set and number of agents."""
 SHIELDS = {"oneshot-cardinal": ("", "+pibt"), "lifelong-cardinal": ("", "+pibt:temperature=0,patience=0")}
 """What follows the policy's name: without and with the safety layer."""
-KEY = ("preset", "setting", "seed", "agent_steps")
-"""Columns that determine a run."""
+STUDY = Study(
+    FILES / "imitation.csv",
+    ("preset", "setting", "seed", "agent_steps"),
+    ("hours", *(f"{measure}{layer}" for measure in MEASURES for layer in ("", " with layer"))),
+)
+"""Each measure without the layer and with it."""
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(StudyOptions):
     """Options of the experiment."""
 
     output: Path = Path("runs/imitation")
@@ -95,28 +100,19 @@ def small_maps(mixture: MapMixture) -> MapMixture:
 
 def main(options: Options) -> None:
     """Train and evaluate the missing runs in sequence; write the results after each, and the tables at the end."""
-    found = read_rows(RESULTS)
-    for seed, preset in itertools.product(options.seeds, options.presets):
-        for setting in settings(preset):
-            key = (preset, setting.name, str(seed), str(options.agent_steps))
-            if setting.name not in options.settings or key in [key_of(row, KEY) for row in found]:
-                continue
-            run = folder(options.output, f"{preset}-{setting.name}", seed)
-            row = dict(zip(KEY, key, strict=True)) | trained(setting.config, seed, options.agent_steps, run)
-            found.append(row | measured(preset, shielded(preset, str(run)), run, options.episodes))
-            write_rows(RESULTS, sorted(found, key=lambda row: key_of(row, KEY)), columns())
+    if not options.write:
+        for seed, preset in itertools.product(options.seeds, options.presets):
+            learn(preset, seed, options)
     write()
 
 
-def columns() -> tuple[str, ...]:
-    """Return the columns of the results: each measure without the layer and with it."""
-    both = (f"{measure}{layer}" for measure, layer in itertools.product(measures(), ("", " with layer")))
-    return (*KEY, "hours", *both)
-
-
-def measures() -> list[str]:
-    """Return the names of the measures, one for each set and number of agents."""
-    return [f"{name} {n}" for name, n in itertools.product(SETS, TEAMS)]
+def learn(preset: str, seed: int, options: Options) -> None:
+    """Train and evaluate the missing runs of a preset and a seed."""
+    named = {setting.name: setting.config for setting in settings(preset) if setting.name in options.settings}
+    for run in STUDY.missing((preset, name, seed, options.agent_steps) for name in named):
+        where = folder(options.output, f"{preset}-{run[1]}", seed)
+        hours = trained(named[run[1]], seed, options.agent_steps, where)
+        STUDY.add(run, hours | measured(preset, shielded(preset, str(where)), where, options.episodes))
 
 
 def trained(config: TrainConfig, seed: int, agent_steps: int, run: Path) -> dict[str, str]:
@@ -150,7 +146,7 @@ def measured(preset: str, policies: Sequence[str], output: Path, episodes: int) 
 
 def write() -> None:
     """Write the tables."""
-    found = read_rows(RESULTS)
+    found = STUDY.rows()
     for preset in EXPERTS:
         rows = [row for row in found if row["preset"] == preset]
         write_table(PAGE, f"imitation {preset}", table(preset, rows))
@@ -158,12 +154,12 @@ def write() -> None:
 
 def table(preset: str, rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
     """Yield the results of a preset as Markdown: means over seeds, in brackets the smallest and the largest."""
-    yield f"| imitation of {EXPERTS[preset]} | seeds | million agent steps | hours | {' | '.join(measures())} |"
-    yield f"| {' | '.join(['---'] * (4 + len(measures())))} |"
+    yield f"| imitation of {EXPERTS[preset]} | seeds | million agent steps | hours | {' | '.join(MEASURES)} |"
+    yield f"| {' | '.join(['---'] * (4 + len(MEASURES)))} |"
     for name, steps in dict.fromkeys((row["setting"], row["agent_steps"]) for row in rows):
         runs = [row for row in rows if (row["setting"], row["agent_steps"]) == (name, steps)]
         cells = [f"{len(runs)}", f"{int(steps) / 1e6:g}", spread([float(row["hours"]) for row in runs], 1)]
-        for measure in measures():
+        for measure in MEASURES:
             alone, layer = ([float(row[key]) for row in runs] for key in (measure, f"{measure} with layer"))
             cells.append(f"{spread(alone, 2)}; {spread(layer, 2)}")
         yield f"| {name} | {' | '.join(cells)} |"

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,11 +18,11 @@ import numpy as np
 import tyro
 from matplotlib.figure import Figure
 
-from experiments.pages import key_of, read_rows, write_rows
+from experiments.pages import FILES
 from experiments.policies import imitation
-from experiments.report.published import folder
+from experiments.study import Study, StudyOptions, folder
 from experiments.tables.result_tables import TABLES, ResultTable
-from experiments.tables.results import FILES, SEEDS, commit, identities, load_results, write
+from experiments.tables.results import SEEDS, commit, identities, load_results, write
 from mapf_pz.evaluation import Episode, evaluate
 from mapf_pz.evaluation.reports.report import grouped
 from mapf_pz.rl import load_policy
@@ -31,17 +31,17 @@ from mapf_pz.rl.policies.folder import policy_folder
 from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.progress import read_progress
 
-CURVES, IMAGE = FILES / "seed-curves.csv", FILES / "seeds.png"
+IMAGE = FILES / "seeds.png"
 VALIDATION = {"oneshot-cardinal": "CSR", "lifelong-cardinal": "throughput"}
 """The metric of validations."""
-KEY = ("preset", "seed", "suite")
-"""Columns that determine an evaluation."""
-RESULTS = (*KEY, "commit", "task", "num_agents", "policy", "metric", "mean")
-"""Columns of the results."""
+STUDY = Study(SEEDS, ("preset", "seed", "suite"), ("commit", "task", "num_agents", "policy", "metric", "mean"))
+"""The results, of which a suite has several rows."""
+CURVES = Study(FILES / "seed-curves.csv", ("preset", "seed"), ("agent_steps", "hours", "value"))
+"""The validations during the trainings."""
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(StudyOptions):
     """Options of the experiment."""
 
     output: Path = imitation.Options.output
@@ -58,31 +58,29 @@ class Options:
 
 def main(options: Options) -> None:
     """Train and evaluate the missing runs in sequence; write results after each suite, and the tables at the end."""
-    for seed, preset in itertools.product(options.seeds, options.presets):
-        bundled = load_policy(preset).config
-        tables = list(missing(preset, seed, options.suites))
-        if seed == bundled.seed or not tables:
-            continue
-        run = folder(options.output, f"{preset}-{imitation.BUNDLED}", seed)
-        imitation.trained(PRESETS[preset], seed, PRESETS[preset].agent_steps, run)
-        if not same(load_policy(run).config, bundled):
-            raise SystemExit(f"{run}: expected the configuration of the bundled policy, apart from the seed")
-        add_curve(preset, seed, run)
-        for table in tables:
-            named = {name: name.replace(preset, str(run), 1) for name in shielded(table, preset)}
-            episodes = evaluate(named, table.suite, run / "evaluation" / table.suite, options.jobs, overwrite=True)
-            of_run = origin(preset, seed, table.suite, commit())
-            add([of_run | row for row in means(episodes, imitation.METRICS[preset])])
+    if not options.write:
+        for seed, preset in itertools.product(options.seeds, options.presets):
+            if seed != load_policy(preset).config.seed:
+                learn(preset, seed, options)
     draw()
     write()
 
 
-def missing(preset: str, seed: int, suites: Sequence[str]) -> Iterator[ResultTable]:
-    """Yield the tables with the policy of a preset and one of these suites, in which the seed is not measured."""
-    found = {key_of(row, KEY) for row in read_rows(SEEDS)}
-    for table in TABLES:
-        if table.suite in suites and shielded(table, preset) and (preset, str(seed), table.suite) not in found:
-            yield table
+def learn(preset: str, seed: int, options: Options) -> None:
+    """Train a preset with a seed, and evaluate it on the suites without its results, if there are any."""
+    names = {table.suite: shielded(table, preset) for table in TABLES if table.suite in options.suites}
+    missing = list(STUDY.missing((preset, seed, suite) for suite in names if names[suite]))
+    if not missing:
+        return
+    run = folder(options.output, f"{preset}-{imitation.BUNDLED}", seed)
+    imitation.trained(PRESETS[preset], seed, PRESETS[preset].agent_steps, run)
+    if not same(load_policy(run).config, load_policy(preset).config):
+        raise SystemExit(f"{run}: expected the configuration of the bundled policy, apart from the seed")
+    add_curve(preset, seed, run)
+    for *_, suite in missing:
+        named = {name: name.replace(preset, str(run), 1) for name in names[suite]}
+        episodes = evaluate(named, suite, run / "evaluation" / suite, options.jobs, overwrite=True)
+        STUDY.add((preset, seed, suite), *means(episodes, imitation.METRICS[preset], commit()))
 
 
 def same(config: TrainConfig, other: TrainConfig) -> bool:
@@ -99,67 +97,58 @@ def before_bundling(preset: str, now: TrainConfig) -> None:
     before = load_policy(preset).config
     if same(before, now) and before.seed != now.seed:
         keep(preset, before.seed)
-    for file in (SEEDS, CURVES):
-        rows = read_rows(file)
+    for study in (STUDY, CURVES):
+        rows = study.rows()
         others = [row for row in rows if row["preset"] != preset]
         if same(before, now):
             others += [row for row in rows if row["preset"] == preset and row["seed"] != str(now.seed)]
         if len(others) < len(rows):
-            write_rows(file, others, list(rows[0]))
+            study.write(others)
 
 
 def keep(preset: str, seed: int) -> None:
     """Add the bundled policy's validations and results to those of other seeds."""
     add_curve(preset, seed, policy_folder(preset))
-    add([row for table in TABLES if shielded(table, preset) for row in bundled_rows(table, preset, seed)])
+    for table in TABLES:
+        if shielded(table, preset):
+            STUDY.add((preset, seed, table.suite), *bundled_rows(table, preset))
 
 
-def add(rows: Sequence[Mapping[str, str]]) -> None:
-    """Add results."""
-    write_rows(SEEDS, sorted([*read_rows(SEEDS), *rows], key=lambda row: key_of(row, KEY)), RESULTS)
-
-
-def bundled_rows(table: ResultTable, preset: str, seed: int) -> Iterator[dict[str, str]]:
+def bundled_rows(table: ResultTable, preset: str) -> Iterator[dict[str, str]]:
     """Yield the results of the bundled policy in a table, unless they are those of an earlier one."""
     results, now, metric = load_results(table.suite), identities(table).policies, imitation.METRICS[preset]
     for row in results["rows"]:
         name = row["policy"]
         if name in shielded(table, preset) and results["identities"]["policies"][name] == now[name]:
-            of_run = origin(preset, seed, table.suite, results["measured"][name]["commit"])
-            yield of_run | mean_row(row["task"], row["num_agents"], name, metric, row["metrics"][metric]["mean"])
-
-
-def origin(preset: str, seed: int, suite: str, measured_at: str) -> dict[str, str]:
-    """Return the first columns of a result: the run, the suite, and the commit that measured it, shortened."""
-    return {"preset": preset, "seed": str(seed), "suite": suite, "commit": measured_at[:7]}
+            mean, measured_at = row["metrics"][metric]["mean"], results["measured"][name]["commit"]
+            yield mean_row(row["task"], row["num_agents"], name, metric, mean, measured_at)
 
 
 def add_curve(preset: str, seed: int, run: Path) -> None:
     """Add the validations of a run to those of others, unless they are there."""
-    rows = read_rows(CURVES)
-    if (preset, str(seed)) not in [key_of(row, KEY[:2]) for row in rows]:
-        write_rows(CURVES, sorted([*rows, *curve(preset, seed, run)], key=lambda row: key_of(row, KEY[:2])))
+    for missing in CURVES.missing([(preset, seed)]):
+        CURVES.add(missing, *curve(preset, run))
 
 
-def curve(preset: str, seed: int, run: Path) -> Iterator[dict[str, str]]:
+def curve(preset: str, run: Path) -> Iterator[dict[str, str]]:
     """Yield the validations in the progress of a run."""
     for row in read_progress(run):
         value = row[f"validation_{VALIDATION[preset]}"]
         if not math.isnan(value):
             hours = f"{row['seconds'] / 3600:.3f}"
-            steps = f"{row['agent_steps']:.0f}"
-            yield {"preset": preset, "seed": f"{seed}", "agent_steps": steps, "hours": hours, "value": f"{value:.6g}"}
+            yield {"agent_steps": f"{row['agent_steps']:.0f}", "hours": hours, "value": f"{value:.6g}"}
 
 
 def draw() -> None:
     """Plot the validations of the bundled policies and of the other seeds."""
     figure = Figure(figsize=(10, 3.6), layout="constrained")
     for panel, preset in zip(figure.subplots(1, len(VALIDATION)), VALIDATION, strict=True):
-        bundled = policy_folder(preset)
-        rows = [*curve(preset, load_policy(preset).config.seed, bundled), *read_rows(CURVES)]
-        rows = [row for row in rows if row["preset"] == preset]
-        for seed in sorted({row["seed"] for row in rows}):
-            points = [(int(row["agent_steps"]) / 1e6, float(row["value"])) for row in rows if row["seed"] == seed]
+        curves = {str(load_policy(preset).config.seed): list(curve(preset, policy_folder(preset)))}
+        for row in CURVES.rows():
+            if row["preset"] == preset:
+                curves.setdefault(row["seed"], []).append(row)
+        for seed in sorted(curves):
+            points = [(int(row["agent_steps"]) / 1e6, float(row["value"])) for row in curves[seed]]
             panel.plot(*zip(*points, strict=True), label=f"seed {seed}")
         panel.set(title=preset, xlabel="million agent steps", ylabel=f"{VALIDATION[preset]} of validations", ylim=0)
         panel.legend()
@@ -171,16 +160,16 @@ def shielded(table: ResultTable, preset: str) -> list[str]:
     return [name for name in table.policies if name.partition("+")[0] == preset]
 
 
-def means(episodes: Sequence[Episode], metric: str) -> Iterator[dict[str, str]]:
-    """Yield the mean of each policy in each task."""
+def means(episodes: Sequence[Episode], metric: str, measured_at: str) -> Iterator[dict[str, str]]:
+    """Yield the mean of each policy in each task, measured at a commit."""
     for (task, num_agents, policy), values in grouped(episodes).items():
-        yield mean_row(task, num_agents, policy, metric, float(np.mean(values[metric])))
+        yield mean_row(task, num_agents, policy, metric, float(np.mean(values[metric])), measured_at)
 
 
-def mean_row(task: str, num_agents: int, policy: str, metric: str, mean: float) -> dict[str, str]:
-    """Return the mean of a policy in a task as a row."""
-    row = {"task": task, "num_agents": num_agents, "policy": policy, "metric": metric, "mean": f"{mean:.6g}"}
-    return {name: str(value) for name, value in row.items()}
+def mean_row(task: str, num_agents: int, policy: str, metric: str, mean: float, measured_at: str) -> dict[str, str]:
+    """Return the mean of a policy in a task as a row; of the commit that measured it, the first seven characters."""
+    values = (measured_at[:7], task, str(num_agents), policy, metric, f"{mean:.6g}")
+    return dict(zip(STUDY.measures, values, strict=True))
 
 
 if __name__ == "__main__":

@@ -19,11 +19,12 @@ import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.pages import PAGES, read_rows, spread, write_rows, write_table
+from experiments.pages import FILES, PAGES, read_rows, spread, write_rows, write_table
+from experiments.study import folder
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "report_published.py"
-CURVES, PAGE = ROOT / "docs" / "results" / "report-runs.csv", PAGES / "report-runs.md"
+CURVES, PAGE = FILES / "report-runs.csv", PAGES / "report-runs.md"
 IMAGE = ROOT / "docs" / "images" / "report-runs.png"
 
 
@@ -104,11 +105,6 @@ def _planned() -> Iterator[tuple[str, int]]:
     return ((name, seed) for seed, _, name in order)
 
 
-def folder(output: Path, name: str, seed: int) -> Path:
-    """Return the folder of a run."""
-    return output / f"{name.replace(',', '').replace(' ', '-')}-{seed}"
-
-
 def collect(output: Path = Path("runs/report-runs")) -> None:
     """Add the evaluations of all complete runs to those of earlier ones, and write the table.
 
@@ -120,7 +116,8 @@ def collect(output: Path = Path("runs/report-runs")) -> None:
         path = folder(output, name, seed) / "curve.csv"
         runs |= _complete([{"setting": name, "seed": str(seed)} | row for row in read_rows(path)])
     rows = [row for name in SETTINGS for run, curve in sorted(runs.items()) if run[0] == name for row in curve]
-    write_rows(CURVES, [row | {key: f"{float(row[key]):.2f}" for key in row if "reward" in key} for row in rows])
+    rounded = [row | {key: f"{float(row[key]):.2f}" for key in row if "reward" in key} for row in rows]
+    write_rows(CURVES, rounded, list(rows[0]))
     write()
 
 

@@ -2,8 +2,8 @@
 
 The preset `report-repaired` routes its agents, and the preset `report` does not. The settings between them are those of
 `report-repaired` with one change taken back, and those of `report` with one change made. Each is trained with three
-seeds. Finished runs are reused. `docs/results/repair.csv` gets the last validations of all runs, from which `write`
-makes the table in `docs/explanation/report.md`.
+seeds; runs that were stopped go on. `docs/results/repair.csv` gets the last validation of each run, which is not
+repeated then, and `docs/explanation/report.md` the table.
 """
 
 from __future__ import annotations
@@ -16,14 +16,15 @@ from typing import Any
 import numpy as np
 import tyro
 
-from experiments.pages import PAGES, read_rows, spread, write_rows, write_table
+from experiments.pages import FILES, PAGES, spread, write_table
 from experiments.report.reproduction import Variation, curve
+from experiments.study import Study, StudyOptions
 from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.progress import PROGRESS
 from mapf_pz.rl.training.train import resume, train
 
-ROOT = Path(__file__).parents[2]
-RESULTS, PAGE = ROOT / "docs" / "results" / "repair.csv", PAGES / "report.md"
+PAGE = PAGES / "report.md"
+STUDY = Study(FILES / "repair.csv", ("setting", "seed"), ("agent_steps", "CSR", "ISR"))
 PARTS = ("env", "model", "optimization", "ppo")
 CHANGES: dict[str, tuple[str, ...]] = {
     "cost to go (idea 2)": ("cost_to_go", "others_next", "action_advantage"),
@@ -46,7 +47,7 @@ CHANGES: dict[str, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(StudyOptions):
     """Options of the experiment."""
 
     output: Path = Path("runs/repair")
@@ -55,8 +56,6 @@ class Options:
     """Random seeds."""
     agent_steps: int = 500_000
     """Length of each training."""
-    write: bool = False
-    """Only write the table from the results."""
 
 
 def settings() -> Iterator[Variation]:
@@ -91,7 +90,7 @@ def _part(setting: Variation, part: str) -> Any:
 
 
 def learn(setting: Variation, seed: int, options: Options) -> Mapping[str, str]:
-    """Train a setting, unless its run is finished, and return the row of its last validation."""
+    """Train a setting, unless its run is finished, and return its last validation."""
     name = "".join(char if char.isalnum() else "-" for char in setting.name)
     output = options.output / f"{name}-{seed}"
     if not (output / PROGRESS).exists():
@@ -101,14 +100,13 @@ def learn(setting: Variation, seed: int, options: Options) -> Mapping[str, str]:
     elif curve(output)[-1][0] < options.agent_steps:
         resume(output)
     steps, solved, arrived = curve(output)[-1]
-    row = {"setting": setting.name, "seed": str(seed), "agent_steps": f"{steps:.0f}"}
-    return row | {"CSR": f"{solved:.4f}", "ISR": f"{arrived:.4f}"}
+    return {"agent_steps": f"{steps:.0f}", "CSR": f"{solved:.4f}", "ISR": f"{arrived:.4f}"}
 
 
 def write() -> None:
     """Write the table from the results."""
     by_setting: dict[str, list[Mapping[str, str]]] = {}
-    for row in read_rows(RESULTS):
+    for row in STUDY.rows():
         by_setting.setdefault(row["setting"], []).append(row)
 
     def cell(name: str) -> str:
@@ -129,14 +127,11 @@ def write() -> None:
 
 
 def main(options: Options) -> None:
-    """Train what is missing, one seed after the other, and write the results and the table."""
+    """Train what is missing, seed by seed; write the results after each run, and the table at the end."""
     if not options.write:
-        rows = []
-        for seed in options.seeds:
-            for setting in settings():
-                rows.append(learn(setting, seed, options))
-                print(rows[-1], flush=True)
-        write_rows(RESULTS, rows)
+        named = {setting.name: setting for setting in settings()}
+        for name, seed in STUDY.missing((name, seed) for seed in options.seeds for name in named):
+            STUDY.add((name, seed), learn(named[name], seed, options))
     write()
 
 

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 import tyro
 
-from experiments.pages import read_rows
+from experiments.pages import FILES, read_rows
 from experiments.tables.measured_numbers import pages as measured_pages
 from experiments.tables.measured_numbers import without_origin
 from experiments.tables.paired import paired_rows
@@ -43,7 +43,6 @@ from mapf_pz.evaluation.reports.report import grouped
 from mapf_pz.evaluation.suite import suite_label
 
 ROOT = Path(__file__).parents[2]
-FILES = ROOT / "docs" / "results"
 SEEDS = FILES / "seeds.csv"
 RUNS = ROOT / "runs" / "results"
 TIMES = ("runtime", "step_ms", "agent_us")

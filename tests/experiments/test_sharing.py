@@ -1,6 +1,6 @@
 """What information sharing is worth: runs whose validations are known are not repeated; the figure has all curves."""
 
-import csv
+from dataclasses import replace
 
 import pytest
 
@@ -22,7 +22,7 @@ def trained(tmp_path, monkeypatch):
         (run / "progress.csv").write_text(f"agent_steps,validation_CSR,validation_ISR,validation_return\n{numbers}\n")
 
     monkeypatch.setattr(sharing, "train", write_progress)
-    monkeypatch.setattr(sharing, "CURVES", tmp_path / "sharing.csv")
+    monkeypatch.setattr(sharing, "STUDY", replace(sharing.STUDY, file=tmp_path / "sharing.csv"))
     monkeypatch.setattr(sharing, "IMAGE", tmp_path / "sharing.png")
     return runs
 
@@ -32,10 +32,7 @@ def test_runs_whose_validations_are_known_are_not_repeated(tmp_path, trained):
     assert len(trained) == 8 * 2 * 2, "what agents know, algorithms, densities"
     sharing.main(sharing.Options(output=tmp_path, seeds=(0, 1)))
     assert [seed for _, seed in trained] == [0] * 32 + [1] * 32
-    with sharing.CURVES.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == 64 * 2
-    assert [row["CSR"] for row in rows[:4]] == ["0.050", "0.050", "0.150", "0.150"]
+    assert [row["CSR"] for row in sharing.STUDY.rows()] == ["0.050"] * 64 + ["0.150"] * 64
     assert sharing.IMAGE.stat().st_size > 10_000
 
 

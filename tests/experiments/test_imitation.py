@@ -1,6 +1,7 @@
 """Ways to imitate planners: the settings, the results of runs, which are not repeated, and their table."""
 
 import shutil
+from dataclasses import replace
 
 import pytest
 
@@ -21,7 +22,9 @@ def trained(tmp_path, monkeypatch):
         (run / "progress.csv").write_text("agent_steps,seconds\n0,1800\n1,5400\n")
 
     monkeypatch.setattr(imitation, "train", copy)
-    monkeypatch.setattr(imitation, "RESULTS", tmp_path / "imitation.csv")
+    columns = ("hours", "mazes 4", "mazes 4 with layer")
+    monkeypatch.setattr(imitation, "STUDY", replace(imitation.STUDY, file=tmp_path / "imitation.csv", measures=columns))
+    monkeypatch.setattr(imitation, "MEASURES", ("mazes 4",))
     monkeypatch.setattr(imitation, "SETS", {"mazes": imitation.SETS["mazes"]})
     monkeypatch.setattr(imitation, "TEAMS", (4,))
     monkeypatch.setattr(imitation, "write_table", lambda page, name, lines: tables.append((name, list(lines))))

@@ -1,6 +1,7 @@
 """The search for better settings of imitation."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -25,12 +26,12 @@ def runs(tmp_path, monkeypatch):
 
     def measured(preset, policies, output, episodes):
         best = max(NAMES.index(name) for name in NAMES if policies[0].split("/")[-1].startswith(name.replace(" ", "-")))
-        return dict.fromkeys(imitation.measures(), f"{(-best if output.name.endswith('-1') else best) / 100:.3f}")
+        return dict.fromkeys(imitation.MEASURES, f"{(-best if output.name.endswith('-1') else best) / 100:.3f}")
 
     monkeypatch.setattr(imitation, "trained", trained)
     monkeypatch.setattr(imitation, "measured", measured)
-    monkeypatch.setattr(candidates, "RESULTS", tmp_path / "candidates.csv")
-    monkeypatch.setattr(candidates, "CURVES", tmp_path / "candidate-curves.csv")
+    for name, file in {"STUDY": "candidates.csv", "CURVES": "candidate-curves.csv"}.items():
+        monkeypatch.setattr(candidates, name, replace(getattr(candidates, name), file=tmp_path / file))
     monkeypatch.setattr(candidates, "write_table", lambda page, name, lines: tables.append(list(lines)))
     kept = list(candidates.candidates())[5:]
     monkeypatch.setattr(candidates, "candidates", lambda: iter(kept))
@@ -89,7 +90,7 @@ def test_another_seed_is_another_search(runs):
 def test_cells_have_the_range_over_seeds():
     rows = [
         {"candidate": "preset", "seed": seed, "agent_steps": "400", "hours": "0.10"}
-        | dict.fromkeys(imitation.measures(), value)
+        | dict.fromkeys(imitation.MEASURES, value)
         for seed, value in (("0", "0.500"), ("1", "0.700"))
     ]
     *_, line = candidates.table(rows)

@@ -9,7 +9,6 @@ pytest.importorskip("torchrl")
 
 from torchrl.envs import TransformedEnv
 
-from experiments.pages import write_rows
 from experiments.report import flaws, repair, reproduction
 from mapf_pz.rl import BatchedMapfEnv
 
@@ -99,11 +98,11 @@ def test_a_setting_of_the_repair_differs_in_what_its_name_says():
 
 
 def test_the_table_of_the_repair_is_made_from_the_results(tmp_path, monkeypatch):
-    page, results = tmp_path / "report.md", tmp_path / "repair.csv"
+    page, study = tmp_path / "report.md", replace(repair.STUDY, file=tmp_path / "repair.csv")
     page.write_text("<!-- repair -->\n<!-- end of repair -->\n")
     row = {"setting": "report with GELU", "agent_steps": "8"}
-    write_rows(results, [row | {"seed": str(s), "CSR": "0.25", "ISR": f"0.{s}"} for s in (1, 3)])
+    study.write([row | {"seed": str(s), "CSR": "0.25", "ISR": f"0.{s}"} for s in (1, 3)])
     monkeypatch.setattr(repair, "PAGE", page)
-    monkeypatch.setattr(repair, "RESULTS", results)
+    monkeypatch.setattr(repair, "STUDY", study)
     repair.write()
     assert "| GELU |  |  | 0.25 | 0.20 (0.10 to 0.30) |" in page.read_text()

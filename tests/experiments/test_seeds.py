@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("torchrl")
 
-from experiments.pages import read_rows, write_rows
+from experiments.pages import read_rows
 from experiments.policies import seeds
 from experiments.tables.result_tables import ResultTable, markdown
 from mapf_pz.evaluation import Episode
@@ -17,7 +17,6 @@ from mapf_pz.rl.policies.folder import WEIGHTS, policy_folder
 from mapf_pz.rl.progress import PROGRESS, read_progress
 
 PRESET = "oneshot-cardinal"
-CURVES = ("preset", "seed", "agent_steps", "hours", "value")
 OPTIONS = {"presets": (PRESET,), "suites": ("s",)}
 RESULTS = {
     "rows": [
@@ -54,8 +53,9 @@ def trained(tmp_path, monkeypatch):
 
     table = ResultTable("s", ("pibt", PRESET, f"{PRESET}+pibt"))
     monkeypatch.setattr(seeds, "TABLES", (table, ResultTable("other", ("pibt", "oneshot"))))
-    for name, file in {"SEEDS": "seeds.csv", "CURVES": "curves.csv", "IMAGE": "curves.png"}.items():
-        monkeypatch.setattr(seeds, name, tmp_path / file)
+    for name, file in {"STUDY": "seeds.csv", "CURVES": "curves.csv"}.items():
+        monkeypatch.setattr(seeds, name, replace(getattr(seeds, name), file=tmp_path / file))
+    monkeypatch.setattr(seeds, "IMAGE", tmp_path / "curves.png")
     monkeypatch.setattr(seeds.imitation, "trained", copy)
     monkeypatch.setattr(seeds, "evaluate", evaluate)
     monkeypatch.setattr(seeds, "write", lambda: None)
@@ -102,21 +102,21 @@ def test_runs_with_another_configuration_are_refused(tmp_path, trained, monkeypa
 @pytest.fixture
 def files(tmp_path, monkeypatch):
     """Files with results of two other seeds of two presets, written by the function that is returned."""
-    found = tmp_path / "seeds.csv", tmp_path / "curves.csv"
-    monkeypatch.setattr(seeds, "SEEDS", found[0])
+    found = [replace(study, file=tmp_path / study.file.name) for study in (seeds.STUDY, seeds.CURVES)]
+    monkeypatch.setattr(seeds, "STUDY", found[0])
     monkeypatch.setattr(seeds, "CURVES", found[1])
     monkeypatch.setattr(seeds, "TABLES", (ResultTable("s", ("pibt", PRESET)), ResultTable("other", ("pibt",))))
 
     def fill():
-        for file, columns in zip(found, (seeds.RESULTS, CURVES), strict=True):
-            write_rows(file, [{"preset": preset, "seed": seed} for preset in (PRESET, "x") for seed in "12"], columns)
+        for study in found:
+            study.write([{"preset": preset, "seed": seed} for preset in (PRESET, "x") for seed in "12"])
         return found
 
     return fill
 
 
-def seeds_of(file):
-    return [(row["preset"], row["seed"]) for row in read_rows(file)]
+def seeds_of(study):
+    return [(row["preset"], row["seed"]) for row in study.rows()]
 
 
 def test_a_new_bundled_policy_removes_what_no_longer_belongs_beside_it(files, monkeypatch):
@@ -130,7 +130,7 @@ def test_a_new_bundled_policy_removes_what_no_longer_belongs_beside_it(files, mo
     }.items():
         found = files()
         seeds.before_bundling(PRESET, now)
-        assert [sorted(seeds_of(file)) for file in found] == [expected, expected]
+        assert [sorted(seeds_of(study)) for study in found] == [expected, expected]
 
 
 @pytest.mark.parametrize("measured", [True, False], ids=["measured", "measured before"])
@@ -147,11 +147,11 @@ def test_the_results_of_the_bundled_policy_are_kept_when_another_seed_replaces_i
     }
     monkeypatch.setattr(seeds, "load_results", lambda suite: {"s": results}[suite])
     monkeypatch.setattr(seeds, "identities", lambda table: Identities({PRESET: identity}, {}))
-    results_file, curves = files()
+    measurements, curves = files()
     seeds.before_bundling(PRESET, replace(config, seed=3))
-    kept = [row for row in read_rows(results_file) if row["seed"] == str(config.seed)]
+    kept = [row for row in measurements.rows() if row["seed"] == str(config.seed)]
     values = (PRESET, str(config.seed), "s", "0123456", "maze", "8", PRESET, "CSR", "0.5")
-    assert kept == [dict(zip(seeds.RESULTS, values, strict=True))] * measured
+    assert kept == [dict(zip(seeds.STUDY.columns, values, strict=True))] * measured
     assert (PRESET, str(config.seed)) in seeds_of(curves)
 
 

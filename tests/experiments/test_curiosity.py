@@ -1,5 +1,7 @@
 """Whether curiosity helps: the results of runs, which are not repeated, and their table."""
 
+from dataclasses import replace
+
 import pytest
 
 pytest.importorskip("torchrl")
@@ -19,7 +21,7 @@ def test_results_of_runs_and_their_table(tmp_path, monkeypatch):
         (run / "progress.csv").write_text("\n".join(["agent_steps,ISR", *rows]))
 
     monkeypatch.setattr(curiosity, "train", write_progress)
-    monkeypatch.setattr(curiosity, "RESULTS", tmp_path / "curiosity.csv")
+    monkeypatch.setattr(curiosity, "STUDY", replace(curiosity.STUDY, file=tmp_path / "curiosity.csv"))
     monkeypatch.setattr(curiosity, "write_table", lambda page, name, lines: tables.append((name, list(lines))))
     curiosity.main(curiosity.Options(output=tmp_path, seeds=(0,)))
     assert len(trained) == 5
