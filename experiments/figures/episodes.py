@@ -1,4 +1,4 @@
-"""Draw the figures of the documentation: `make long RUN=figures`."""
+"""Draw the figures of the documentation: `make -f experiments/Makefile figures`."""
 
 from __future__ import annotations
 

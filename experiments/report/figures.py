@@ -1,4 +1,4 @@
-"""Draw the report's Figures 3 to 5: an agent's observation, and the networks. `make long RUN=figures`."""
+"""Draw the report's Figures 3 to 5, an agent's observation and the networks: `make -f experiments/Makefile figures`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The experiment of the report's authors, as published and with repairs: `make long RUN=report-runs`.
+"""The experiment of the report's authors, as published and with repairs: `make -f experiments/Makefile report-runs`.
 
 `run` trains with `examples/report_published.py`: each setting with its seeds. Stopped runs go on. `collect` adds the
 evaluations of complete runs to `docs/results/report-runs.csv`, whose runs are not repeated. From this file, `write`

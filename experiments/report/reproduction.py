@@ -1,4 +1,4 @@
-"""Reproduce and analyze the report's experiment: `make long RUN=reproduction`.
+"""Reproduce and analyze the report's experiment: `make -f experiments/Makefile reproduction`.
 
 It starts with the setting of the report's published code, removes the causes of its failure one at a time, and then
 adds changes that improve learning, and the report's ideas for future work. The task is always the same: 4 agents on
@@ -184,7 +184,7 @@ def curve(run: Path) -> Curve:
 INTRODUCTION = """\
 # The report's experiment
 
-`make long RUN=reproduction` measures and writes this table; [The report and its
+`make -f experiments/Makefile reproduction` measures and writes this table; [The report and its
 failure](explanation/report.md#what-makes-it-learn) explains it. CSR and ISR are means over three training seeds, with
 the minimum and the maximum. Each row changes the row above it, down to `central-ppo`; each of the rows below that
 changes `central-ppo` only."""
