@@ -12,8 +12,8 @@ from mapf_pz.rl.progress import read_progress
 from tests.helpers.small_run import TINY
 
 
-def test_its_weights_are_rounded_to_half_the_size(tmp_path, monkeypatch):
-    run = train(TINY, tmp_path / "run")
+def test_a_policy_has_rounded_weights_validations_and_a_card(tmp_path, monkeypatch):
+    run = train(replace(TINY, validation_interval=200), tmp_path / "run")
     for module in (bundle, cards):
         monkeypatch.setattr(module, "bundled", lambda: tmp_path)
     bundle.main(bundle.Options(run, "mine"))
@@ -22,13 +22,6 @@ def test_its_weights_are_rounded_to_half_the_size(tmp_path, monkeypatch):
     for name, weight in original.network.state_dict().items():
         assert torch.equal(copy.network.state_dict()[name], weight.half().float())
     assert (tmp_path / "mine" / WEIGHTS).stat().st_size < 0.7 * (run / WEIGHTS).stat().st_size
-
-
-def test_it_has_a_card_with_the_length_of_its_run(tmp_path, monkeypatch):
-    run = train(replace(TINY, validation_interval=200), tmp_path / "run")
-    for module in (bundle, cards):
-        monkeypatch.setattr(module, "bundled", lambda: tmp_path)
-    bundle.main(bundle.Options(run, "mine"))
     whole, kept = read_progress(run), read_progress(tmp_path / "mine")
     assert 1 < len(kept) < len(whole)
     assert kept[-1] == whole[-1]

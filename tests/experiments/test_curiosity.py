@@ -30,9 +30,3 @@ def test_results_of_runs_and_their_table(tmp_path, monkeypatch):
     name, lines = tables[-1]
     assert name == "curiosity"
     assert lines[2:4] == ["| `none` | not, not | 0.00 |", "| `rnd` | 3, 3 | 1.00 |"]
-
-
-def test_the_kinds_differ_in_nothing_else():
-    kinds = {kind: curiosity.config(kind) for kind in ("none", "rnd", "disagreement")}
-    assert {kind: config.curiosity.kind for kind, config in kinds.items()} == {kind: kind for kind in kinds}
-    assert len({str(config.task) for config in kinds.values()}) == 1

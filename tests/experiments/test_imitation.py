@@ -43,18 +43,3 @@ def test_results_of_runs_and_their_table(tmp_path, trained):
     assert lines[0] == "| imitation of LaCAM | seeds | million agent steps | hours | mazes 4 |"
     assert lines[2:] == ["| embeddings | 2 | 0.5 | 1.5 | 1.00; 1.00 |"]
     assert tables[-1] == ("imitation lifelong-cardinal", tables[-1][1][:2])
-
-
-@pytest.mark.parametrize("preset", list(imitation.EXPERTS))
-def test_settings_differ_in_what_they_are_named_after(preset):
-    alone, together, unshielded, *others = (setting.config for setting in imitation.settings(preset))
-    assert (alone.model.communication, together.model.communication, unshielded.model.communication) == (0, 2, 2)
-    assert (alone.task.shield, together.task.shield, unshielded.task.shield) == (True, True, False)
-    assert alone.task.mixture == unshielded.task.mixture
-    assert (alone.optimization, alone.imitation) == (unshielded.optimization, unshielded.imitation)
-    if preset == "oneshot-cardinal":
-        short, augmented = others
-        assert (short.task, short.model) == (unshielded.task, unshielded.model)
-        assert short.imitation.segment_steps == augmented.imitation.segment_steps < unshielded.imitation.segment_steps
-        assert (short.imitation.augment, augmented.imitation.augment) == (False, True)
-        assert augmented.task.env == short.task.env

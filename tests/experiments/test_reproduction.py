@@ -56,14 +56,6 @@ def test_every_variation_can_be_trained():
         flaws.FlawedPPO(row.config, row.flaws).transforms(0)
 
 
-def test_the_causes_are_removed_one_at_a_time():
-    rows = {row.name: row for row in reproduction.variations()}
-    assert rows["as coded"].flaws == (flaws.Bytes, flaws.AllGoals, flaws.Freeze)
-    assert rows["as coded"].config.task.env.reward.pay_blocked_forward
-    assert rows["- all goals alike"].flaws == ()
-    assert rows["as printed"].config.task.action_mode == "sigmoid"
-
-
 def test_a_run_is_kept(tmp_path, monkeypatch):
     options = reproduction.Options(output=tmp_path, agent_steps=8192)
     row = next(reproduction.variations())

@@ -34,17 +34,3 @@ def test_runs_whose_validations_are_known_are_not_repeated(tmp_path, trained):
     assert [seed for _, seed in trained] == [0] * 32 + [1] * 32
     assert [row["CSR"] for row in sharing.STUDY.rows()] == ["0.050"] * 64 + ["0.150"] * 64
     assert sharing.IMAGE.stat().st_size > 10_000
-
-
-def test_policies_that_know_more_have_the_same_task_and_training():
-    for algorithm in sharing.AGENT_STEPS:
-        alone, *others = [row.config for row in sharing.rows(algorithm, 0.3)]
-        assert alone.task.env.num_neighbors == alone.model.communication == 0
-        for config in others:
-            assert config.task.mixture == alone.task.mixture
-            assert (config.optimization, config.ppo, config.imitation) == (
-                alone.optimization,
-                alone.ppo,
-                alone.imitation,
-            )
-            assert (config.task.env.num_neighbors > 0) != (config.model.communication > 0)
