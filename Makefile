@@ -3,18 +3,14 @@
 # make lint       checks style, types and words; make format corrects the style
 # make docs       builds the documentation: site/index.html
 # make examples   runs the examples that need separate virtual environments, which it creates
-# make results    measures the documentation's result tables again, or one of them: SUITE=standard
 # make bench      measures the speed beside other environments, which it installs in .venv-peers, .venv-rware and .venv-jumanji
 # make wheel      builds the source archive and the wheel, and tries them outside of this tree
 # make clean      removes the virtual environments and what they have written
-# make long RUN=soak   or another run of minutes to days, in docs/verification.md: faults, coverage, mutation, mutation-sample, record-pogema;
-#                      for the documentation: figures, reproduction, report-runs
+#
+# What takes minutes to days is in tests/Makefile and experiments/Makefile: `make -f tests/Makefile soak`.
 
 PYTHON ?= python3
 BIN := .venv/bin
-COVERAGE := --cov=mapf_pz --cov=wrappers --cov-branch
-PLAIN_TESTS := $(addprefix tests/simulator/test_, against_reference.py cache.py collision_table.py cost_to_go.py properties.py symmetry.py threads.py) \
-	$(addprefix tests/planners/test_, pibt.py epibt.py shield.py prioritized.py refine.py neighborhood.py lacam.py decisions.py)
 OUTSIDE_TESTS := tests/environment/test_env.py tests/wrappers tests/instances/test_library.py tests/render
 KERNEL_TESTS := $(addprefix tests/simulator/test_, properties.py symmetry.py collision_table.py cost_to_go.py)
 
@@ -24,9 +20,7 @@ PEER_jumanji := jumanji==1.1.0 requests
 # Python keeps compiled modules even where the environment forbids it: the import of TorchRL takes 3 seconds instead of 8.
 export PYTHONDONTWRITEBYTECODE :=
 
-LONG := soak faults coverage mutation mutation-sample record-pogema figures reproduction report-runs
-
-.PHONY: train test lint format docs examples results bench wheel clean long $(addprefix long-,$(LONG))
+.PHONY: train test lint format docs examples bench wheel clean
 
 train: .venv/installed
 	$(BIN)/mapf-pz train quickstart --num-learners auto --output runs/quickstart --overwrite
@@ -40,7 +34,7 @@ lint: .venv/developed
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/basedpyright
-	$(BIN)/python -m experiments.words
+	$(BIN)/python -m experiments.checks.words
 
 format: .venv/developed
 	$(BIN)/ruff check --fix
@@ -48,10 +42,6 @@ format: .venv/developed
 
 docs: .venv/developed
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
-
-# Hours; MAPF_PZ_BENCHMARK names the folders of benchmark data. Resumes where it was stopped.
-results: .venv/developed
-	$(BIN)/python -m experiments.results measure $(if $(SUITE),--suites $(SUITE))
 
 # Type checkers and editors find the modules of an editable install only in the mode `compat`.
 INSTALL := $(BIN)/pip install --quiet --no-compile --disable-pip-version-check --constraint constraints.txt \
@@ -95,55 +85,3 @@ wheel: .venv/developed
 
 clean:
 	rm -rf .venv .venv-peers .venv-rware .venv-jumanji .venv-mutation .venv-rllib .venv-benchmarl runs site dist
-
-long:
-	@: $(if $(filter $(RUN),$(LONG)),,$(error RUN=$(RUN): expected one of $(LONG)))
-	$(MAKE) long-$(RUN)
-
-long-soak: .venv/developed
-	$(BIN)/python -m tests.soak
-	$(BIN)/python -m pytest -n 2 --hypothesis-profile=random tests/simulator tests/planners tests/guidance
-
-long-faults: .venv/developed
-	$(BIN)/python -m tests.faults
-
-long-coverage: .venv/developed
-	$(BIN)/python -m pytest -n 2 $(COVERAGE) --cov-report=
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 $(COVERAGE) --cov-append --cov-report=term-missing:skip-covered \
-		--hypothesis-profile=quick -W ignore:overflow:RuntimeWarning $(PLAIN_TESTS) -k 'not (ten_thousand or benchmark or turned or time_makes)'
-
-# Mutants are made in a clone. Finished ones are kept in runs/NAME.sqlite, from which the next run resumes.
-long-mutation: SAMPLE := true
-long-mutation-sample: SAMPLE := python -m tests.mutation_sample ../mutation-sample.sqlite
-long-mutation long-mutation-sample: long-%: .venv/developed .venv-mutation/installed
-	rm -rf runs/$*
-	git clone --quiet . runs/$*
-	cd runs/$* && export PATH=$(CURDIR)/.venv-mutation/bin:$$PATH MAPF_PZ_PYTHON=$(CURDIR)/$(BIN)/python && \
-		{ test -e ../$*.sqlite || { cosmic-ray init tests/$*.toml ../$*.sqlite && \
-		cr-filter-operators ../$*.sqlite tests/$*.toml && $(SAMPLE); }; } && \
-		cosmic-ray exec tests/$*.toml ../$*.sqlite
-	.venv-mutation/bin/cr-report --surviving-only --show-diff runs/$*.sqlite
-
-.venv-mutation/installed:
-	$(PYTHON) -m venv .venv-mutation
-	.venv-mutation/bin/pip install --quiet --disable-pip-version-check 'cosmic-ray==8.7.*'
-	touch $@
-
-long-record-pogema: .venv-peers/installed
-	PYTHONPATH=. .venv-peers/bin/python -m tests.recordings.record_pogema tests/recordings
-
-long-figures: .venv/developed
-	$(BIN)/python experiments/figures.py
-	$(BIN)/python experiments/concept_figures.py
-	$(BIN)/python -m experiments.report_figures
-	$(BIN)/python experiments/screenshots.py
-	$(BIN)/python -m experiments.editor_pictures
-
-long-reproduction: .venv/developed
-	$(BIN)/python -m experiments.reproduction
-
-# MAPF_PZ_REPORT_RUNS names the authors' evaluations, which are drawn beside ours.
-long-report-runs: .venv/developed
-	$(BIN)/python -m experiments.report_runs run
-	$(BIN)/python -m experiments.report_runs collect
-	$(BIN)/python -m experiments.report_runs write $(if $(MAPF_PZ_REPORT_RUNS),--authors $(MAPF_PZ_REPORT_RUNS))

@@ -10,6 +10,8 @@ import numpy as np
 
 PAGES = Path(__file__).parents[1] / "docs" / "explanation"
 """Folder of the pages."""
+FILES = PAGES.parent / "results"
+"""Folder of the files of results."""
 
 
 def read_rows(path: Path) -> list[dict[str, str]]:
@@ -20,10 +22,10 @@ def read_rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def write_rows(path: Path, rows: Sequence[Mapping[str, str]], columns: Sequence[str] | None = None) -> None:
-    """Write rows to a CSV file; cells without a value are empty. Default of `columns`: those of the first row."""
+def write_rows(path: Path, rows: Sequence[Mapping[str, str]], columns: Sequence[str]) -> None:
+    """Write rows to a CSV file; cells without a value are empty."""
     with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, columns or list(rows[0]), restval="", lineterminator="\n")
+        writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
 

@@ -16,7 +16,7 @@ from mapf_pz.planners import Planner
 from tests.helpers.hand_clock import HandClock
 
 # The first call of a kernel compiles it.
-settings.register_profile("random", deadline=None)  # new examples in every run: `make long RUN=soak`
+settings.register_profile("random", deadline=None)  # new examples in every run: `make -f tests/Makefile soak`
 settings.register_profile("mapf_pz", deadline=None, derandomize=True)
 settings.register_profile("quick", deadline=None, derandomize=True, max_examples=10)  # for kernels not compiled
 settings.load_profile("mapf_pz")

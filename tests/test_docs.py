@@ -15,6 +15,7 @@ import sys
 from dataclasses import dataclass
 from html.parser import HTMLParser
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
@@ -261,6 +262,30 @@ def public_texts():
 def test_pages_and_examples_use_public_names_only():
     for name, text in public_texts().items():
         assert not re.search(r"mapf_pz\._internal", text), name
+
+
+def test_experiments_that_are_named_exist():
+    files = [
+        *ROOT.glob("*/Makefile"),
+        ROOT / "Makefile",
+        ROOT / "CONTRIBUTING.md",
+        *(ROOT / "experiments").rglob("*.py"),
+    ]
+    texts = public_texts() | {str(file): file.read_text("utf-8") for file in files}
+    named = {(name, module) for name, text in texts.items() for module in re.findall(r"-m (experiments[.\w]+)", text)}
+    missing = {(name, module) for name, module in named if find_spec(module) is None}
+    assert not missing
+    assert len(named) > 40
+
+
+def test_targets_that_are_named_exist():
+    texts = public_texts() | {"CONTRIBUTING.md": (ROOT / "CONTRIBUTING.md").read_text("utf-8")}
+    found = re.compile(r"(?m)(?:`|^)make (?:-f (\w+/Makefile) )?([a-z-]+)(?=`| [A-Z]+=| +#|$)")
+    named = {(name, *match.groups()) for name, text in texts.items() for match in found.finditer(text)}
+    for name, file, target in named:
+        rules = (ROOT / (file or "Makefile")).read_text("utf-8")
+        assert re.search(rf"(?m)^\.PHONY:.* {target}\b", rules), f"{name}: make {target}"
+    assert len(named) > 15
 
 
 def test_there_is_one_way_to_install():

@@ -246,8 +246,14 @@ def definitions(kind):
     return [(name, node) for name in MODULES for node in ast.walk(tree(name)) if isinstance(node, kind)]
 
 
+def length_of(name, node):
+    """Return the number of lines of a function, without comments that have a line: to explain a step costs nothing."""
+    lines = MODULES[name].read_text("utf-8").splitlines()[node.lineno - 1 : node.end_lineno]
+    return sum(not line.strip().startswith("#") for line in lines)
+
+
 def test_functions_are_short():
-    lengths = {f"{name}.{node.name}": node.end_lineno - node.lineno + 1 for name, node in definitions(ast.FunctionDef)}
+    lengths = {f"{name}.{node.name}": length_of(name, node) for name, node in definitions(ast.FunctionDef)}
     assert not {name: length for name, length in lengths.items() if length > 60}
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from playwright.sync_api import sync_playwright
 
-from experiments.screenshots import FLAGS
+from experiments.figures.player import FLAGS
 from mapf_pz.editor import save_editor
 
 MAP = Path("maps/Berlin_1_256.map")

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from playwright.sync_api import Page, sync_playwright
 
-from experiments.screenshots import FLAGS
+from experiments.figures.player import FLAGS
 from mapf_pz.commands.main import main as mapf_pz
 
 EPISODE = "--policy pibt --map warehouse-20-40-10-2-2 --num-agents 1000 --max-steps 1000 --on-target restart"

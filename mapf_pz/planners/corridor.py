@@ -31,6 +31,7 @@ def must_swap(
         back: cell.
         front: cell adjacent to `back`.
     """
+    # Both agents move along the pusher's way to its goal, as long as there is only one way for them.
     while least_cost_at(to_go, pusher, front) < least_cost_at(to_go, pusher, back):
         exits, onward = _exits(leads_to, goals, occupant, back, front)
         if exits > 1:
@@ -38,6 +39,8 @@ def must_swap(
         if exits == 0:
             break
         back, front = front, onward
+    # Each of the two has to get past the other: the puller to a goal behind the pusher, and the pusher to one behind
+    # the puller, unless it has arrived.
     remaining = least_cost_at(to_go, pusher, back)
     yields = least_cost_at(to_go, puller, back) < least_cost_at(to_go, puller, front)
     return bool(yields and (remaining == 0 or least_cost_at(to_go, pusher, front) < remaining))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from experiments.interval_coverage import coverage, distributions
+from experiments.checks.interval_coverage import coverage, distributions
 from mapf_pz.evaluation import Episode, markdown_table, terminal_table
 from mapf_pz.evaluation.reports.formats import cells, comma_separated, latex
 from mapf_pz.evaluation.reports.intervals import difference_interval, interval, mean_interval, wilson

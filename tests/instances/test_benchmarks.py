@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import mapf_pz
-from experiments import benchmark_packs
+from experiments.data import benchmark_packs
 from mapf_pz.instances import (
     load_instances,
     load_map,

@@ -1,4 +1,3 @@
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -6,6 +5,7 @@ from hypothesis import strategies as st
 import mapf_pz
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import EPIBT, validate
+from tests.helpers.episodes import play
 from tests.helpers.reference_planners import SlowEPIBT, World, assert_same_decisions
 from tests.helpers.text_instances import drawn
 
@@ -37,11 +37,7 @@ def test_no_move_is_blocked(model, weights, seed, on_target, depth, time_limit):
         on_target=on_target,
         max_steps=40,
     )
-    observations, _ = env.reset(seed=seed)
-    planner = EPIBT(env, seed, depth, time_limit)
-    while env.agents:
-        observations, _, _, _, infos = env.step(planner.act(observations))
-        assert not any(info["blocked"] for info in infos.values())
+    assert len(list(play(env, EPIBT(env, seed, depth, time_limit), seed))) > 0
 
 
 @pytest.mark.parametrize("headings", [None, [0, 2]])
@@ -56,22 +52,9 @@ def test_more_time_gives_a_higher_throughput():
     arrivals = []
     for time_limit in (0.0, 0.02):
         env = mapf_pz.parallel_env(map="random-16-16-20", num_agents=60, on_target="restart", max_steps=60)
-        observations, _ = env.reset(seed=0)
-        planner = EPIBT(env, depth=5, time_limit=time_limit)
-        while env.agents:
-            observations = env.step(planner.act(observations))[0]
+        assert len(list(play(env, EPIBT(env, depth=5, time_limit=time_limit), seed=0))) == 60
         arrivals.append(env.metrics()["avg_throughput"])
     assert arrivals[1] > 1.05 * arrivals[0]
-
-
-def test_a_new_episode_without_reset_states():
-    env = mapf_pz.parallel_env(source=RandomObstacles(8, 8, 0.2, 14), max_steps=10)
-    planner = EPIBT(env)
-    for seed in (0, 1):
-        observations, _ = env.reset(seed=seed)
-        while env.agents:
-            observations, _, _, _, infos = env.step(planner.act(observations))
-            assert not any(info["blocked"] for info in infos.values())
 
 
 def test_the_same_episode_again_without_reset_states():
@@ -106,16 +89,5 @@ def test_rounds_do_not_depend_on_the_number_of_threads(model):
         source = RandomObstacles(40, 48, 0.2, 500)
         keywords = {"action_model": model, "on_target": "restart", "max_steps": 25}
         env = mapf_pz.parallel_env(source=source, **keywords)
-        observations, _ = env.reset(seed=0)
-        planner, taken = EPIBT(env, depth=3, rounds=rounds, num_threads=num_threads), []
-        while env.agents:
-            taken.append(planner.act(observations))
-            observations, _, _, _, infos = env.step(taken[-1])
-            assert not any(info["blocked"] for info in infos.values())
-        actions.append(taken)
+        actions.append(list(play(env, EPIBT(env, depth=3, rounds=rounds, num_threads=num_threads), seed=0)))
     assert actions[1] == actions[2] != actions[0]
-
-
-def test_same_seed_same_actions():
-    plans = [EPIBT(seed=3).solve(drawn("a.b.. ..A.. B....", [0, 1])) for _ in range(2)]
-    assert np.array_equal(plans[0].positions, plans[1].positions)

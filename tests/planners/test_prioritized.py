@@ -25,6 +25,7 @@ from mapf_pz.planners.sipp.reservations import (
 )
 from mapf_pz.planners.sipp.search import allocate_scratch, find_path
 from mapf_pz.simulator.kernels.cost_lookup import num_headings
+from tests.helpers.episodes import play
 from tests.helpers.text_instances import drawn, problem
 
 NEVER = 10**6
@@ -273,8 +274,5 @@ def test_benchmark_instances(model):
 @pytest.mark.parametrize("model", ["cardinal", "rotate"])
 def test_as_a_policy_it_brings_all_agents_to_their_goals(model):
     env = mapf_pz.parallel_env(source=RandomObstacles(8, 8, 0.1, 6), action_model=model, max_steps=200)
-    observations, _ = env.reset(seed=1)
-    planner = PrioritizedSIPP(env, anytime=False)
-    while env.agents:
-        observations = env.step(planner.act(observations))[0]
+    assert len(list(play(env, PrioritizedSIPP(env, anytime=False), seed=1))) < 200
     assert (env.positions == env.goals).all()

@@ -13,6 +13,7 @@ from mapf_pz.planners.pibt.state import LATE, Options, allocate_pibt
 from mapf_pz.simulator import Simulator
 from mapf_pz.simulator.actions import Action, CardinalAction
 from mapf_pz.simulator.config import EnvConfig
+from tests.helpers.episodes import play
 from tests.helpers.reference_planners import (
     CardinalWorld,
     SlowCardinalShield,
@@ -62,15 +63,9 @@ def test_no_move_is_blocked(model, seed, on_target, weights, patience, kind):
         edge_weights=weights,
         max_steps=30,
     )
-    observations, _ = env.reset(seed=seed)
     rng = np.random.default_rng(seed)
     policy = Preferences(lambda name: random_preferences(rng, len(MODELS[model]), kind))
-    shield = Shield(policy, env, patience)
-    while env.agents:
-        actions = shield.act(observations)
-        assert actions.keys() == observations.keys()
-        observations, _, _, _, infos = env.step(actions)
-        assert not any(info["blocked"] for info in infos.values())
+    assert len(list(play(env, Shield(policy, env, patience), seed))) > 0
 
 
 @pytest.mark.parametrize("model", list(MODELS))

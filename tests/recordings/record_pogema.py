@@ -1,4 +1,4 @@
-"""Records what agents do in POGEMA 1.4.0, for `test_pogema_recording.py`: `make long RUN=record-pogema`.
+"""Records what agents do in POGEMA 1.4.0, for `test_pogema_recording.py`: `make -f tests/Makefile record-pogema`.
 
 It needs nothing but POGEMA, in a Python of its own, and writes a file for each collision system and each mode: a JSON
 header with the episodes (map, starts, goals, seed, metrics), and for each step and agent whether it moved, and whether

@@ -1,4 +1,7 @@
-"""The same episodes as in POGEMA 1.4.0, recorded by `make long RUN=record-pogema`: moves, rewards, ends and metrics."""
+"""The same episodes as in POGEMA 1.4.0: moves, rewards, ends and metrics.
+
+`make -f tests/Makefile record-pogema` recorded them.
+"""
 
 import json
 import random

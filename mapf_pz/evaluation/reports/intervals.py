@@ -1,6 +1,6 @@
 """95 % confidence intervals of means.
 
-`experiments/interval_coverage.py` measures how often they hold the true mean, from 8 episodes on.
+`experiments/checks/interval_coverage.py` measures how often they hold the true mean, from 8 episodes on.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Packs: `.npz` files of whole numbers and names, each array compressed by LZMA.
 
-`python -m experiments.benchmark_packs` writes them from the public data. Cells are numbers, `row * W + col`.
+`python -m experiments.data.benchmark_packs` writes them from the public data. Cells are numbers, `row * W + col`.
 """
 
 from __future__ import annotations

@@ -31,6 +31,8 @@ def find_conflicts(cells: Array, last: Array, widths: Array, conflicts: Array) -
                 swap = step > 0 and cells[step, i] == cells[step - 1, j] and cells[step, j] == cells[step - 1, i]
                 if cells[step, i] != cells[step, j] and not (swap and cells[step, i] != cells[step - 1, i]):
                     continue
+                # All conflicts are counted, as nodes of equal bounds are compared by their number, even if not all are
+                # written.
                 if count < conflicts.shape[0]:
                     is_swap = cells[step, i] != cells[step, j]
                     row = conflicts[count]

@@ -162,21 +162,29 @@ def _expand(
     choice = np.zeros(num_agents, np.int32)
     row = np.zeros(num_agents + 2, np.int32)
     for _ in range(expansions):
+        # An expansion is never interrupted: there must be room for all combinations of actions, ending included.
         if counters[COUNT] + (num_actions + 1) ** num_agents > nodes.cost.size:
             return FULL
         node = _pop(nodes, counters)
         if node == EMPTY:
             return EXHAUSTED
         before = nodes.rows[node]
+        # An open node is not moved when a shorter path is found, but opened again; the slot has the latest node.
         if nodes.slots[find_slot(nodes, before, nodes.key[node])] != node:
             continue  # a shorter path to the joint state was found later
         time = before[num_agents + 1]
+        # The sum of distances is a consistent heuristic, so the first goal that is expanded has the lowest sum of
+        # costs.
         if _all_end(group, first_end, before, time):
             counters[SOLUTION] = node
             return SOLVED
+        # After the last constraint, time no longer matters. So the number of joint states is finite, and the search
+        # ends even without a solution.
         row[num_agents + 1] = min(time + 1, first_step.size - 3)
         at = first_step[time + 1], first_step[time + 2]
         agent = 0
+        # Backtracking over the actions of one agent after another: the actions of the rest are not tried with a choice
+        # that collides with those before it.
         choice[0] = -1
         while agent >= 0:
             choice[agent] += 1
@@ -223,12 +231,15 @@ def _choose(
     cell = before[agent] // headings
     has_disappeared = _has_disappeared(group, before, is_first, agent)
     if action == 0:
+        # Ending is an action, because an agent at its goal may also have to leave it again for another agent. Once it
+        # has ended, it stays, and its steps cost nothing.
         if not has_ended and (cell != group.goals[agent] or before[num_agents + 1] < first_end[agent]):
             return False
         after = before[agent]
         row[num_agents] |= bit
     else:
         after = next_state(group.moves, headings, before[agent], action - 1)
+        # A blocked move has the same effect as the wait, and must not double the successors.
         is_second_wait = action > 1 and after == before[agent]
         if has_ended or has_disappeared or is_second_wait or group.distance[agent, after] == UNREACHED:
             return False
@@ -240,6 +251,7 @@ def _choose(
     if action > 0 and is_forbidden(constraints, at[0], at[1], cell, next_cell):
         return False
     for other in range(agent):
+        # Only agents that have chosen before: each pair is checked once.
         if _has_disappeared(group, before, is_first, other):
             continue
         next_other = row[other] // headings
@@ -261,7 +273,9 @@ def _open(group: Group, parent: int, row: Array, nodes: Nodes, counters: Array) 
     cost, excess = nodes.cost[parent], 0
     for agent in range(num_agents):
         has_ended = row[num_agents] >> agent & 1
+        # As in `Plan.costs`: even an agent that starts at its goal costs 1.
         cost += 1 if parent == 0 else 1 - has_ended
+        # f-values are stored less that of the start, so that the array of lists starts at 0.
         excess += group.distance[agent, row[agent]] - group.distance[agent, group.starts[agent]]
     key = hash_row(row)
     slot = find_slot(nodes, row, key)
@@ -272,6 +286,8 @@ def _open(group: Group, parent: int, row: Array, nodes: Nodes, counters: Array) 
     counters[COUNT] += 1
     nodes.rows[node], nodes.key[node], nodes.cost[node], nodes.parent[node] = row, key, cost, parent
     nodes.slots[slot] = node
+    # f-values are small integers: a list for each of them replaces a heap. The latest node comes first, which is mostly
+    # the deepest one.
     nodes.after[node] = nodes.first[cost + excess]
     nodes.first[cost + excess] = node
 
@@ -279,6 +295,7 @@ def _open(group: Group, parent: int, row: Array, nodes: Nodes, counters: Array) 
 @jit
 def _pop(nodes: Nodes, counters: Array) -> int:
     """Return an open node with the lowest f-value, the latest one, which is closed; -1 if there is none."""
+    # f-values never decrease along a path, so the lists before the lowest one stay empty.
     while counters[LOWEST] < nodes.first.size:
         node = nodes.first[counters[LOWEST]]
         if node != EMPTY:

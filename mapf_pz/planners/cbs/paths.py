@@ -119,6 +119,8 @@ def search(agent: Agent, constraints: Array, first_end: int, others: Others, lay
     num_states = layers.conflicts.shape[1]
     num_actions = 5 if num_headings == 1 else 4
     last_step = constraints[-1, 0] if len(constraints) else 0
+    # All actions take a step, so layers in order of time need no heap: the first layer in which the agent may end has
+    # the shortest paths. Within a layer, each state keeps the way to it with the fewest conflicts.
     layers.conflicts[0] = UNREACHED
     layers.conflicts[0, start] = 0
     first = 0
@@ -130,10 +132,13 @@ def search(agent: Agent, constraints: Array, first_end: int, others: Others, lay
                     return step
         if step == layers.conflicts.shape[0] - 1:
             break
+        # Agents can wait, so after the last constraint the set of states that are reached only grows. After as many
+        # steps as there are states it is complete, and the goal is not among them.
         if step > last_step + num_states:  # nothing changes any more
             return NO_PATH
         after = layers.conflicts[step + 1]
         after[:] = UNREACHED
+        # Constraints are in order of time: those of the next step are from `first` to `last - 1`.
         while first < len(constraints) and constraints[first, 0] <= step:
             first += 1
         last = first
@@ -170,9 +175,12 @@ def read_path(agent: Agent, constraints: Array, layers: Layers, cells: Array, he
     moves, num_headings, _, goal = agent
     num_states, num_steps = layers.conflicts.shape[1], len(cells) - 1
     num_actions = 5 if num_headings == 1 else 4
+    # From the end to the start, a state is useful if it was reached from the start and an action leads on to a useful
+    # state of the next layer. These are the nodes of the multi-value decision diagram.
     layers.useful[: num_steps + 1] = False
     state = goal * num_headings
     for heading in range(num_headings):
+        # The agent may end with any heading; the path takes the one with the fewest conflicts.
         end = goal * num_headings + heading
         layers.useful[num_steps, end] = layers.conflicts[num_steps, end] < UNREACHED
         if layers.conflicts[num_steps, end] < layers.conflicts[num_steps, state]:
@@ -183,6 +191,7 @@ def read_path(agent: Agent, constraints: Array, layers: Layers, cells: Array, he
         if step > 0:
             state = layers.before[step, state]
         widths[step] = 0
+        # Agents conflict by cells, so states that differ in the heading count once.
         for cell in range(num_states // num_headings):
             widths[step] += layers.useful[step, cell * num_headings : (cell + 1) * num_headings].any()
         while last > 0 and constraints[last - 1, 0] > step:

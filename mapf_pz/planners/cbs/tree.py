@@ -123,11 +123,17 @@ class ConflictTree:
         root = self._root(deadline)
         nodes = [] if root is None else [root]
         while nodes and not deadline.has_passed:
+            # The high level of CBS (Sharon et al. 2015): no other node has a lower bound, so a node without conflicts
+            # is optimal.
             node = heapq.heappop(nodes)
             if not node.num_conflicts:
                 return node.paths
+            # Cardinal conflicts first, which raise the cost of both children, then those that raise that of one (ICBS,
+            # Boyarski et al., IJCAI 2015). Of these, `argmax` takes the earliest conflict.
             conflict = node.conflicts[node.conflicts[:, RAISED].argmax()].tolist()
             if self._merges(conflict):
+                # Merge and restart (ICBS): the paths of the merged agents no longer need most of the constraints that
+                # were found.
                 root = self._root(deadline)
                 nodes = [] if root is None else [root]
                 continue
@@ -166,6 +172,8 @@ class ConflictTree:
     def _expand(self, node: Node, conflict: list[int], deadline: Deadline) -> list[Node]:
         """Return the children of a node, or the node itself with other paths that have fewer conflicts."""
         children: list[Node] = []
+        # Every solution satisfies one of the two constraints, so no solution is lost by the split (Sharon et al. 2015).
+        # Only the group with the new constraint is planned again.
         for agent, constraint in _constraints(conflict, node.paths):
             number = self._group_of[agent]
             constraints = node.constraints.copy()
@@ -176,7 +184,11 @@ class ConflictTree:
                 continue
             paths = [found.get(other, path) for other, path in enumerate(node.paths)]
             child = self._node(paths, constraints, node.bound)
+            # A bypass (Boyarski et al., *Don't Split, Try to Work It Out*, ICAPS 2015): the child's path is as cheap,
+            # and also valid without the new constraint. The node adopts it instead of being split.
             if child.cost == node.cost and child.num_conflicts < node.num_conflicts:
+                # The widths of the new path were counted with the constraint. Without it, the agent has as many
+                # shortest paths as before.
                 if len(found) == 1:
                     paths[agent] = paths[agent]._replace(widths=node.paths[agent].widths)
                 return [self._node(paths, node.constraints, node.bound)]
@@ -200,8 +212,10 @@ class ConflictTree:
         return None if path is None else {group[0]: path}
 
     def _plan_alone(self, task: Agent, constraints: Ints, others: list[AgentPath]) -> AgentPath | None:
+        # An agent that has ended stays on its goal, where a later constraint would still apply to it.
         first_end = last_on_goal(constraints, task.goal, self._disappear)
         avoided = self._others(others)
+        # Most paths need few layers, so there are more only once a path has needed them.
         while (cost := search(task, constraints, first_end, avoided, self._layers)) == FULL:
             rows, num_states = self._layers.conflicts.shape
             self._layers = allocate_layers(2 * rows, num_states)
@@ -235,6 +249,7 @@ class ConflictTree:
         if self._disappear:
             cells = np.concatenate([cells, cells[-1:]])  # after the last arrival, no agent is left
         steps, agents = np.nonzero(np.arange(len(cells))[:, None] <= self._last_steps(paths))
+        # The conflict avoidance table (Sharon et al. 2015): it only breaks ties between paths of equal cost.
         at = np.full((len(cells), self._num_cells), -1, np.int32)
         at[steps, cells[steps, agents]] = agents
         return Others(cells, at)
@@ -246,6 +261,7 @@ class ConflictTree:
     def _node(self, paths: list[AgentPath], constraints: list[tuple[Constraint, ...]], bound: int) -> Node:
         """Return the node with these paths, whose cost is at least `bound`."""
         cells = cells_of(paths)
+        # A path is continued at its end, where the width is 1 for an agent that stays: it has no other cell to be on.
         widths = np.empty_like(cells)
         for agent, path in enumerate(paths):
             end = path.num_steps + 1
@@ -254,12 +270,17 @@ class ConflictTree:
         count = find_conflicts(cells, self._last_steps(paths), widths, conflicts)
         conflicts = conflicts[:count].copy()
         self._num_nodes += 1
+        # The bound of a child is at least that of its parent. Each pair of agents with a cardinal conflict adds 1 to
+        # it, if no agent is in two pairs (Felner et al., ICAPS 2018). A greedy choice of pairs may add less, but never
+        # too much.
         bound = max(bound, sum(path.cost for path in paths) + _num_raising_pairs(conflicts))
         return Node(bound, count, self._num_nodes, paths, constraints, conflicts)
 
 
 def _wide_path(states: Ints, headings: int) -> AgentPath:
     """Return the path of an agent that was planned together with others."""
+    # Other paths of the group may cost one agent more and another one less. So none of its conflicts is known to raise
+    # the cost, and the bound stays valid.
     widths = np.full(len(states), WIDE, np.int32)
     return AgentPath(states // headings, (states % headings).astype(np.int8), widths, WIDE)
 
@@ -271,6 +292,7 @@ def _constraints(conflict: list[int], paths: list[AgentPath]) -> list[tuple[int,
     for agent in (first, second):
         cells = paths[agent].cells
         last = len(cells) - 1
+        # In a swap, both agents may be on these cells, only not make this move: a constraint on an edge.
         before = int(cells[min(step - 1, last)]) if conflict[SWAP] else ANY
         constraints.append((agent, (step, before, int(cells[min(step, last)]))))
     return constraints

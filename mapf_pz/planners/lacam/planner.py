@@ -56,6 +56,7 @@ class LaCAM(PlanFollower):
         if not np.isfinite(starting_costs(problem)).all():
             return None
         claimed = problem.goals if problem.disappear else _claimed_goals(problem)
+        # The search over configurations ignores turns; a schedule of its result adds them.
         search = ConfigurationSearch(_without_turns(problem)._replace(goals=claimed), self._rng)
         improving = self._anytime and (claimed != lacam.NONE).all()
         refinement = NeighborhoodSearch(problem, self._rng) if improving else None
@@ -93,6 +94,8 @@ class LaCAM(PlanFollower):
                 path, cost = completed, search.sum_of_costs
                 self.trace.add(cost)
         search.set_arriving_paths(walked)
+        # Both ways are tried: to complete the walk is certain, given the time, but to plan the late agents again is
+        # cheaper.
         search.plan_missing(deadline.earlier(REPAIR * (seconds - deadline.seconds_left)))
         return path if search.missing or search.sum_of_costs >= cost else search.path()
 
@@ -142,6 +145,7 @@ class ConfigurationSearch:
         """Start the search at the first configuration."""
         num_agents, num_cells = len(problem.goals), problem.leads_to.shape[1] - 1
         cost = np.where(problem.goals == lacam.NONE, -1, starting_costs(problem))
+        # Agents with long ways have priority at first, as they decide when the last agent arrives.
         farthest_first = np.argsort(-cost, kind="stable").astype(np.int32)
         self._problem = problem
         self._outside = num_cells
@@ -166,6 +170,7 @@ class ConfigurationSearch:
             self._status = lacam.search(
                 self._problem, self._ends, iterations, self._nodes, self._constraints, self._scratch, self._counters
             )
+            # Work is counted by iterations, so that a clock of work does not depend on the machine.
             found = int(self._counters[lacam.NUM_NODES]) - known
             steps = iterations if self._status == lacam.RUNNING else found
             deadline.count(SECONDS_PER_AGENT_STEP * steps * len(self._problem.goals))

@@ -54,6 +54,7 @@ def cut_loops(cells: Array, last_agent: Array, last_step: Array) -> bool:
             cell = cells[step, i]
             since = last_step[cell]
             # Ignore visits that were themselves removed with a loop.
+            # No other agent was on the cell in between, so the way that led back to it was in vain.
             if last_agent[cell] == i and since < step - 1 and cells[since, i] == cell:
                 cells[since:step, i] = cell
                 found = True
@@ -77,6 +78,8 @@ def list_visits(cells: Array, leads_to: Array, visits: Visits, at: Array, last: 
         visits.cell[first[i]] = cells[0, i]
     for step in range(1, cells.shape[0]):
         for i in range(at.size):
+            # In order of time, so that the previous visit to each cell is known. These precedences are all that a
+            # schedule must keep.
             origin, cell = cells[step - 1, i], cells[step, i]
             if origin == cell:
                 continue
@@ -107,6 +110,7 @@ def schedule(
     """
     at[:] = visits.first[:-1]
     step, moves_left = 0, visits.cell.size - at.size
+    # In each step: who wants to move, who of them can, and the moves. Who can move depends on whether others do.
     while moves_left > 0:
         for i in range(at.size):
             turned = _turned(visits, headings[step, i], at[i]) if rotates else headings[step, i]
@@ -146,6 +150,8 @@ def _resolve_queue(visits: Visits, disappeared: bool, at: Array, intent: Array, 
     With `disappeared`, agents that are on their last visits do not occupy their cells any more.
     """
     i = first
+    # Along the queue, each agent waits for the one ahead to leave. Its head decides for all of them, in time
+    # proportional to its length.
     decision = _READY
     while decision == _READY:
         intent[i] = _PENDING

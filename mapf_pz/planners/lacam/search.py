@@ -110,22 +110,30 @@ def search(
 ) -> int:  # fmt: skip
     """Continue the search for a number of iterations; return its status."""
     for _ in range(iterations):
+        # An iteration adds at most one node with its empty constraint, and five constraints of the next agent.
         if counters[NUM_NODES] == nodes.parent.size or counters[NUM_CONSTRAINTS] + 6 > constraints.cell.size:
             return FULL
+        # The high level of LaCAM (Okumura 2023), depth first: the latest configuration that has untried constraints.
         node = counters[TOP]
         if node == NONE:
             return EXHAUSTED
+        # The low level, breadth first: the first constraint is empty, so plain PIBT is tried first, and only if the
+        # search comes back are agents constrained, one more at each level of the tree.
         constraint = nodes.first[node]
         nodes.first[node] = constraints.after[constraint]
         if constraints.depth[constraint] < problem.goals.size:
             _grow(problem, node, constraint, nodes, constraints, scratch, counters)
         if nodes.first[node] == NONE:
+            # All combinations of cells have been tried: no other successor is left.
             _unlink(nodes, counters, node)
         scratch.want[:] = UNDECIDED
+        # The way from the constraint to the root of its tree prescribes a cell for each of the first `depth` agents.
         while constraints.depth[constraint] > 0:
             agent = nodes.order[node, constraints.depth[constraint] - 1]
             scratch.want[agent] = constraints.cell[constraint]
             constraint = constraints.origin[constraint]
+        # PIBT is the configuration generator. If it fails, this constraint has no successor; the node stays open for
+        # others.
         if not next_cells(problem, nodes.rows[node], nodes.order[node], scratch):
             continue
         if problem.disappear:
@@ -133,6 +141,7 @@ def search(
         key = hash_row(scratch.want)
         slot = find_slot(nodes, scratch.want, key)
         known = nodes.slots[slot]
+        # The hash table is the closed list: a configuration has one node, however it is reached.
         if known == NONE:
             if _open(ends, node, key, slot, nodes, constraints, scratch, counters) == SOLVED:
                 return SOLVED
@@ -140,6 +149,7 @@ def search(
             continue
         if draw(scratch.random) % np.uint64(_RESTART_INTERVAL) == 0:
             known = 0
+        # Depth first also here: the search goes on from where it has arrived, if anything is left to try there.
         if nodes.first[known] != NONE:
             _unlink(nodes, counters, known)
             _push(nodes, counters, known)
@@ -181,6 +191,7 @@ def _open(
     constraints.after[constraint] = NONE
     _push(nodes, counters, node)
     for i in range(ends.size):
+        # The first solution is taken, whatever its cost: a later step shortens the paths.
         if _away(scratch.want[i], ends[i]):
             return RUNNING
     counters[SOLUTION] = node
@@ -195,6 +206,7 @@ def _inherit(ends: Array, node: int, nodes: Nodes) -> None:
     """
     parent, cells, order = nodes.parent[node], nodes.rows[node], nodes.order[node]
     position = 0
+    # As in PIBT, whose guarantee that each agent reaches its goal at some time rests on these priorities.
     for i in nodes.order[parent]:
         if _away(cells[i], ends[i]):
             order[position] = i
@@ -227,6 +239,7 @@ def _grow(
     if cell == outside(problem):
         return  # the agents after it in the order have disappeared, too: nothing is left to constrain
     for k in range(5):
+        # Shuffled (Fisher and Yates), so that no direction is preferred.
         other = int(draw(scratch.random) % np.uint64(k + 1))
         choices[k] = choices[other]
         choices[other] = k
@@ -241,6 +254,7 @@ def _grow(
         constraints.origin[constraint] = origin
         constraints.after[constraint] = NONE
         if nodes.first[node] == NONE:
+            # At the end of the queue, so that the tree is searched level by level.
             nodes.first[node] = constraint
         else:
             constraints.after[nodes.last[node]] = constraint

@@ -67,13 +67,17 @@ def next_cells(problem: Array, cells: Array, order: Array, scratch: LacamScratch
             scratch.want[i] = gone
         else:
             scratch.occupant[cells[i]] = i
+    # Prescribed cells first, as agents of PIBT only move to cells that are not reserved yet.
     legal = _prescribe(cells, gone, scratch)
     if legal:
         for i in order:
+            # An agent without a cell makes the whole configuration fail: with prescribed cells, PIBT has no guarantee
+            # to find one.
             if scratch.want[i] == UNDECIDED and not _decide(problem, cells, scratch, i):
                 legal = False
                 break
     for i in range(cells.size):
+        # Only what was written is cleared, not all cells of the map.
         scratch.occupant[cells[i]] = NO_AGENT
         if scratch.want[i] != UNDECIDED:
             scratch.taken[scratch.want[i]] = NO_AGENT
@@ -103,6 +107,8 @@ def _prescribe(cells: Array, gone: int, scratch: LacamScratch) -> bool:
 def _decide(problem: Array, cells: Array, scratch: LacamScratch, first: int) -> bool:
     """Find a cell for agent `first`, and for all agents that must move away for it; return whether there is one."""
     want, taken, occupant, chain = scratch.want, scratch.taken, scratch.occupant, scratch.chain
+    # PIBT's recursion (Okumura et al., Artificial Intelligence 310, 2022) as a loop: an agent inherits the priority of
+    # the agent before it in the chain, which wants its cell.
     chain[0] = first
     depth = 1
     _prepare(problem, cells, scratch, first)
@@ -117,6 +123,7 @@ def _decide(problem: Array, cells: Array, scratch: LacamScratch, first: int) -> 
         want[i] = target
         taken[target] = i
         other = occupant[target]
+        # The cell is free, or its agent leaves it: the chain ends, and all of its agents can move.
         if other == NO_AGENT or want[other] != UNDECIDED:
             _pull_partners(cells, scratch, depth)
             return True
@@ -133,6 +140,7 @@ def _next_choice(leads_to: Array, cells: Array, scratch: LacamScratch, i: int) -
         choice = scratch.choices[i, scratch.tried[i]]
         scratch.tried[i] += 1
         cell = cells[i] if choice == STAY else leads_to[choice, cells[i]]
+        # A blocked move would be a second choice to stay.
         if (choice != STAY and cell == cells[i]) or scratch.taken[cell] != NO_AGENT:
             continue
         other = scratch.occupant[cell]
@@ -148,6 +156,7 @@ def _pull_partners(cells: Array, scratch: LacamScratch, depth: int) -> None:
     for k in range(depth - 1, -1, -1):
         i = scratch.chain[k]
         partner = scratch.partner[i]
+        # If the agent had to take another cell, it does not move away as the swap requires.
         first_choice = scratch.tried[i] == 1
         if (
             first_choice
@@ -177,6 +186,7 @@ def _prepare(problem: Array, cells: Array, scratch: LacamScratch, i: int) -> Non
     first = choices[0]
     scratch.partner[i] = NO_AGENT if first == STAY else _find_partner(problem, cells, scratch, i, leads_to[first, cell])
     if scratch.partner[i] != NO_AGENT:
+        # A puller moves away from its goal: its choices in reverse, from the worst to the best.
         last = degree(leads_to, cell)  # blocked choices come after it
         for k in range((last + 1) // 2):
             choices[k], choices[last - k] = choices[last - k], choices[k]
@@ -192,6 +202,8 @@ def _find_partner(problem: Array, cells: Array, scratch: LacamScratch, i: int, b
     """Return the agent that agent i, whose best cell is `best`, must swap with, or NO_AGENT."""
     leads_to, occupant, cell = problem.leads_to, scratch.occupant, cells[i]
     ahead = occupant[best]
+    # Either the agent ahead must get past agent i, or one beside it would follow into the corridor ahead, and have to
+    # get past it there. In both cases, there must be a branch on the way back (Okumura, IJCAI 2023).
     if (
         ahead != NO_AGENT
         and scratch.want[ahead] == UNDECIDED

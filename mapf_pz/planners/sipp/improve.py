@@ -64,6 +64,7 @@ def plan_and_improve(
     paths are shortest paths.
     """
     for agent in order:
+        # Prioritized planning: a neighborhood of one agent, whose path is the earliest arrival among those before it.
         clear(neighborhood)
         add(neighborhood, agent)
         _replan(0, problem, reservations, scratch, neighborhood, state)
@@ -74,8 +75,10 @@ def plan_and_improve(
         if missing == 0 and _is_shortest(problem, reservations):
             return
         before = scratch.count[1]
+        # Otherwise attempts that expand no states, as for agents that are not late, would never end the loop.
         scratch.count[1] += EFFORT
         wanted = SMALLEST + draw_below(random, LARGEST - SMALLEST + 1)
+        # `MISSING - 1` allows longer paths in exchange for one that was missing, but not one more missing path.
         if missing > 0 and draw_below(random, 2) == 0:
             choose_around_missing(2 * wanted, problem, reservations, neighborhood)
             shuffle(neighborhood)
@@ -103,6 +106,7 @@ def _is_shortest(problem: SippProblem, reservations: Reservations) -> bool:
 @jit
 def _pick(success: Array, random: Array) -> int:
     """Sample a number from 0 to KINDS - 1, with probabilities proportional to `success`."""
+    # Roulette wheel selection of adaptive large neighborhood search, as in Li et al. 2021.
     threshold = success.sum() * draw_below(random, 2**30) / 2**30
     for kind in range(KINDS - 1):
         if threshold < success[kind]:
@@ -123,6 +127,7 @@ def _replan(
     agents = neighborhood.agents[: neighborhood.size[0]]
     former_cost, remaining = 0, 0
     for k, agent in enumerate(agents):
+        # `remaining` is a lower bound on the costs of the agents that are still to be planned.
         former_cost += MISSING if reservations.first[agent] == NONE else cost_of(reservations, agent)
         remaining += shortest(problem, agent)
         state.former[k] = withdraw(reservations, agent)
@@ -130,6 +135,7 @@ def _replan(
     while planned < agents.size and cost + remaining <= former_cost + allowance:
         agent = agents[planned]
         remaining -= shortest(problem, agent)
+        # A path that arrives later than this could not be accepted, so the search need not look for it.
         limit = former_cost + allowance - cost - remaining
         first = find_path(problem, agent, limit, draw_below(neighborhood.random, 4), reservations, scratch)
         if first == NONE:

@@ -73,6 +73,7 @@ def choose_around_missing(
     add(neighborhood, agent)
     start, heading = problem.starts[agent], problem.headings[agent]
     for _ in range(10):
+        # Walks are random, so several of them meet more agents; with enough agents, they return at once.
         _add_along_walk(agent, start, heading, 0, FOREVER, wanted, problem, reservations, neighborhood)
 
 
@@ -142,6 +143,8 @@ def _choose_around_delayed(
         total += delay(problem, reservations, i)
     if total == 0:
         return
+    # Li et al. 2021 take the agent with the largest delay that was not taken lately; a random one needs no list of
+    # these.
     threshold = draw_below(neighborhood.random, total)
     agent = 0
     while threshold >= delay(problem, reservations, agent):
@@ -155,6 +158,7 @@ def _choose_around_delayed(
         visit = visits[visit].next
     for _ in range(10):
         visit, heading = reservations.first[agent], problem.headings[agent]
+        # The walk starts anywhere on the path, because the agent may be delayed anywhere on it.
         for _ in range(draw_below(neighborhood.random, length)):
             heading = direction_after(visits, problem.leads_to, visit, heading)
             visit = visits[visit].next
@@ -175,6 +179,7 @@ def _add_along_walk(
     steps = problem.steps[problem.table[agent]]
     heading %= headings
     while neighborhood.size[0] < wanted and unpack_steps(steps[cell], heading) > 0:
+        # An upper bound on the steps to go after the next step, with which the agent still arrives earlier than now.
         left = unpack_steps(steps[cell], heading) if arrival == FOREVER else arrival - step - 1
         target, facing, found = cell, heading, 0
         for choice in range(5):
@@ -187,6 +192,7 @@ def _add_along_walk(
                 turned = (heading + choice) % 4
             if unpack_steps(steps[following], turned) < left:
                 found += 1
+                # Reservoir sampling: each of the possible actions is equally likely, without a list of them.
                 if draw_below(neighborhood.random, found) == 0:
                     target, facing = following, turned
         if found == 0:
@@ -195,6 +201,7 @@ def _add_along_walk(
         _add_colliding(cell, target, step, reservations, neighborhood)
         cell, heading = target, facing
     visit = last_visit(visits, reservations.near, cell, step)
+    # An agent that stays at its goal is also in the way of all that cross this cell later.
     while arrival == FOREVER and visit != NONE and neighborhood.size[0] < wanted:
         if visits[visit].end >= step:
             add(neighborhood, visits[visit].agent)
@@ -229,6 +236,7 @@ def _choose_around_cell(
     while visits[visit].end < step:
         visit = visits[visit].next
     neighborhood.count[0] += 1
+    # A breadth-first search, so that the agents are those around the cell, until there are enough.
     queue[0] = visits[visit].cell
     seen[queue[0]] = neighborhood.count[0]
     head, tail = 0, 1
@@ -236,6 +244,7 @@ def _choose_around_cell(
         cell = queue[head]
         head += 1
         visit = last_visit(visits, reservations.near, cell, step)
+        # Of each cell, the visits just before and just after the step: their agents compete for it.
         if visits[visit].agent != NONE:
             add(neighborhood, visits[visit].agent)
         visit = visits[visit].after

@@ -60,6 +60,8 @@ class NeighborhoodSearch:
         """Discard all paths, and allocate arrays for paths of about `num_visits` cells in total."""
         agents, cells = len(self._problem.goals), self._problem.leads_to.shape[1] - 1
         headings = num_headings(self._problem.to_go)
+        # Paths that are being replaced take visits as long as the new ones are not accepted, and new paths may be
+        # longer.
         capacity = 2 * num_visits + 64 * agents
         self._reservations = allocate_reservations(agents, cells, capacity)
         self._scratch = allocate_scratch(cells + 1 + capacity, headings, 64 + 4 * headings * cells)

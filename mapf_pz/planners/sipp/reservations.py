@@ -88,6 +88,7 @@ def safe_until(visits: Array, visit: int) -> int:
 def new_visit(reservations: Reservations, agent: int, cell: int, begin: int, end: int, following: int) -> int:
     """Fill in an unused visit; there must be one."""
     reservations.num_spare[0] -= 1
+    # The spare visits are a stack, so memory is used again without a search for it.
     number = reservations.spare[reservations.num_spare[0]]
     visit = reservations.visits[number]
     visit.cell = cell
@@ -105,6 +106,8 @@ def reserve(reservations: Reservations, agent: int, first: int) -> None:
     reservations.first[agent] = first
     visit = first
     while visit != NONE:
+        # The path has no collisions, so the visit fits between two others. The sentinel of the cell precedes all of
+        # them.
         previous = last_visit(visits, reservations.near, visits[visit].cell, visits[visit].begin)
         following = visits[previous].after
         visits[visit].before = previous
@@ -126,6 +129,7 @@ def withdraw(reservations: Reservations, agent: int) -> int:
         visits[previous].after = following
         if following != NONE:
             visits[following].before = previous
+        # `near` must not name a visit that is in no list.
         if near[visits[visit].cell] == visit:
             near[visits[visit].cell] = previous
         visit = visits[visit].next
@@ -153,6 +157,7 @@ def last_step(arrival: int, disappear: bool) -> int:
 def read_path(reservations: Reservations, cells: Array, disappear: bool) -> None:
     """Reserve the paths of all agents: `cells` (T + 1, N) int32, with agents that disappear on their goals."""
     for agent in range(cells.shape[1]):
+        # From the end to the start, as each visit names the next one.
         end, step, following = FOREVER, cells.shape[0] - 1, NONE
         while step >= 0:
             cell = cells[step, agent]
@@ -192,6 +197,7 @@ def write_path(reservations: Reservations, leads_to: Array, starts: Array, cells
                 cells[step, agent] = visits[visit].cell
                 if headings.size > 0:
                     headings[step, agent] = heading
+                    # A step turns by a quarter: to the left if that is enough, otherwise to the right.
                     turn = (leaving - heading) % 4
                     heading = (heading + (3 if turn == 3 else min(turn, 1))) % 4
             heading = leaving

@@ -95,14 +95,18 @@ def find_path(
     leads_to, weight, choices, cost = problem.leads_to, problem.weight, scratch.choices, scratch.cost
     table, steps, headings = problem.table[agent], problem.steps[problem.table[agent]], num_headings(problem.to_go)
     goal, start, heading = problem.goals[agent], problem.starts[agent], problem.headings[agent] % headings
+    # Arrivals before `opens` are of no use, so they all count as `opens` in the order of expansion.
     opens = _first_end(problem, goal, reservations)
     limit = min(limit, top.size - 1)
     shortest = unpack_steps(steps[start], heading)
+    # Bounds that need no search: when the goal becomes free for good, and the way without other agents.
     if opens > limit or shortest > limit or cost_at(problem.to_go, table, start, heading) == np.inf:
         return NONE
     scratch.count[0] += 1
     number, expanded = scratch.count[0], 0
     choices[:4] = (np.arange(4) + rotation) % 4
+    # Arrivals are small integers: a stack for each of them replaces a heap. The last state on a stack is expanded
+    # first, which leads straight to the goal where nothing is in the way.
     lowest = highest = arrival = max(opens, shortest)
     # Visit `start` is the sentinel of the start cell: no other agent is there at first.
     _stack(states, top, number, start * headings + heading, NONE, 0, 0, arrival)
@@ -115,6 +119,8 @@ def find_path(
         _unstack(states, top, state, arrival)
         visit, heading = divmod(state, headings)
         cell, until, step = visits[visit].cell, safe_until(visits, visit), states[state].reached + 1
+        # At the goal, the safe interval must last as long as the agent stays. An earlier interval is only passed
+        # through.
         if cell == goal and until >= last_step(states[state].reached, problem.disappear):
             found = state
             break
@@ -124,14 +130,18 @@ def find_path(
         for choice in choices:
             target, facing = _led_to(leads_to, headings, cell, heading, choice)
             left = unpack_steps(steps[target], facing)
+            # A turn stays within the safe interval. A blocked move leads nowhere.
             if target == cell:
                 if facing != heading and step <= until and max(opens, step + left) <= limit:
                     highest = max(highest, max(opens, step + left))
                     _stack(states, top, number, visit * headings + facing, state, step, left, opens)
                 continue
+            # The successors of Phillips and Likhachev: each safe interval of the target that begins before the present
+            # one ends, at the earliest arrival in it. Waiting is implied and needs no state.
             following = last_visit(visits, near, target, step)
             while following != NONE:
                 begin = max(step, visits[following].end + 1)
+                # Later intervals begin even later, so none of them can be reached either.
                 if begin > until + 1 or max(opens, begin + left) > limit:
                     break
                 # An agent that leaves the target for this agent's cell in the same step swaps with it.
@@ -141,6 +151,7 @@ def find_path(
                     highest = max(highest, max(opens, begin + left))
                     _stack(states, top, number, following * headings + facing, state, begin, left, opens)
                 following = visits[following].after
+    # The states themselves need not be cleared, as they have the number of their search.
     top[lowest : highest + 1] = NONE
     scratch.count[1] += expanded
     return NONE if found == NONE else _trace(agent, found, headings, problem.disappear, reservations, states)
@@ -189,6 +200,7 @@ def _stack(states: Array, top: Array, number: int, state: int, parent: int, step
     """Push `state` onto its stack if search `number` reaches it for the first time, or earlier than before."""
     it = states[state]
     if it.seen == number:
+        # An earlier arrival in the same safe interval dominates: the agent can wait.
         if it.reached <= step:
             return
         # Before `opens`, states are not expanded in the order in which they are reached, so that even an expanded state

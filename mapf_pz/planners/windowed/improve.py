@@ -80,6 +80,7 @@ def _replan(
     bound = float(paths.least[first])  # of the new sum: costs of the new paths, and lower bounds of the others
     while planned < neighborhood.size[0] and bound < former - MARGIN:
         i, before = neighborhood.agents[planned], neighborhood.size[0]
+        # A more expensive path could not lower the sum, even if all agents after this one had their best paths.
         limit = former - MARGIN - bound + paths.least[i]
         rotation = draw_below(neighborhood.random, 4)
         if not find_path(planning_view, i, passing, limit, price, rotation, paths, scratch):
@@ -91,6 +92,8 @@ def _replan(
             bound += paths.least[neighborhood.agents[k]]
         paths.cell[i], paths.heading[i] = scratch.cell, scratch.heading
         paths.cost[i] = cost_of_path(planning_view, i, passing, paths)
+        # Later paths of this neighborhood must respect the new path. Otherwise two agents could make way for each other
+        # forever.
         paths.fixed[i] = True
         occupy(paths, i)
         bound += paths.cost[i] - paths.least[i]
@@ -126,6 +129,7 @@ def _add_colliding(paths: Paths, scratch: SearchScratch, neighborhood: Neighborh
 def _finish(accepted: bool, planned: int, paths: Paths, neighborhood: Neighborhood) -> None:
     """Empty the neighborhood, the first agents of which have new paths; restore the former ones unless accepted."""
     for k in range(planned):
+        # Agents that have joined, but have no new paths, were released by `_add`: only new paths must be removed here.
         paths.fixed[neighborhood.agents[k]] = False
         if not accepted:
             release(paths, neighborhood.agents[k])

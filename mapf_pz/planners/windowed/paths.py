@@ -48,6 +48,8 @@ def continue_paths(planning_view: PlanningView, passing: bool, paths: Paths) -> 
     With `passing`, an agent only has to pass its goal; otherwise it must stay there.
     """
     agents, last = planning_view.agents, paths.cell.shape[1] - 1
+    # The first step of every path must have been executed. If even one agent did something else, the other paths may
+    # lead through it, so none of them can be kept.
     as_planned = True
     for i in range(agents.size):
         if agents[i].active:
@@ -96,6 +98,7 @@ def cost_of_path(planning_view: PlanningView, i: int, passing: bool, paths: Path
     cell, heading, cost = paths.cell[i], paths.heading[i], 0.0
     for t in range(last):
         here, there = cell[t], cell[t + 1]
+        # At t = 0 the agent has not passed its goal yet: see `_least_cost`.
         if passing and here == agent.goal and t > 0:
             return cost
         if here != there:

@@ -86,6 +86,7 @@ def find_path(
     side = 2 * last + 1
     layer, shift = side * side * 2 * headings, (1, side, -1, -side, 0)
     scratch.count[0] += 1
+    # States of earlier searches have another number, so that none has to be cleared.
     number = scratch.count[0]
     # An agent that is on its goal has not passed it yet: an arrival takes a step, of which waiting is one.
     state = 2 * (headings * (side * last + last) + facing(planning_view, agent))
@@ -99,21 +100,30 @@ def find_path(
         heading, passed, place = (within >> 1) & (headings - 1), within & 1, within // (2 * headings)
         here = states[state].cell
         left = np.float32(0.0) if passed else cost_at(to_go, table, here, heading)
+        # A state is pushed again when it is reached at a lower cost; its older entries stay in the heap.
         if step > 0 and lowest > states[state].cost + left - LATE * step + ROUNDING:
             continue  # it has been expanded at a lower cost
+        # The cost to go never overestimates, so the first path that leaves the heap is a cheapest one, up to `LATE` for
+        # each step. It stands for the way beyond the window, as in WHCA* (Silver, *Cooperative Pathfinding*, AIIDE
+        # 2005).
         if step == last:
             _trace(state, layer, headings, scratch)
             return True
         for k in range(5 if headings == 1 else 4):
             direction, turned = _act(headings, heading, (k + rotation) & 3 if k < 4 else 4)
             there = here if direction == WAIT_WEIGHT else leads_to[direction, here]
+            # What follows a goal that is only passed is free, as the next goal is not known. An agent that must stay at
+            # its goal waits there for free. Neither makes a blocked edge free.
             is_free = passed or (not passing and here == goal and direction == WAIT_WEIGHT and turned == heading)
             cost = np.float32(0.0) if is_free and weight[direction, here] < np.inf else weight[direction, here]
             cost = np.float32(
                 cost + states[state].cost + _price_of_collisions(used, fixed, price, step + 1, here, there)
             )
+            # Whether the goal has been passed belongs to the state: only before that does the way to it count.
             passes = passed or (passing and there == goal)
             left = np.float32(0.0) if passes else cost_at(to_go, table, there, turned)
+            # This also drops moves of infinite cost. If the heap is full, a path may be missed, which callers must
+            # allow for.
             if not cost + left < limit or size == open.size:
                 continue
             following = (step + 1) * layer + 2 * (headings * (place + shift[direction]) + turned) + passes
@@ -133,12 +143,14 @@ def _act(headings: int, heading: int, choice: int) -> tuple[int, int]:
     """
     if headings == 1:
         return choice, 0
+    # Headings follow the directions clockwise, so a turn to the right adds 1, and a turn to the left 3.
     return heading if choice == 0 else WAIT_WEIGHT, heading if choice == 2 else (heading + choice) & 3
 
 
 @jit
 def _price_of_collisions(used: Array, fixed: Array, price: float, t: int, here: int, there: int) -> float:
     """Return the price of the collisions of a move from `here` to `there` in step `t`; infinity with fixed agents."""
+    # In a swap, the agent that was on `there` is on `here` afterward. A cycle of three or more agents is no collision.
     total, there_after, there_before = 0.0, used[t, there], used[t - 1, there]
     if there_after != NO_AGENT:
         total += np.inf if fixed[there_after] else price

@@ -1,0 +1,1 @@
+"""Programs that write the data of the package: the packs of benchmarks, and the digests of suites."""

@@ -1,0 +1,1 @@
+"""Programs that draw the figures and take the screenshots of the documentation."""

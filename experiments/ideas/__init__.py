@@ -1,0 +1,1 @@
+"""Experiments on the report's ideas for future work."""

@@ -1,0 +1,1 @@
+"""Measurements of planners and guidance graphs."""

@@ -1,0 +1,1 @@
+"""Experiments on the package's policies, and the programs that bundle them."""

@@ -1,0 +1,1 @@
+"""The report's experiment: reproduced, repaired, and as published."""

@@ -1,0 +1,139 @@
+"""What the report's policy lacked: `python -m experiments.report.repair`.
+
+The preset `report-repaired` routes its agents, and the preset `report` does not. The settings between them are those of
+`report-repaired` with one change taken back, and those of `report` with one change made. Each is trained with three
+seeds; runs that were stopped go on. `docs/results/repair.csv` gets the last validation of each run, which is not
+repeated then, and `docs/explanation/report.md` the table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+
+from experiments.pages import FILES, PAGES, spread, write_table
+from experiments.report.reproduction import Variation, curve
+from experiments.study import Study, StudyOptions
+from mapf_pz.rl.presets import PRESETS
+from mapf_pz.rl.progress import PROGRESS
+from mapf_pz.rl.training.train import resume, train
+
+PAGE = PAGES / "report.md"
+STUDY = Study(FILES / "repair.csv", ("setting", "seed"), ("agent_steps", "CSR", "ISR"))
+PARTS = ("env", "model", "optimization", "ppo")
+CHANGES: dict[str, tuple[str, ...]] = {
+    "cost to go (idea 2)": ("cost_to_go", "others_next", "action_advantage"),
+    "cost to go around agents at their goals": ("around_agents_at_goals",),
+    "goal and own location (idea 3)": ("goal_vector", "location"),
+    "past actions (idea 5)": ("last_actions",),
+    "which agents are at their goals": ("others_at_goal",),
+    "centered view": ("view",),
+    "optimized edge weights (idea 1)": ("edge_weights",),
+    "reward for progress": ("reward",),
+    "an advantage for each agent": ("credit",),
+    "a discount factor of 0.9": ("gamma", "lmbda"),
+    "more and smaller minibatches": ("num_envs", "minibatch_size"),
+    "a higher learning rate": ("learning_rate",),
+    "smaller gradients": ("max_grad_norm",),
+    "GELU": ("activation",),
+    "an entropy bonus": ("entropy_coeff",),
+}
+"""The differences between the presets: fields of the configuration, or channels and features."""
+
+
+@dataclass(frozen=True)
+class Options(StudyOptions):
+    """Options of the experiment."""
+
+    output: Path = Path("runs/repair")
+    """Folder of all runs."""
+    seeds: tuple[int, ...] = (0, 1, 2)
+    """Random seeds."""
+    agent_steps: int = 500_000
+    """Length of each training."""
+
+
+def settings() -> Iterator[Variation]:
+    """Yield the settings: both presets, and those between them."""
+    full, bare = (Variation(name, PRESETS[name]) for name in ("report-repaired", "report"))
+    bare = bare.with_(bare.name, env={"max_steps": full.config.task.env.max_steps})
+    # The report's random sampling of actions is the only difference that is not between the presets.
+    sampled = full.with_("report-repaired, actions sampled", task={"action_mode": "affine"})
+    yield from (full, bare, sampled)
+    for name, fields in CHANGES.items():
+        yield changed(full, f"report-repaired without {name}", bare, fields)
+        yield changed(bare, f"report with {name}", full, fields)
+
+
+def changed(setting: Variation, name: str, other: Variation, fields: tuple[str, ...]) -> Variation:
+    """Return a setting with the values of another one in some fields; channels and features are added or removed."""
+    changes: dict[str, dict[str, Any]] = {}
+    for part in PARTS:
+        mine, theirs = (vars(_part(one, part)) for one in (setting, other))
+        taken = {field: theirs[field] for field in fields if field in theirs}
+        for kind in ("channels", "features") if part == "env" else ():
+            named = set(fields) - mine.keys()
+            either = dict.fromkeys((*theirs[kind], *mine[kind]))
+            taken[kind] = tuple(one for one in either if one in (theirs if one in named else mine)[kind])
+        changes[part] = taken
+    return setting.with_(name, None, **changes)
+
+
+def _part(setting: Variation, part: str) -> Any:
+    config = setting.config
+    return config.task.env if part == "env" else getattr(config, part)
+
+
+def learn(setting: Variation, seed: int, options: Options) -> Mapping[str, str]:
+    """Train a setting, unless its run is finished, and return its last validation."""
+    name = "".join(char if char.isalnum() else "-" for char in setting.name)
+    output = options.output / f"{name}-{seed}"
+    if not (output / PROGRESS).exists():
+        interval = options.agent_steps // 5
+        steps = {"agent_steps": options.agent_steps, "validation_interval": interval, "validation_episodes": 64}
+        train(replace(setting.config, seed=seed, **steps), output, overwrite=True)
+    elif curve(output)[-1][0] < options.agent_steps:
+        resume(output)
+    steps, solved, arrived = curve(output)[-1]
+    return {"agent_steps": f"{steps:.0f}", "CSR": f"{solved:.4f}", "ISR": f"{arrived:.4f}"}
+
+
+def write() -> None:
+    """Write the table from the results."""
+    by_setting: dict[str, list[Mapping[str, str]]] = {}
+    for row in STUDY.rows():
+        by_setting.setdefault(row["setting"], []).append(row)
+
+    def cell(name: str) -> str:
+        rows = by_setting.get(name, [])
+        values = {metric: np.array([float(row[metric]) for row in rows]) for metric in ("CSR", "ISR")}
+        return " | ".join(spread(each, 2) if len(each) else "" for each in values.values())
+
+    lines = [
+        "| | with the rest: CSR | ISR | alone: CSR | ISR |",
+        "| --- | --- | --- | --- | --- |",
+        f"| all of it, none of it | {cell('report-repaired')} | {cell('report')} |",
+        f"| actions sampled as in the report | {cell('report-repaired, actions sampled')} | | |",
+    ]
+    lines += [
+        f"| {name} | {cell(f'report-repaired without {name}')} | {cell(f'report with {name}')} |" for name in CHANGES
+    ]
+    write_table(PAGE, "repair", lines)
+
+
+def main(options: Options) -> None:
+    """Train what is missing, seed by seed; write the results after each run, and the table at the end."""
+    if not options.write:
+        named = {setting.name: setting for setting in settings()}
+        for name, seed in STUDY.missing((name, seed) for seed in options.seeds for name in named):
+            STUDY.add((name, seed), learn(named[name], seed, options))
+    write()
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Options))

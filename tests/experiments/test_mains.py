@@ -1,0 +1,65 @@
+"""The studies that have no tests of their own: each measures what is missing, and writes its table."""
+
+from dataclasses import replace
+
+import pytest
+
+pytest.importorskip("torchrl")
+
+from experiments.ideas import edge_weights, observed_weights
+from experiments.planners import weighted_cost
+from experiments.report import repair
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    """A function that runs a study twice, and returns its runs; no training takes place."""
+
+    def run(experiment, **options):
+        tables = []
+        monkeypatch.setattr(experiment, "STUDY", replace(experiment.STUDY, file=tmp_path / "study.csv"))
+        monkeypatch.setattr(experiment, "write_table", lambda page, name, lines: tables.append(list(lines)))
+        for _ in range(2):
+            experiment.main(experiment.Options(**options))
+        assert len(tables) == 2
+        assert tables[0] == tables[1]
+        assert len(tables[0]) > 2
+        return [tuple(row[name] for name in experiment.STUDY.key) for row in experiment.STUDY.rows()]
+
+    return run
+
+
+def trained(config, run, overwrite):
+    run.mkdir()
+
+
+def test_edge_weights(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(edge_weights, "train", trained)
+    monkeypatch.setattr(edge_weights, "_agreement", lambda run: "0.5")
+    monkeypatch.setattr(edge_weights, "_measures", lambda task, policy, episodes: {"throughput": "1", "cost": "2"})
+    runs = run(edge_weights, output=tmp_path, seeds=(0, 1))
+    assert runs == [("the planner", "0"), *((name, seed) for seed in "01" for name in edge_weights.SETTINGS)]
+
+
+def test_observed_weights(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(observed_weights, "train", trained)
+    values = dict.fromkeys(observed_weights.METRICS, "0.5")
+    monkeypatch.setattr(observed_weights, "measured", lambda setting, run, episodes: values)
+    runs = run(observed_weights, output=tmp_path, seeds=(0,), episodes=2)
+    assert [name for name, _ in runs] == [*observed_weights.REFERENCES, *observed_weights.SETTINGS]
+    costs = [float(row[observed_weights.SOLVED]) for row in observed_weights.STUDY.rows()[:2]]
+    assert costs[0] > costs[1] >= 1, "a planner that knows the weights pays less"
+
+
+def test_weighted_cost(run, monkeypatch):
+    monkeypatch.setattr(weighted_cost, "PLANNERS", {"pibt": "pibt"})
+    assert run(weighted_cost, seeds=2) == [("pibt", *case, seed) for case in weighted_cost.CASES for seed in "01"]
+
+
+def test_repair(run, tmp_path, monkeypatch):
+    settings = list(repair.settings())[:2]
+    monkeypatch.setattr(repair, "settings", lambda: iter(settings))
+    result = {"agent_steps": "8", "CSR": "0.25", "ISR": "0.5"}
+    monkeypatch.setattr(repair, "learn", lambda setting, seed, options: result)
+    names = [setting.name for setting in settings]
+    assert run(repair, output=tmp_path, seeds=(0, 1)) == [(name, seed) for seed in "01" for name in names]
