@@ -112,7 +112,7 @@ def test_keywords(keywords, error, message):
 
 
 def test_a_negative_radius():
-    refuses(ValueError, "share_radius=-1: expected a number of cells, 0 or more", lambda: RewardConfig(share_radius=-1))
+    refuses(ValueError, "share_radius=-1: expected 0 or more", lambda: RewardConfig(share_radius=-1))
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, get_args, get_origin
 
 from tyro.conf import DisallowNone, UseAppendAction, arg
 from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
@@ -126,7 +126,8 @@ def optional(flag: StructFieldSpec, shown: Any) -> StructFieldSpec:
 
 def _absent(kind: Any) -> Any:
     """Return the type of a flag that is None if it is not given, which cannot be typed as the word `None`."""
-    return DisallowNone[kind | None]
+    bare = get_args(kind)[0] if get_origin(kind) is Annotated else kind  # so that it stays one union in the help
+    return DisallowNone[bare | None]
 
 
 def present(values: Mapping[str, Any]) -> dict[str, Any]:

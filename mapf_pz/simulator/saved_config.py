@@ -25,6 +25,7 @@ from pydantic import (
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
+from mapf_pz._internal.config import complaint
 from mapf_pz._internal.plugins import NAMED_PARTS, check_trusted
 from mapf_pz._internal.text import read_bytes
 from mapf_pz.errors import FormatError
@@ -90,14 +91,6 @@ def _stored_form() -> type[BaseModel]:
     return create_model("EnvConfig", __config__=ConfigDict(extra="forbid"), **fields)
 
 
-def complaint(error: ValidationError) -> str:
-    """Return the first validation error in one line that starts with its location."""
-    first = error.errors()[0]
-    unknown = first["type"] in ("unexpected_keyword_argument", "extra_forbidden")
-    message = "unknown field; a run of another version must be trained again" if unknown else first["msg"]
-    return f"{'.'.join(map(str, first['loc']))}: {message}"
-
-
 def object_file(field: str) -> str:
     """Return the name of the file of a field that holds an object."""
     return f"{field}.safetensors"
@@ -135,8 +128,10 @@ def load_env(stored: Any, info: ValidationInfo) -> EnvConfig:
 
     Raises `ValueError` for invalid fields, and `FormatError` for damaged files and for code that is not trusted.
     """
+    if isinstance(stored, EnvConfig):
+        return stored
     try:
-        form = _stored_form().model_validate(stored)
+        form = _stored_form().model_validate_json(json.dumps(stored))
     except ValidationError as error:
         raise ValueError(complaint(error)) from None
     fields = {name: getattr(form, name) for name in type(form).model_fields}

@@ -1,0 +1,124 @@
+"""Configurations: frozen dataclasses whose fields pydantic checks, and the types of such fields."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Sequence
+from functools import wraps
+from reprlib import repr as shortened
+from typing import Annotated, Any, TypeVar
+
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError, WrapValidator
+from pydantic_core import ArgsKwargs
+
+Config = TypeVar("Config", bound=type)
+Item = TypeVar("Item")
+
+
+def as_tuple(value: Any) -> Any:
+    """Return a sequence as a tuple, and any other value as it is."""
+    return tuple(value) if isinstance(value, Sequence) and not isinstance(value, str) else value
+
+
+Count = Annotated[int, Field(ge=1)]
+"""A whole number, 1 or more."""
+Natural = Annotated[int, Field(ge=0)]
+"""A whole number, 0 or more."""
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+"""A finite number greater than 0."""
+Coefficient = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+"""A finite number, 0 or more."""
+Share = Annotated[float, Field(ge=0, le=1)]
+"""A number from 0 to 1."""
+Items = Annotated[tuple[Item, ...], BeforeValidator(as_tuple)]
+"""A tuple, or any other sequence, which becomes one."""
+
+
+def expecting(text: str) -> WrapValidator:
+    """Return what a field's type is annotated with to say what it expects, where it is a union of types."""
+
+    def check(value: Any, handler: Callable[[Any], Any]) -> Any:
+        try:
+            return handler(value)
+        except ValidationError:
+            raise ValueError(f"expected {text}") from None
+
+    return WrapValidator(check)
+
+
+def name_or_part(names: Sequence[str]) -> AfterValidator:
+    """Return what the type of a field is annotated with that is one of these names, or `package.module:name`."""
+
+    def check(name: str) -> str:
+        if name not in names and ":" not in name:
+            raise ValueError(f"expected one of {', '.join(map(repr, names))}, or package.module:name")
+        return name
+
+    return AfterValidator(check)
+
+
+_RULES = ConfigDict(strict=True, extra="forbid", arbitrary_types_allowed=True)
+_EXPECTED = {
+    "int_type": "a whole number",
+    "float_type": "a number",
+    "bool_type": "True or False",
+    "string_type": "text",
+    "tuple_type": "a tuple or list",
+    "too_short": "{min_length} or more items",
+    "literal_error": "one of {expected}",
+    "greater_than": "more than {gt:g}",
+    "greater_than_equal": "{ge:g} or more",
+    "less_than": "less than {lt:g}",
+    "less_than_equal": "{le:g} or less",
+}
+"""What is expected instead of a value, by pydantic's type of the error; otherwise, pydantic's text says it."""
+
+_MISPLACED = {"missing": "expected a value"} | dict.fromkeys(
+    ("extra_forbidden", "unexpected_keyword_argument"), "unknown field, which may be one of another version"
+)
+"""Complaints about fields that a file lacks or that it should not have, by pydantic's type of the error."""
+
+
+def checked(config: Config) -> Config:
+    """Let pydantic check the fields of a frozen dataclass by their types, without conversions, when one is made.
+
+    It then raises `ValueError` in one line that names the field, the value, and what is expected.
+    """
+    dataclass: Any = config
+    dataclass.__pydantic_config__ = _RULES
+    validator = TypeAdapter(config).validator
+    signature = inspect.signature(config)
+
+    @wraps(dataclass.__init__)
+    def init(self: Any, *values: Any, **given: Any) -> None:
+        arguments = signature.bind(*values, **given).arguments
+        try:
+            validator.validate_python(ArgsKwargs((), arguments), self_instance=self)
+        except ValidationError as error:
+            raise cause(error) or ValueError(complaint(error)) from None
+
+    dataclass.__init__ = init
+    return config
+
+
+def cause(error: ValidationError) -> Exception | None:
+    """Return the exception that the `__post_init__` of the configuration has raised, or None."""
+    first = error.errors()[0]
+    return None if first["loc"] else first.get("ctx", {}).get("error")
+
+
+def complaint(error: ValidationError) -> str:
+    """Return the first error in one line: the field, the value, and what is expected."""
+    first = error.errors()[0]
+    parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"])
+    place, kind, value = "".join(parts).removeprefix("."), first["type"], first["input"]
+    if kind in _MISPLACED:
+        return f"{place}: {_MISPLACED[kind]}"
+    context = first.get("ctx", {})
+    if "error" not in context:
+        text = f"expected {_EXPECTED.get(kind, first['msg'].removeprefix('Input should be ')).format(**context)}"
+    elif isinstance(value, dict):
+        return f"{place}: {context['error']}".removeprefix(": ")
+    else:
+        text = str(context["error"])
+    return f"{place}={' '.join(shortened(value).split())}: {text}"
