@@ -320,8 +320,8 @@ def test_advantages_of_the_team_or_of_each_agent(tmp_path, credit, on_target):
 @pytest.mark.parametrize(
     ("name", "changes", "message"),
     [
-        ("mappo", {"communication": -1}, "communication=-1: expected 0 or more"),
-        ("mappo", {"communication_radius": -1}, "communication_radius=-1: expected 0 or more"),
+        ("mappo", {"communication": -1}, "communication=-1: expected a whole number, 0 or more"),
+        ("mappo", {"communication_radius": -1}, "communication_radius=-1: expected a whole number, 0 or more"),
         ("mappo", {"hidden": 48}, "hidden=48: expected a multiple of 32 with communication"),
         ("bc", {}, "communication=2: expected 0 with bc, which uses separate agent steps"),
     ],

@@ -112,9 +112,9 @@ def test_values_that_are_not_allowed_are_refused(part, name, values):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"clip_epsilon": 0.0}, "clip_epsilon=0.0: expected more than 0"),
-        ({"gamma": 1.5}, "gamma=1.5: expected 1 or less"),
-        ({"critic_coeff": -1.0}, "critic_coeff=-1.0: expected 0 or more"),
+        ({"clip_epsilon": 0.0}, "clip_epsilon=0.0: expected a number greater than 0"),
+        ({"gamma": 1.5}, "gamma=1.5: expected at most 1"),
+        ({"critic_coeff": -1.0}, "critic_coeff=-1.0: expected a number, 0 or more"),
     ],
 )
 def test_a_refusal_names_the_bounds(change, message):
