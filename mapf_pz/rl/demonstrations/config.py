@@ -31,12 +31,12 @@ class DatasetConfig:
     """Name of the planner, with options as in `lacam:time_limit=5,clock=work`. Without `clock=work`, time limits are in
     seconds of CPU time."""
     env: EnvConfig = field(default_factory=EnvConfig)
-    """The environment, of which the observations and the reward are ignored. If it has no map, scenario or source, its
-    episodes use the maps of `mixture`."""
+    """The environment; its observations and its reward are ignored. Without a map, scenario or source, episodes use the
+    maps of the mixture."""
     mixture: MapMixture = field(default_factory=MapMixture)
-    """The maps, used if the environment has no map, scenario or source."""
+    """The maps, if there is no map, scenario or source."""
     num_agents: Annotated[Items[Count], Field(min_length=1)] | None = None
-    """Numbers of agents. None: that of the environment."""
+    """Number of agents, or several numbers. Default: all agents of the scenario or source, otherwise 4."""
     episodes: Count = 1000
     """Number of episodes for each number of agents."""
     shard_size: Count = 100
