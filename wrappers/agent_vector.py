@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from gymnasium import spaces
@@ -13,6 +13,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike
 
 from mapf_pz._internal.arrays import Bools, Floats, Ints
+from mapf_pz._internal.config import UNCHECKED, checked
 from mapf_pz._internal.signatures import init_with_fields_of
 from mapf_pz.simulator.config import BatchConfig
 from mapf_pz.simulator.simulator import Observation
@@ -21,11 +22,12 @@ from mapf_pz.wrappers.simulator_vector import SimulatorVectorEnv, VectorInfos, V
 _AUTORESET_MODES = {mode.value: mode for mode in (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP)}
 
 
+@checked
 @dataclass(frozen=True)
 class AgentVectorConfig(BatchConfig):
     """All keywords of `AgentVectorEnv`."""
 
-    autoreset_mode: AutoresetMode | Literal["NextStep", "SameStep"] = AutoresetMode.NEXT_STEP
+    autoreset_mode: Annotated[AutoresetMode | Literal["NextStep", "SameStep"], UNCHECKED] = AutoresetMode.NEXT_STEP
     """When an episode that is over is reset: by the next step, which ignores the actions, or by the same one."""
 
 
@@ -57,7 +59,7 @@ class AgentVectorEnv(SimulatorVectorEnv):
     @init_with_fields_of(AgentVectorConfig)
     def __init__(self, *arguments: Any, **keywords: Any) -> None:
         """Create the environments; raises as `parallel_env`, and `ValueError` for another autoreset mode."""
-        config = AgentVectorConfig.from_keywords(*arguments, **keywords)
+        config = AgentVectorConfig(*arguments, **keywords)
         given = config.autoreset_mode
         mode = _AUTORESET_MODES.get(given.value if isinstance(given, AutoresetMode) else given)
         if mode is None:

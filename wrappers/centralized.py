@@ -12,6 +12,7 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 from pettingzoo import ParallelEnv
 
+from mapf_pz._internal.config import checked
 from mapf_pz._internal.signatures import with_fields_of
 from mapf_pz.environment.mapf_env import AgentObservation, MapfEnv, parallel_env
 from mapf_pz.simulator.actions import ActionMode
@@ -29,6 +30,7 @@ TEAM_REWARDS: dict[TeamReward, TeamSum] = {"sum": np.sum, "mean": np.mean}
 """Functions that combine the rewards of N agents."""
 
 
+@checked
 @dataclass(frozen=True)
 class CentralizedConfig(EnvConfig):
     """All keywords of `centralized_env`; the first two may be given by position."""
@@ -144,5 +146,5 @@ def team_spaces(space: spaces.Space[Any], num_agents: int, num_actions: int) -> 
 @with_fields_of(CentralizedConfig)
 def centralized_env(*arguments: Any, **keywords: Any) -> CentralizedEnv:
     """Create a centralized environment; raises as `parallel_env` and `CentralizedEnv`."""
-    config = CentralizedConfig.from_keywords(*arguments, **keywords)
+    config = CentralizedConfig(*arguments, **keywords)
     return CentralizedEnv(parallel_env(**config.keywords()), config.action_mode, config.team_reward)

@@ -12,6 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike
 
 from mapf_pz._internal.arrays import Bools, Floats, Ints
+from mapf_pz._internal.config import checked
 from mapf_pz._internal.signatures import init_with_fields_of
 from mapf_pz.simulator.config import BatchConfig
 from mapf_pz.wrappers.centralized import CentralizedConfig, TeamObservation, team_reward_function, team_spaces
@@ -19,6 +20,7 @@ from mapf_pz.wrappers.continuous_actions import decoder, generator
 from mapf_pz.wrappers.simulator_vector import SimulatorVectorEnv, VectorInfos
 
 
+@checked
 @dataclass(frozen=True)
 class CentralizedVectorConfig(CentralizedConfig, BatchConfig):
     """All keywords of `CentralizedVectorEnv`: the size of the batch, and those of `centralized_env`."""
@@ -36,7 +38,7 @@ class CentralizedVectorEnv(SimulatorVectorEnv):
     @init_with_fields_of(CentralizedVectorConfig)
     def __init__(self, *arguments: Any, **keywords: Any) -> None:
         """Create the environments; raises as `centralized_env`."""
-        config = CentralizedVectorConfig.from_keywords(*arguments, **keywords)
+        config = CentralizedVectorConfig(*arguments, **keywords)
         self._decode, self._team_reward = decoder(config.action_mode), team_reward_function(config.team_reward)
         super().__init__(config, AutoresetMode.NEXT_STEP)
         self.num_envs = config.num_envs

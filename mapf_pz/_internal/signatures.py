@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import ast
 import inspect
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
+from functools import cache
 from itertools import pairwise
-from textwrap import dedent, indent
+from textwrap import indent
 from typing import Any, Concatenate, ParamSpec, TypeVar, cast
 
 Fields = ParamSpec("Fields")
 Result = TypeVar("Result")
+_INDENT = "    "
 
 
 def with_fields_of(config: Callable[Fields, object]) -> Callable[[Callable[..., Result]], Callable[Fields, Result]]:
@@ -44,20 +47,33 @@ def _show_fields(function: Any, config: Any, first: list[inspect.Parameter]) -> 
         parameters=[*first, *signature.parameters.values()],
         return_annotation=inspect.signature(function).return_annotation,
     )
-    texts = field_docs(config)
-    arguments = "\n".join(indent(f"{name}: {texts[name]}", "    ") for name in signature.parameters)
-    function.__doc__ = f"{inspect.getdoc(function)}\n\nArgs:\n{arguments}\n"
+    document_fields(function, config)
+
+
+def document_fields(function: Any, config: Any) -> None:
+    """Add the documentation of the fields of the dataclass `config` to that of a function or class."""
+    docs, names = field_docs(config), inspect.signature(config).parameters
+    shown = [f"{name}: {indent(docs[name], _INDENT).lstrip()}" for name in names if name in docs]
+    function.__doc__ = "\n".join([str(inspect.getdoc(function)), "", "Args:", indent("\n".join(shown), _INDENT), ""])
 
 
 def field_docs(config: type) -> dict[str, str]:
     """Return the docstrings below the fields of a dataclass, including inherited fields, by name."""
-    docs: dict[str, str] = {}
-    for base in reversed(config.__mro__[:-1]):
-        (definition,) = ast.parse(dedent(inspect.getsource(base))).body
-        for member, after in pairwise(cast("ast.ClassDef", definition).body):
-            match member, after:
-                case ast.AnnAssign(target=ast.Name(name)), ast.Expr(value=ast.Constant(str(text))):
-                    docs[name] = inspect.cleandoc(text).replace("\n", "\n    ")
-                case _:
-                    pass
-    return docs
+    bases = reversed(config.__mro__[:-1])
+    return {name: text for base in bases for name, text in _module_docs(base.__module__).get(base.__name__, {}).items()}
+
+
+@cache
+def _module_docs(module: str) -> dict[str, dict[str, str]]:
+    """Return the docstrings below the fields of all classes of a module, by class and by field."""
+    tree = ast.parse(inspect.getsource(sys.modules[module]))
+    return {node.name: dict(_class_docs(node)) for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
+
+
+def _class_docs(definition: ast.ClassDef) -> Iterator[tuple[str, str]]:
+    for member, after in pairwise(definition.body):
+        match member, after:
+            case ast.AnnAssign(target=ast.Name(name)), ast.Expr(value=ast.Constant(str(text))):
+                yield name, inspect.cleandoc(text)
+            case _:
+                pass

@@ -4,18 +4,26 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from tyro.conf import Positional, arg, subcommand
+from tyro.constructors import StructConstructorSpec, StructFieldSpec, StructTypeInfo
 
 from mapf_pz._internal.interrupts import interruptible
 from mapf_pz._internal.parallel import job_runner
-from mapf_pz.commands.env_flags import EpisodeKeywords, MixtureKeywords
+from mapf_pz.commands.env_flags import (
+    ENV_FLAGS,
+    EpisodeKeywords,
+    MixtureKeywords,
+    default_of,
+    flags_of,
+    mixture_flag,
+)
 from mapf_pz.commands.progress import progress_bar
 from mapf_pz.rl.demonstrations import DatasetConfig, load_dataset, make_dataset
-from mapf_pz.simulator.config import OBSERVATION_FIELDS, EnvConfig
+from mapf_pz.simulator.config import OBSERVATION_FIELDS
 from mapf_pz.simulator.keywords import EnvKeywords
 
 
@@ -25,8 +33,23 @@ class DatasetKeywords(EpisodeKeywords):
     FIELDS: ClassVar[tuple[str, ...]] = (*EpisodeKeywords.FIELDS, "source")
 
 
-EPISODES = DatasetKeywords.of(EnvConfig())
-"""The default episodes."""
+@ENV_FLAGS.struct_rule
+def _dataset_flags(info: StructTypeInfo) -> StructConstructorSpec | None:
+    """Return the flags of a dataset, of which those of the environment and the mixture may be omitted."""
+    if info.type is not DatasetConfig:
+        return None
+    return StructConstructorSpec(_dataset, tuple(map(_dataset_flag, flags_of(default_of(info)))))
+
+
+def _dataset_flag(flag: StructFieldSpec) -> StructFieldSpec:
+    if flag.name == "env":
+        return replace(flag, type=DatasetKeywords, default=DatasetKeywords.of(flag.default))
+    return mixture_flag(flag)
+
+
+def _dataset(env: DatasetKeywords, mixture: MixtureKeywords, **others: Any) -> DatasetConfig:
+    config = env.config()
+    return DatasetConfig(env=config, mixture=mixture.mixture(config), **others)
 
 
 @dataclass(frozen=True)
@@ -42,43 +65,10 @@ class MakeOptions:
 
     output: Positional[Path]
     """Folder of the dataset."""
-    planner: str = DatasetConfig.planner
-    """Name of the planner, with options as in `lacam:time_limit=5,clock=work`. Without `clock=work`, time limits are in
-    seconds of CPU time."""
-    env: DatasetKeywords = EPISODES
-    """The environment. Without a map, scenario or source, episodes use the maps of the mixture."""
-    mixture: MixtureKeywords = field(default_factory=MixtureKeywords)
-    """The maps, if there is no map, scenario or source."""
-    agent_counts: Annotated[tuple[int, ...] | None, arg(name="num-agents")] = None
-    """Number of agents, or several numbers. Default: all agents of the scenario or source, otherwise 4."""
-    episodes: int = DatasetConfig.episodes
-    """Number of episodes for each number of agents."""
-    shard_size: int = DatasetConfig.shard_size
-    """Number of episodes in a file, which one process makes."""
-    solved_only: bool = DatasetConfig.solved_only
-    """Whether episodes that end while an agent is not at its goal are omitted; does not apply to lifelong episodes."""
-    seed: int = DatasetConfig.seed
-    """Random seed. Episode k of the dataset has the seed `seed + k`, which must be below 1,000,000, where the seeds of
-    evaluations start."""
-    license: str = DatasetConfig.license
-    """License of the dataset, for its card."""
+    config: DatasetConfig = field(default_factory=DatasetConfig)
+    """The planner and the episodes."""
     jobs: int | Literal["ray"] = 1
     """Number of processes; `ray`: run on a Ray cluster."""
-
-    def config(self) -> DatasetConfig:
-        """Return the settings of the dataset."""
-        env = self.env.config()
-        return DatasetConfig(
-            planner=self.planner,
-            env=env,
-            mixture=self.mixture.mixture(env),
-            num_agents=self.agent_counts,
-            episodes=self.episodes,
-            shard_size=self.shard_size,
-            solved_only=self.solved_only,
-            seed=self.seed,
-            license=self.license,
-        )
 
 
 @dataclass(frozen=True)
@@ -114,19 +104,21 @@ def _make(options: MakeOptions, check: Callable[[], None]) -> None:
             counts.append(left)
             update(total=counts[0], completed=counts[0] - left)
 
-        make_dataset(options.config(), options.output, run, show, command_of(options))
+        make_dataset(options.config, options.output, run, show, command_of(options))
     made = load_dataset(options.output)
     print(f"{options.output}: {len(made)} demonstrations, {made.num_agent_steps} agent steps")
 
 
 def command_of(options: MakeOptions) -> str:
     """Return the command with these options, without the number of processes and without default values."""
-    default = MakeOptions(options.output)
-    names = ("planner", "episodes", "shard_size", "solved_only", "seed", "license")
-    values = {name: getattr(options, name) for name in names if getattr(options, name) != getattr(default, name)}
-    values |= {name: value for name, value in options.env.keywords.items() if value != default.env.keywords[name]}
-    values |= options.mixture.given
-    values |= {} if options.agent_counts is None else {"num_agents": options.agent_counts}
+    config, default = options.config, DatasetConfig()
+    parts = ((config, default), (config.env, default.env), (config.mixture, default.mixture))
+    values = {
+        field.name: getattr(part, field.name)
+        for part, usual in parts
+        for field in fields(part)
+        if field.name not in ("env", "mixture") and getattr(part, field.name) != getattr(usual, field.name)
+    }
     words = ["mapf-pz", "dataset", "make", str(options.output)]
     for name, value in values.items():
         flag = name.replace("_", "-")

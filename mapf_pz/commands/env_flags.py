@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, get_args, get_origin, get_type_hints
 
 from tyro.conf import DisallowNone, UseAppendAction, arg
 from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
 
+from mapf_pz._internal.signatures import field_docs
 from mapf_pz.instances.instance import HeadingName
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.simulator.config import EnvConfig
@@ -34,19 +35,31 @@ ENV_FLAGS = ConstructorRegistry()
 """Lets tyro read an `EnvConfig`."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Fields(EnvConfig):
-    """The same fields under another type, which has tyro's own rule for dataclasses."""
-
-
-@dataclass(frozen=True)
-class _Terms(RewardConfig):
-    """The terms of a reward under another type, for the same purpose."""
-
-
 @dataclass(frozen=True)
 class _NoReward(RewardConfig):
     """Stands for a reward that is not given."""
+
+
+def flags_of(config: Any) -> tuple[StructFieldSpec, ...]:
+    """Return the flags of the fields of a dataclass, whose values in `config` are the defaults."""
+    kind = type(config)
+    types, docs = get_type_hints(kind, include_extras=True), field_docs(kind)
+    return tuple(
+        StructFieldSpec(
+            field.name, types[field.name], getattr(config, field.name), helptext=_one_line(docs[field.name])
+        )
+        for field in fields(kind)
+    )
+
+
+def default_of(info: StructTypeInfo) -> Any:
+    """Return the default of a dataclass: the one that is given, or that of its class."""
+    kind: Any = info.type
+    return info.default if isinstance(info.default, kind) else kind()
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
 
 
 @dataclass(frozen=True)
@@ -69,11 +82,8 @@ def _reward_flags(info: StructTypeInfo) -> StructConstructorSpec | None:
         return None
     default = None if isinstance(info.default, _NoReward) else info.default
     terms = default if isinstance(default, RewardConfig) else None
-    spec = ConstructorRegistry.get_struct_spec(replace(info, type=_Terms, default=terms or RewardConfig()))
-    if not isinstance(spec, StructConstructorSpec):
-        raise TypeError(f"tyro cannot read {RewardConfig.__name__}: {spec}")
     name = StructFieldSpec(name="reward", type=DisallowNone[str | None], default=None, helptext=_REWARD_HELP)
-    flags = (optional(field, None if terms is None else field.default) for field in spec.fields)
+    flags = (optional(flag, None if terms is None else flag.default) for flag in flags_of(terms or RewardConfig()))
     return StructConstructorSpec(partial(_reward, default), (name, *flags))
 
 
@@ -92,7 +102,7 @@ def _env_flags(info: StructTypeInfo) -> StructConstructorSpec | None:
     """Return the flags of an `EnvConfig`."""
     if info.type is not EnvConfig:
         return None
-    return StructConstructorSpec(lambda **given: EnvConfig(**_joined(given)), _flags(info))
+    return StructConstructorSpec(lambda **given: EnvConfig(**_joined(given)), _flags(default_of(info)))
 
 
 @ENV_FLAGS.struct_rule
@@ -102,7 +112,7 @@ def _keyword_flags(info: StructTypeInfo) -> StructConstructorSpec | None:
     if not (isinstance(kind, type) and issubclass(kind, EnvKeywords)):
         return None
     defaults = info.default.keywords if isinstance(info.default, EnvKeywords) else {}
-    flags = [flag for flag in _flags(replace(info, default=EnvConfig(**defaults))) if flag.name in kind.FIELDS]
+    flags = [flag for flag in _flags(EnvConfig(**defaults)) if flag.name in kind.FIELDS]
     return StructConstructorSpec(
         lambda **given: kind(present(_joined(given))), tuple(_keyword_flag(flag, defaults) for flag in flags)
     )
@@ -126,7 +136,8 @@ def optional(flag: StructFieldSpec, shown: Any) -> StructFieldSpec:
 
 def _absent(kind: Any) -> Any:
     """Return the type of a flag that is None if it is not given, which cannot be typed as the word `None`."""
-    return DisallowNone[kind | None]
+    bare = get_args(kind)[0] if get_origin(kind) is Annotated else kind  # so that it stays one union in the help
+    return DisallowNone[bare | None]
 
 
 def present(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -134,21 +145,18 @@ def present(values: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _flags(info: StructTypeInfo) -> tuple[StructFieldSpec, ...]:
-    """Return the flags of all fields."""
-    spec = ConstructorRegistry.get_struct_spec(replace(info, type=_Fields))
-    if not isinstance(spec, StructConstructorSpec):
-        raise TypeError(f"tyro cannot read {EnvConfig.__name__}: {spec}")
-    return tuple(_flag(field) for field in spec.fields if field.name != _NO_FLAG)
+def _flags(config: EnvConfig) -> tuple[StructFieldSpec, ...]:
+    """Return the flags of all fields of an environment."""
+    return tuple(_flag(flag) for flag in flags_of(config) if flag.name != _NO_FLAG)
 
 
-def _flag(field: StructFieldSpec) -> StructFieldSpec:
-    default = field.default
-    if field.name == "reward":
+def _flag(flag: StructFieldSpec) -> StructFieldSpec:
+    default = flag.default
+    if flag.name == "reward":
         default = REWARDS.get(default, default)
-    elif field.name == "scenario":
+    elif flag.name == "scenario":
         default = () if default is None else ((default,) if isinstance(default, str) else default,)
-    return replace(field, type=_TYPED.get(field.name, field.type), default=default)
+    return replace(flag, type=_TYPED.get(flag.name, flag.type), default=default)
 
 
 def _joined(given: dict[str, Any]) -> dict[str, Any]:
@@ -181,9 +189,13 @@ def _mixture_flags(info: StructTypeInfo) -> StructConstructorSpec | None:
     """Return the flags of a mixture, which may be omitted."""
     if info.type is not MixtureKeywords:
         return None
-    default = info.default.default if isinstance(info.default, MixtureKeywords) else MapMixture()
-    spec = ConstructorRegistry.get_struct_spec(replace(info, type=MapMixture, default=default))
-    if not isinstance(spec, StructConstructorSpec):
-        raise TypeError(f"tyro cannot read {MapMixture.__name__}: {spec}")
-    flags = tuple(optional(flag, flag.default) for flag in spec.fields)
+    default = default_of(info).default
+    flags = tuple(optional(flag, flag.default) for flag in flags_of(default))
     return StructConstructorSpec(lambda **given: MixtureKeywords(default, present(given)), flags)
+
+
+def mixture_flag(flag: StructFieldSpec) -> StructFieldSpec:
+    """Return the flag of a field, where that of a mixture may be omitted."""
+    if flag.name == "mixture":
+        return replace(flag, type=MixtureKeywords, default=MixtureKeywords(flag.default))
+    return flag

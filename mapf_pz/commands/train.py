@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from rich.console import Console
 from rich.logging import RichHandler
 from tyro.conf import Positional, subcommand
-from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
+from tyro.constructors import StructConstructorSpec, StructTypeInfo
 from tyro.extras import subcommand_type_from_defaults
 
 from mapf_pz._internal.interrupts import interruptible
 from mapf_pz._internal.lock import locked
-from mapf_pz.commands.env_flags import ENV_FLAGS, MixtureKeywords
+from mapf_pz.commands.env_flags import ENV_FLAGS, MixtureKeywords, default_of, flags_of, mixture_flag
 from mapf_pz.commands.evaluate import report
 from mapf_pz.commands.progress import progress_bar
 from mapf_pz.commands.render import save_episode
@@ -69,26 +69,12 @@ class TrainOptions:
     (`package.module:name`), and run that code."""
 
 
-@dataclass(frozen=True)
-class _TaskFields(TaskConfig):
-    """The same fields under another type, which has tyro's own rule for dataclasses."""
-
-
 @ENV_FLAGS.struct_rule
 def _task_flags(info: StructTypeInfo) -> StructConstructorSpec | None:
     """Return the flags of a training task, of which those of the mixture may be omitted."""
     if info.type is not TaskConfig:
         return None
-    spec = ConstructorRegistry.get_struct_spec(replace(info, type=_TaskFields))
-    if not isinstance(spec, StructConstructorSpec):
-        raise TypeError(f"tyro cannot read {TaskConfig.__name__}: {spec}")
-    return StructConstructorSpec(_task, tuple(map(_task_flag, spec.fields)))
-
-
-def _task_flag(flag: StructFieldSpec) -> StructFieldSpec:
-    if flag.name == "mixture":
-        return replace(flag, type=MixtureKeywords, default=MixtureKeywords(flag.default))
-    return flag
+    return StructConstructorSpec(_task, tuple(map(mixture_flag, flags_of(default_of(info)))))
 
 
 def _task(env: EnvConfig, mixture: MixtureKeywords, **others: Any) -> TaskConfig:

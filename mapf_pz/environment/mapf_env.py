@@ -301,7 +301,7 @@ def parallel_env(**keywords: Any) -> MapfEnv:
         FileNotFoundError: A file does not exist.
         FormatError: A file is malformed.
     """
-    return MapfEnv(EnvConfig.from_keywords(**keywords))
+    return MapfEnv(EnvConfig(**keywords))
 
 
 class MapfAecEnv(parallel_to_aec_wrapper[str, AgentObservation, SupportsIndex]):

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Field
 
+from mapf_pz._internal.config import Items, Share, as_tuple, checked, expecting
 from mapf_pz.instances import generate
 from mapf_pz.instances.instance import Grid
 from mapf_pz.instances.library import load_map
@@ -18,6 +20,35 @@ SHELF_DEPTH = 2
 """Height in cells of the shelves of generated warehouses, as in the benchmark's warehouses."""
 
 
+def _ascending(value: Any) -> Any:
+    """Raise `ValueError` for a range that ends below its start."""
+    if isinstance(value, tuple) and value[0] > value[1]:
+        raise ValueError
+    return value
+
+
+_Item = TypeVar("_Item")
+_Range = Annotated[_Item | tuple[_Item, _Item], BeforeValidator(as_tuple), AfterValidator(_ascending)]
+_OR_RANGE = "or two in ascending order, a range"
+Sizes = Annotated[
+    _Range[Annotated[int, Field(ge=1, le=generate.MAX_SIZE)]],
+    expecting(f"a whole number from 1 to {generate.MAX_SIZE}, {_OR_RANGE}"),
+]
+"""A number of cells, or the range of one."""
+RoomSizes = Annotated[
+    _Range[Annotated[int, Field(ge=2, le=generate.MAX_SIZE)]],
+    expecting(f"a whole number from 2 to {generate.MAX_SIZE}, {_OR_RANGE}"),
+]
+"""A number of cells with a wall, or the range of one."""
+Fractions = Annotated[
+    _Range[Annotated[float, Field(ge=0, lt=1)]], expecting(f"at least 0 and less than 1, {_OR_RANGE}")
+]
+"""A number less than 1, or the range of one."""
+Shares = Annotated[_Range[Share], expecting(f"a number from 0 to 1, {_OR_RANGE}")]
+"""A number from 0 to 1, or the range of one."""
+
+
+@checked
 @dataclass(frozen=True)
 class MapMixture:
     """Map families and the ranges of their parameters.
@@ -26,49 +57,37 @@ class MapMixture:
     invalid values, or a size that is too small for one of the families.
     """
 
-    maps: tuple[str, ...] = ("random",)
+    maps: Annotated[Items[str], Field(min_length=1)] = ("random",)
     """The maps that episodes are sampled from: families (`random`, `walls`, `maze`, `primal2`, `room`, `warehouse`),
     names of maps, and paths of `.map` files. All are equally likely; one that is listed twice counts twice."""
-    height: int | tuple[int, int] = 12
+    height: Sizes = 12
     """Number of rows of a generated map; two numbers are a range to sample from."""
-    width: int | tuple[int, int] = 12
+    width: Sizes = 12
     """Number of columns of a generated map; two numbers are a range to sample from."""
-    density: float | tuple[float, float] = 0.15
+    density: Fractions = 0.15
     """Fraction of the cells of a `random` map that are obstacles; two numbers are a range to sample from."""
-    corridor: int | tuple[int, int] = 1
+    corridor: Sizes = 1
     """Width in cells of the corridors of a `maze` and the aisles of a `warehouse`; two numbers are a range."""
-    room_size: int | tuple[int, int] = 5
+    room_size: RoomSizes = 5
     """Number of rows and columns of each room of a `room` map, one wall included; two numbers are a range."""
-    shelf_length: int | tuple[int, int] = 5
+    shelf_length: Sizes = 5
     """Length in cells of the shelves of a `warehouse`; two numbers are a range."""
-    loops: float | tuple[float, float] = 0.0
+    loops: Fractions = 0.0
     """Fraction of the walls of a `maze` that are open in addition to those that make all cells reachable; two numbers
     are a range to sample from."""
-    wall_density: float | tuple[float, float] = 0.3
+    wall_density: Fractions = 0.3
     """Fraction of the cells of a `walls` map that are walls; two numbers are a range to sample from."""
-    primal2_density: float | tuple[float, float] = (0.0, 1.0)
+    primal2_density: Shares = (0.0, 1.0)
     """Total length of the walls of a `primal2` maze, which may overlap, as a fraction of its cells; two numbers are a
     range to sample from."""
-    primal2_components: int | tuple[int, int] = (4, 8)
+    primal2_components: Sizes = (4, 8)
     """Largest number of steps, of two cells each, of a wall of a `primal2` maze; two numbers are a range."""
-    primal2_straight: float | tuple[float, float] = (0.75, 0.85)
+    primal2_straight: Fractions = (0.75, 0.85)
     """Weight of a step straight on of a wall of a `primal2` maze; one minus it is the weight of each other way. Two
     numbers are a range to sample from."""
 
     def __post_init__(self) -> None:
-        """Check every field, and turn lists into tuples."""
-        for field in fields(self):
-            if isinstance(value := getattr(self, field.name), list):
-                object.__setattr__(self, field.name, tuple(value))
-        _check_names("maps", self.maps)
-        for name, least in (("height", 1), ("width", 1), ("corridor", 1), ("room_size", 2), ("shelf_length", 1)):
-            _check_range(name, getattr(self, name), int, least)
-        _check_range("primal2_components", self.primal2_components, int, 1)
-        for name in ("density", "wall_density", "loops", "primal2_density", "primal2_straight"):
-            _check_range(name, getattr(self, name), (int, float), 0)
-            most = _bounds(getattr(self, name))[1]
-            if most > 1 or (most == 1 and name != "primal2_density"):
-                raise ValueError(f"{name}={getattr(self, name)!r}: expected at least 0 and less than 1")
+        """Refuse sizes that are too small for one of the families."""
         for family in self.maps:
             if family in _FAMILIES:
                 self._check_size(family)
@@ -111,21 +130,6 @@ class MapMixture:
         for name, size in least.items():
             if _bounds(getattr(self, name))[0] < size:
                 raise ValueError(f"{name}={getattr(self, name)!r}: expected {size} or more for maps={family!r}")
-
-
-def _check_names(name: str, value: Any) -> None:
-    if not isinstance(value, tuple) or not value or not all(isinstance(item, str) for item in value):
-        raise ValueError(f"{name}={value!r}: expected a tuple of names, at least one")
-
-
-def _check_range(name: str, value: Any, kind: Any, least: int) -> None:
-    """Raise `ValueError` unless `value` is a number from `least` to `MAX_SIZE`, or two in ascending order."""
-    ends = _bounds(value)
-    numbers = all(isinstance(end, kind) and not isinstance(end, bool) for end in ends)
-    if len(ends) != 2 or not numbers or not least <= ends[0] <= ends[1]:
-        raise ValueError(f"{name}={value!r}: expected {least} or more, or a range such as ({least}, {least + 4})")
-    if ends[1] > generate.MAX_SIZE:
-        raise ValueError(f"{name}={value!r}: expected at most {generate.MAX_SIZE}")
 
 
 def _bounds(value: float | tuple[float, float]) -> tuple[Any, Any]:

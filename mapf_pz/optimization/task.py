@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from mapf_pz._internal.config import checked
 from mapf_pz.evaluation.policies import check_observed
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances.instance import Grid
@@ -19,6 +20,7 @@ LIFELONG = EnvKeywords({"on_target": "restart", "max_steps": 1000})
 """The protocol of Zhang et al., *Guidance Graph Optimization for Lifelong MAPF*, IJCAI 2024."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class GuidanceTask:
     """A planner or policy, and the episodes in which it uses the guidance graph.

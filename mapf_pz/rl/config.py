@@ -5,15 +5,25 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
-from pydantic import ConfigDict
+from pydantic import Field
 from tyro.conf import arg
 
+from mapf_pz._internal.config import (
+    Coefficient,
+    Count,
+    Items,
+    Natural,
+    Positive,
+    Share,
+    checked,
+    expecting,
+    name_or_part,
+)
 from mapf_pz.guidance.library import random_share
 from mapf_pz.instances.instance import InstanceSource
 from mapf_pz.instances.mixture import MapMixture
-from mapf_pz.rl.checks import check_counts, check_from_zero, check_names, check_part, check_positive
 from mapf_pz.simulator.actions import ActionMode
 from mapf_pz.simulator.config import OBSERVATION_FIELDS, EnvConfig
 from mapf_pz.simulator.recommended import RECOMMENDED
@@ -21,69 +31,68 @@ from mapf_pz.simulator.saved_config import SavedEnv
 from mapf_pz.simulator.seeds import FIRST_EVALUATION_SEED
 from mapf_pz.simulator.source import make_source
 
+AlgorithmName = Literal["mappo", "ippo", "central-ppo", "dagger", "bc"]
+EncoderName = Literal["conv", "report", "residual"]
+CollectorName = Literal["single", "processes", "ray"]
+LoggerName = Literal["tensorboard", "wandb"]
+DeviceName = Literal["auto", "cpu", "cuda"]
+PrecisionName = Literal["float32", "bfloat16", "auto"]
 Credit = Literal["team", "agent"]
 CuriosityName = Literal["none", "rnd", "random-features", "inverse-dynamics", "disagreement"]
 Activation = Literal["relu", "gelu", "tanh"]
 ObservationPrecision = Literal["float32", "float16"]
+TRAINING_ENV = EnvConfig(num_agents=8, max_steps=96, **RECOMMENDED)
+"""The default environment of a training task."""
+POLICY_FIELDS = ("action_model", *OBSERVATION_FIELDS, "edge_weights")
+"""The environment's keywords that determine a policy's observations and actions."""
 
 
+@checked
 @dataclass(frozen=True)
 class OptimizationConfig:
     """The sizes of batches and the optimizer, for all algorithms."""
 
-    num_envs: int = 64
+    num_envs: Count = 64
     """Number of environments that are stepped as one batch."""
-    steps_per_batch: int = 32
+    steps_per_batch: Count = 32
     """Number of steps of each environment between two updates."""
-    num_epochs: int = 4
+    num_epochs: Count = 4
     """Number of passes over each batch."""
-    minibatch_size: int = 256
+    minibatch_size: Count = 256
     """Number of environment steps, each of all agents, per gradient step."""
-    learning_rate: float = 7e-4
+    learning_rate: Positive = 7e-4
     """Initial learning rate of Adam; it decays linearly."""
-    final_learning_rate: float = 0.1
+    final_learning_rate: Share = 0.1
     """Learning rate at the end of the run as a fraction of the initial one; 1: it is constant."""
-    max_grad_norm: float = 0.5
+    max_grad_norm: Positive = 0.5
     """Maximum norm of the gradients; larger gradients are scaled down to it."""
 
-    def __post_init__(self) -> None:
-        """Check numbers."""
-        check_counts(self, 1, "num_envs", "steps_per_batch", "num_epochs", "minibatch_size")
-        check_positive(self, math.inf, "learning_rate", "max_grad_norm")
-        check_from_zero(self, 1, "final_learning_rate")
 
-
+@checked
 @dataclass(frozen=True)
 class PPOConfig:
     """Proximal policy optimization (Schulman et al., 2017), for many agents (Yu et al., 2022)."""
 
-    gamma: float = 0.98
+    gamma: Share = 0.98
     """Discount factor of the return."""
-    lmbda: float = 0.95
+    lmbda: Share = 0.95
     """Lambda of generalized advantage estimation."""
-    clip_epsilon: float = 0.2
+    clip_epsilon: Positive = 0.2
     """Clipping range of the probability ratio: the ratio is clipped to 1 plus or minus this value."""
-    entropy_coeff: float = 0.01
+    entropy_coeff: Coefficient = 0.01
     """Initial weight of the entropy bonus; it decays like the learning rate."""
-    critic_coeff: float = 0.5
+    critic_coeff: Coefficient = 0.5
     """Weight of the value loss."""
     credit: Credit = "agent"
     """Advantages of `central-ppo`: one for the whole `team`, or one per `agent`, as in the other algorithms."""
-    warmup_updates: int = 0
+    warmup_updates: Natural = 0
     """Number of updates at the beginning in which only the critic learns, for a run with an `initial_policy`."""
-    kl_coeff: float = 0.0
+    kl_coeff: Coefficient = 0.0
     """Weight of the reward's penalty for actions that are more likely than under the `initial_policy`: in expectation,
     the Kullback-Leibler divergence from it (Ziegler et al., 2019)."""
 
-    def __post_init__(self) -> None:
-        """Check names and numbers."""
-        check_names(self)
-        check_counts(self, 0, "warmup_updates")
-        check_positive(self, math.inf, "clip_epsilon")
-        check_from_zero(self, 1, "gamma", "lmbda")
-        check_from_zero(self, math.inf, "entropy_coeff", "critic_coeff", "kl_coeff")
 
-
+@checked
 @dataclass(frozen=True)
 class CuriosityConfig:
     """An intrinsic reward for what cannot be predicted yet, added to the task's; its encoders are like the policy's."""
@@ -92,91 +101,45 @@ class CuriosityConfig:
     """Curiosity reward. `rnd`: error in predicting a random network's embedding of the next observation;
     `random-features`, `inverse-dynamics`: error in predicting the effect of an action on the embedding; `disagreement`:
     variance of five such predictions."""
-    weight: Annotated[float, arg(name="curiosity-weight")] = 0.1
+    weight: Annotated[Coefficient, arg(name="curiosity-weight")] = 0.1
     """Weight of the curiosity reward, which is normalized to about 0.03 per step (the task's reward: about 0.1).
     Curiosity should dominate only where the task's reward is 0."""
-    gamma: Annotated[float, arg(name="curiosity-gamma")] = 0.99
+    gamma: Annotated[Share, arg(name="curiosity-gamma")] = 0.99
     """Discount factor of the curiosity return used for normalization."""
-    size: Annotated[int, arg(name="curiosity-size")] = 64
+    size: Annotated[Count, arg(name="curiosity-size")] = 64
     """Size of the embedding that is predicted for curiosity."""
-    learning_rate: Annotated[float, arg(name="curiosity-learning-rate")] = 1e-4
+    learning_rate: Annotated[Positive, arg(name="curiosity-learning-rate")] = 1e-4
     """Initial learning rate of the curiosity networks; it decays like that of the policy."""
-    update_fraction: Annotated[float, arg(name="curiosity-update-fraction")] = 0.25
+    update_fraction: Annotated[Share, Field(gt=0), arg(name="curiosity-update-fraction")] = 0.25
     """Fraction of each minibatch that the curiosity networks are trained on."""
 
-    def __post_init__(self) -> None:
-        """Check names and numbers."""
-        check_names(self)
-        check_counts(self, 1, "size")
-        check_positive(self, math.inf, "learning_rate")
-        check_positive(self, 1, "update_fraction")
-        check_from_zero(self, 1, "gamma")
-        check_from_zero(self, math.inf, "weight")
 
-
+@checked
 @dataclass(frozen=True)
 class ImitationConfig:
     """Imitation of a planner, the expert: by its labels (`dagger`) or from its demonstrations (`bc`)."""
 
     expert: str = "windowed"
     """The planner that `dagger` imitates, with options such as `epibt:depth=3`."""
-    expert_share: float = 0.1
+    expert_share: Share = 0.1
     """Probability that the expert instead of the policy controls an environment in a segment."""
-    segment_steps: int = 16
+    segment_steps: Count = 16
     """Number of steps of a segment."""
-    temperature: float = 1.0
+    temperature: Coefficient = 1.0
     """Temperature of the sampling of actions while data is collected; 0 takes the most likely action."""
-    wait_share: float = 0.2
+    wait_share: Share = 0.2
     """Fraction of the expert's waits at goals that are learned from."""
     augment: bool = False
     """Whether states are turned and mirrored at random each time they are learned from (data augmentation); egocentric
     views are only mirrored. It needs a view of odd width, and users' channels and features that state their `symmetry`.
     """
-    buffer_size: int = 400_000
+    buffer_size: Count = 400_000
     """Number of agent steps in the replay buffer, which replaces the oldest ones."""
     dataset: str | None = None
     """The folder of demonstrations that `bc` learns from; other algorithms ignore it."""
 
-    def __post_init__(self) -> None:
-        """Check numbers."""
-        check_from_zero(self, 1, "expert_share", "wait_share")
-        check_from_zero(self, math.inf, "temperature")
-        check_counts(self, 1, "segment_steps", "buffer_size")
 
-
-__all__ = [
-    "POLICY_FIELDS",
-    "TRAINING_ENV",
-    "AlgorithmName",
-    "CollectorName",
-    "CuriosityConfig",
-    "DeviceName",
-    "EncoderName",
-    "ImitationConfig",
-    "LoggerName",
-    "ModelConfig",
-    "ObservationPrecision",
-    "OptimizationConfig",
-    "PPOConfig",
-    "PrecisionName",
-    "TaskConfig",
-    "TrainConfig",
-]
-
-AlgorithmName = Literal["mappo", "ippo", "central-ppo", "dagger", "bc"]
-CollectorName = Literal["single", "processes", "ray"]
-DeviceName = Literal["auto", "cpu", "cuda"]
-EncoderName = Literal["conv", "report", "residual"]
-LoggerName = Literal["tensorboard", "wandb"]
-PrecisionName = Literal["float32", "bfloat16", "auto"]
-
-TRAINING_ENV = EnvConfig(num_agents=8, max_steps=96, **RECOMMENDED)
-"""The default environment of a training task."""
-
-POLICY_FIELDS = ("action_model", *OBSERVATION_FIELDS, "edge_weights")
-"""The environment's keywords that determine a policy's observations and actions."""
-
-
+@checked
 @dataclass(frozen=True)
 class TaskConfig:
     """The training task: an environment, its maps, and how the policy observes and acts."""
@@ -190,10 +153,6 @@ class TaskConfig:
     shield: bool = False
     """Whether the safety layer (`mapf_pz.planners.Shield`) executes the policy's actions during training: an agent that
     cannot take its first choice takes the next one. Not available for `central-ppo`."""
-
-    def __post_init__(self) -> None:
-        """Check names; values that depend on the map are checked when the environment is created."""
-        check_names(self)
 
     @cached_property
     def source(self) -> InstanceSource:
@@ -222,52 +181,44 @@ class TaskConfig:
         return keywords | ({"edge_weights": "uniform"} if random_share(self.env.edge_weights) else {})
 
 
+@checked
 @dataclass(frozen=True)
 class ModelConfig:
     """The networks: an encoder of observations, followed by a policy head or a value head."""
 
-    encoder: str = "conv"
+    encoder: Annotated[str, name_or_part(get_args(EncoderName))] = "conv"
     """Encoder of observations: `conv` (3 x 3 convolutions), `report` (the report's two convolutions), `residual`
     (stages of residual blocks), or `package.module:Class`, an `nn.Module` with the interface of `Encoder`."""
-    conv_channels: tuple[int, ...] = (16,)
+    conv_channels: Items[Count] = (16,)
     """Output channels of each convolution, or of each stage of `residual`; `report` has two (in the report: 32, 64)."""
-    num_blocks: int = 2
+    num_blocks: Natural = 2
     """Number of residual blocks in each stage of the encoder `residual`."""
-    hidden: int = 128
+    hidden: Count = 128
     """Size of the embedding of an observation."""
-    recurrent: int = 0
+    recurrent: Natural = 0
     """Size of the hidden state of the policy's GRU; 0 disables recurrence. Critics are not recurrent."""
-    head: tuple[int, ...] = (128,)
+    head: Items[Count] = (128,)
     """Widths of the hidden layers of the policy head and the value head."""
     activation: Activation = "relu"
     """Activation function of these layers; encoders have ReLU."""
-    communication: int = 0
+    communication: Natural = 0
     """Number of rounds of attention in which agents exchange embeddings; 0 disables communication. It requires the
     feature `pose`. With communication, `central-ppo` acts for any number of agents, also different from training."""
-    communication_radius: int | None = None
+    communication_radius: Natural | None = None
     """Maximum distance of agents that exchange embeddings, in rows and in columns; None: all agents do."""
     mask_actions: bool = False
     """Whether agents sample only actions that their action mask allows (Huang and Ontañón, 2022); not available for
     `central-ppo`, whose action is a matrix of real numbers."""
 
-    def __post_init__(self) -> None:
-        """Check names and numbers."""
-        check_names(self)
-        check_part("encoder", self.encoder, get_args(EncoderName))
-        check_counts(self, 1, "conv_channels", "hidden", "head")
-        check_counts(self, 0, "num_blocks", "recurrent", "communication")
-        if self.communication_radius is not None:
-            check_counts(self, 0, "communication_radius")
 
-
+@checked
 @dataclass(frozen=True)
 class TrainConfig:
     """One training run."""
 
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")  # also applies to the nested configurations
     task: TaskConfig = field(default_factory=TaskConfig)
     """The training task."""
-    algorithm: str = "mappo"
+    algorithm: Annotated[str, name_or_part(get_args(AlgorithmName))] = "mappo"
     """Training algorithm: `mappo` (the critic observes the team), `ippo` (the critic observes what the agent observes),
     `central-ppo` (the report's single policy for all agents), `dagger` (imitation of a planner), `bc` (behavior cloning
     from demonstrations), or `package.module:Class`, a subclass of `Algorithm`."""
@@ -284,23 +235,23 @@ class TrainConfig:
     initial_policy: str | None = None
     """A trained policy to start from, the name of a bundled one or the folder of a run, with the same observations and
     the same networks. None: newly initialized networks."""
-    initial_temperature: Annotated[float, arg(name="initial-temperature")] = 1.0
+    initial_temperature: Annotated[Positive, arg(name="initial-temperature")] = 1.0
     """Number that the logits of `initial_policy` are divided by, so that it explores less if it is below 1."""
-    agent_steps: int = 2_000_000
+    agent_steps: Count = 2_000_000
     """Minimum length of the run in agent steps (the steps of all agents together); the last update is completed."""
-    seed: int = 0
+    seed: Natural = 0
     """Random seed of the instances, the initial weights and exploration. Environment k starts with the seed `seed + k`,
     which must be below 1,000,000, where the seeds of evaluations start."""
-    checkpoint_interval: int = 200_000
+    checkpoint_interval: Count = 200_000
     """Agent steps between checkpoints; a run also writes one when it finishes or is interrupted."""
-    validation_interval: int = 0
+    validation_interval: Natural = 0
     """Agent steps between validations on held-out instances; 0 disables validation."""
-    validation_episodes: int = 64
+    validation_episodes: Count = 64
     """Number of episodes in each validation; their instances are always the same."""
     collector: CollectorName = "single"
     """Where environments are stepped: `single` (in the training process), `processes` (in `num_workers` processes), or
     `ray` (in `num_workers` Ray actors)."""
-    num_workers: int = 2
+    num_workers: Count = 2
     """Number of processes or Ray actors that share the environments; ignored by the collector `single`."""
     device: DeviceName = "auto"
     """Device of the networks; `auto` uses a GPU if one is available. Environments are always stepped on the CPU."""
@@ -308,9 +259,9 @@ class TrainConfig:
     """Precision of the networks' products during learning. `bfloat16` (mixed precision) is about 1.6 times as fast on
     CPUs with AVX512-BF16 or AMX; weights and sums remain in float32, and so does acting. `auto` selects it there and on
     GPUs that support it."""
-    num_threads: int = 1
+    num_threads: Count = 1
     """Number of threads of torch and of the kernels in each process; more than 1 helps only on idle cores."""
-    num_learners: int | Literal["auto"] = 1
+    num_learners: Annotated[Count | Literal["auto"], expecting("a whole number, 1 or more, or 'auto'")] = 1
     """Number of processes that train together: they divide the environments and each minibatch among themselves, and
     average their gradients, so that an update uses the same number of samples. `auto`: as many as there are GPUs or
     cores, if the batch can be divided among them. Under `torchrun`, the number of its processes is used instead."""
@@ -322,16 +273,12 @@ class TrainConfig:
     overlap: bool = False
     """Whether the workers collect the next batch during an update, with the policy from before that update; requires
     the collector `processes` or `ray`."""
-    loggers: tuple[LoggerName, ...] = ("tensorboard",)
+    loggers: Items[LoggerName] = ("tensorboard",)
     """Where progress is logged in addition to `progress.csv`: `tensorboard` (files in the run's folder), `wandb`
     (Weights & Biases, which its environment variables configure, such as `WANDB_PROJECT` and `WANDB_MODE`)."""
 
     def __post_init__(self) -> None:
-        """Check names and numbers, and that the environments divide evenly among the workers."""
-        check_names(self)
-        check_part("algorithm", self.algorithm, get_args(AlgorithmName))
-        check_counts(self, 1, "agent_steps", "checkpoint_interval", "validation_episodes", "num_workers", "num_threads")
-        check_counts(self, 0, "seed", "validation_interval")
+        """Check fields that depend on each other, and that the environments divide evenly among the workers."""
         if self.seed + self.optimization.num_envs > FIRST_EVALUATION_SEED:
             most = FIRST_EVALUATION_SEED - self.optimization.num_envs
             raise ValueError(f"seed={self.seed}: expected at most {most}, since evaluations use the following seeds")
@@ -342,9 +289,6 @@ class TrainConfig:
             raise ValueError(f"kl_coeff={self.ppo.kl_coeff}: expected {expected}")
         if self.overlap and self.collector == "single":
             raise ValueError("overlap=True: expected the collector 'processes' or 'ray'")
-        check_positive(self, math.inf, "initial_temperature")
-        if self.num_learners != "auto":
-            check_counts(self, 1, "num_learners")
         obstacle = self._obstacle_to_sharing(1 if self.num_learners == "auto" else self.num_learners)
         if obstacle is not None:
             raise ValueError(obstacle)

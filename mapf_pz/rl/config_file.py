@@ -9,12 +9,13 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BeforeValidator, TypeAdapter, ValidationError
 
 from mapf_pz._internal.atomic import write_whole
+from mapf_pz._internal.config import complaint
 from mapf_pz._internal.plugins import check_trusted
 from mapf_pz._internal.text import read_text
 from mapf_pz.errors import FormatError
 from mapf_pz.planners.named import import_code, own_code
 from mapf_pz.rl.config import OptimizationConfig, TrainConfig
-from mapf_pz.simulator.saved_config import OBJECT_FIELDS, Origin, complaint, object_file, object_files
+from mapf_pz.simulator.saved_config import OBJECT_FIELDS, Origin, object_file, object_files
 
 Config = TypeVar("Config")
 

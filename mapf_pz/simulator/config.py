@@ -7,24 +7,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from reprlib import repr as shortened
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator
 
 from mapf_pz._internal.arrays import Bools
+from mapf_pz._internal.config import UNCHECKED, Count, Natural, as_tuple, checked, expecting, shown
 from mapf_pz._internal.plugins import import_object
-from mapf_pz._internal.suggest import expected_names
 from mapf_pz.guidance.library import EdgeWeights, check_edge_weights
 from mapf_pz.instances.instance import ActionModel, Grid, HeadingName, InstanceSource, Scenario
 from mapf_pz.simulator.kernels.observation.channels import CHANNELS, Channel, channel_of
 from mapf_pz.simulator.kernels.observation.features import Feature, feature_of
 from mapf_pz.simulator.kernels.reward import REWARDS, RewardConfig
 from mapf_pz.simulator.transition import Transition
-
-if TYPE_CHECKING:
-    from typing_extensions import Self
 
 CollisionSystem = Literal["soft", "priority", "block_both"]
 OnTarget = Literal["nothing", "finish", "restart"]
@@ -53,9 +50,72 @@ OBSERVATION_FIELDS = (
     "around_agents_at_goals",
 )
 """The fields that determine observations."""
-_OBJECT_ALLOWED = ("initial_heading",)  # fields that need not be a name
 
 
+def _map(value: Any) -> str | Path | Grid:
+    return value if isinstance(value, (str, Path, Grid)) else Grid.from_array(value)
+
+
+def _scenario(value: Any) -> str | Path | Scenario | tuple[str | Path, ...]:
+    if isinstance(value, (str, Path, Scenario)):
+        return value
+    several: tuple[Any, ...] = tuple(value) if isinstance(value, Sequence) else ()
+    if not several or not all(isinstance(item, (str, Path)) for item in several):
+        raise TypeError(f"scenario={shown(value)}: expected the path of a file, several paths, or a Scenario")
+    return several
+
+
+def _headings(value: Any) -> str | tuple[int, ...]:
+    if isinstance(value, str) and value in get_args(HeadingName):
+        return value
+    headings = np.asarray(value)
+    if headings.ndim != 1 or not np.isin(headings, range(4)).all():
+        raise ValueError("expected 'random', 'east', or N numbers 0 to 3")
+    return tuple(map(int, headings))
+
+
+def _different(parts: Sequence[Item]) -> Sequence[Item]:
+    if any(part in parts[:k] for k, part in enumerate(parts)):
+        raise ValueError
+    return parts
+
+
+Item = TypeVar("Item")
+MapLike = Annotated[str | Path | Bools | Grid, PlainValidator(_map)]
+"""A map; an array becomes a `Grid`."""
+ScenarioLike = Annotated[str | Path | Scenario | Sequence[str | Path], PlainValidator(_scenario)]
+"""A scenario or several ones, which become a tuple."""
+EdgeWeightsLike = Annotated[EdgeWeights, UNCHECKED]
+"""A guidance graph."""
+RewardLike = Annotated[str | RewardConfig | RewardFunction, UNCHECKED]
+"""A reward."""
+HeadingsLike = Annotated[HeadingName | ArrayLike, PlainValidator(_headings)]
+"""How headings are chosen, or N headings, which become a tuple."""
+SourceLike = Annotated[InstanceSource | str, UNCHECKED]
+"""A source of episodes."""
+Parts = Annotated[
+    Sequence[Item],
+    AfterValidator(_different),
+    BeforeValidator(as_tuple),
+    expecting("a tuple or list of different names"),
+]
+"""Channels or features, which become a tuple."""
+ViewSize = Annotated[
+    Sequence[Annotated[Count, Field(le=MAX_VIEW_SIDE)]],
+    Field(min_length=2, max_length=2),
+    BeforeValidator(as_tuple),
+    expecting(f"(height, width), each a whole number from 1 to {MAX_VIEW_SIDE}"),
+]
+"""Height and width in cells, which become a tuple."""
+SmallCount = Annotated[Count, Field(le=MAX_WHOLE)]
+"""A whole number from 1 to `MAX_WHOLE`."""
+SmallNatural = Annotated[Natural, Field(le=MAX_WHOLE)]
+"""A whole number from 0 to `MAX_WHOLE`."""
+Bytes = Annotated[Count, Field(le=2**62)]
+"""A number of bytes."""
+
+
+@checked
 @dataclass(frozen=True, kw_only=True)
 class EnvConfig:
     """All keywords of `parallel_env`. Raises `ValueError`, naming the field and its allowed values.
@@ -64,18 +124,18 @@ class EnvConfig:
     sequences, become tuples.
     """
 
-    map: str | Path | Bools | Grid | None = None
+    map: MapLike | None = None
     """A map's name, the path of a `.map` file or of a `.json` map of GGO, a map drawn as text, or a bool array (True =
     free). Default: the map that the scenario's file names, in the same folder or by name, otherwise `empty-8-8`."""
-    scenario: str | Path | Scenario | Sequence[str | Path] | None = None
+    scenario: ScenarioLike | None = None
     """Starts and goals: a scenario's name, such as `den312d-random-1` or, with a map, `random-1`; a `.scen` file; a
     `Scenario`; or a problem, which names its own map: the name of a bundled one, such as `warehouse_small_10` or
     `pogema-mazes`, or a file, `.json` (League of Robot Runners) or `.mapf.json` and `.lmapf.json` (POGEMA). With
     several, each episode samples one of them. Default: starts and goals are sampled."""
-    num_agents: int | None = None
+    num_agents: SmallCount | None = None
     """Number of agents; a scenario's first N agents are used. Default: all agents of the scenario (of several, as many
     as the smallest has) or of the source if one is given, otherwise 4."""
-    max_steps: int = 256
+    max_steps: SmallCount = 256
     """Maximum number of steps per episode, after which it is truncated."""
     action_model: ActionModel = "rotate"
     """Actions of the agents: `rotate` (move forward, turn left, turn right, wait) or `cardinal` (move up, down, left or
@@ -88,7 +148,7 @@ class EnvConfig:
     goals: Goals = "uniform"
     """Sampled goals: `uniform` on the free cells, or `alternating` between the workstations and the endpoints of a
     warehouse, whose map is a `.json` file of GGO or a `.map` file with `E` and `S`; with `on_target='restart'` only."""
-    view_size: Sequence[int] = (5, 5)
+    view_size: ViewSize = (5, 5)
     """Height and width of each agent's view in cells, each at most 511; it may be larger than the map."""
     view: View | None = None
     """The agent's position in its view: `front` (at the bottom center, facing up) or `centered`. Default: `front`, or
@@ -98,22 +158,22 @@ class EnvConfig:
     or `map` with cardinal actions."""
     see_through_walls: bool = True
     """Whether agents see through obstacles; if not, cells with an obstacle on the straight line to them are hidden."""
-    channels: Sequence[str | Channel] = ("view", "goal", "orientation", "edge_weights")
+    channels: Parts[str | Channel] = ("view", "goal", "orientation", "edge_weights")
     """Channels of the observation's image, in order: names, `package.module:name`, or `Channel` objects. The default
     channels are the report's."""
-    features: Sequence[str | Feature] = ()
+    features: Parts[str | Feature] = ()
     """Features observed in addition to the image, in order: names, `package.module:name`, or `Feature` objects. If
     there are any, the observation is a Dict(image, features)."""
-    num_last_actions: int = 4
+    num_last_actions: SmallCount = 4
     """Number of past actions in the feature `last_actions`."""
-    num_frames: int = 1
+    num_frames: SmallCount = 1
     """Number of steps observed: the observations of the last `num_frames` steps, oldest first. At the start of an
     episode, its first observation is repeated."""
-    num_neighbors: int = 0
+    num_neighbors: SmallNatural = 0
     """Number of nearest other agents whose observations are appended to each agent's own, nearest first."""
-    neighbor_radius: int = 8
+    neighbor_radius: SmallNatural = 8
     """Maximum distance of these neighbors, in rows and in columns."""
-    edge_weights: EdgeWeights = "uniform"
+    edge_weights: EdgeWeightsLike = "uniform"
     """Guidance graph: `uniform`, `crisscross`, `crisscross:ALONG` (the weight along its directions), `random` (sampled
     in every episode), the name of a bundled graph, the path of a file for the map (`.json`, `.csv`, `.w`, `.npz`), or a
     `GuidanceGraph`."""
@@ -121,17 +181,17 @@ class EnvConfig:
     """Whether the cost to go, in observations and rewards, leads around the other agents that are at their goals, as if
     they were obstacles. An agent that cannot reach its goal around them has the cost to go through them. No effect
     unless `on_target="nothing"`, since other agents do not stay at their goals."""
-    reward: str | RewardConfig | RewardFunction = "report"
+    reward: RewardLike = "report"
     """Reward: `report`, which pays nothing for a blocked forward move (see `RewardConfig.pay_blocked_forward`),
     `progress`, a `RewardConfig`, a function from a `Transition` to rewards (B, N), or the `package.module:name` of such
     an object."""
-    initial_heading: HeadingName | ArrayLike = "random"
+    initial_heading: HeadingsLike = "random"
     """Initial headings: `random`, `east`, or N headings. Headings of an instance take precedence. With cardinal
     actions, all agents face north."""
-    source: InstanceSource | str | None = None
+    source: SourceLike | None = None
     """Source of episodes, in place of `map` and `scenario`: an object or `package.module:name`. `num_agents`, if given,
     must equal the source's."""
-    distance_bytes: int | None = None
+    distance_bytes: Bytes | None = None
     """Maximum memory of the cost-to-go tables, in bytes. Default: 1 GiB, or as much as the goals of all agents need, up
     to half of the machine's memory."""
     render_mode: RenderMode | None = None
@@ -139,24 +199,15 @@ class EnvConfig:
     window."""
 
     def __post_init__(self) -> None:
-        """Check every field that can be checked without the map, and convert sequences to tuples."""
-        self._check_choices()
-        if not isinstance(self.map, (str, Path, Grid, type(None))):
-            object.__setattr__(self, "map", Grid.from_array(self.map))
-        object.__setattr__(self, "scenario", _scenario(self.scenario))
-        object.__setattr__(self, "initial_heading", _headings(self.initial_heading))
-        object.__setattr__(self, "view_size", _pair("view_size", self.view_size))
-        object.__setattr__(self, "channels", _parts("channels", self.channels, channel_of))
-        object.__setattr__(self, "features", _parts("features", self.features, feature_of))
+        """Check what depends on names or on other fields, as far as possible without the map."""
+        check_edge_weights(self.edge_weights)
+        _ = self._resolved_reward  # raises ValueError
+        for channel in self.channels:
+            channel_of(channel)
+        for feature in self.features:
+            feature_of(feature)
         if not self.channels:
             raise ValueError(f"channels: expected at least one of {', '.join(CHANNELS)}")
-        for name in ("max_steps", "num_last_actions", "num_frames"):
-            check_whole(name, getattr(self, name), least=1)
-        for name in ("num_neighbors", "neighbor_radius"):
-            check_whole(name, getattr(self, name), least=0)
-        for name, most in (("num_agents", MAX_WHOLE), ("distance_bytes", 2**62)):
-            if getattr(self, name) is not None:
-                check_whole(name, getattr(self, name), 1, most)
         if self.resolved_source is not None:
             self._check_source(self.resolved_source)
         if self.goals == "alternating" and self.on_target != "restart":
@@ -169,44 +220,15 @@ class EnvConfig:
         if frame == "map" and view == "front":
             raise ValueError("frame='map': allowed only with view='centered'")
 
-    def _check_choices(self) -> None:
-        choices: dict[str, tuple[object, ...]] = {
-            "action_model": get_args(ActionModel),
-            "collision_system": get_args(CollisionSystem),
-            "on_target": get_args(OnTarget),
-            "goals": get_args(Goals),
-            "view": (*get_args(View), None),
-            "frame": (*get_args(Frame), None),
-            "render_mode": (*get_args(RenderMode), None),
-            "initial_heading": get_args(HeadingName),
-        }
-        for name, allowed in choices.items():
-            value = getattr(self, name)
-            if name not in _OBJECT_ALLOWED and not isinstance(value, (str, type(None))):
-                raise ValueError(f"{name}={_shown(value)}: expected one of {', '.join(map(repr, allowed))}")
-            if (value is None or isinstance(value, str)) and value not in allowed:
-                raise ValueError(f"{name}={_shown(value)}: expected one of {', '.join(map(repr, allowed))}")
-        check_edge_weights(self.edge_weights)
-        _ = self._resolved_reward  # raises ValueError
-
     def _check_source(self, source: object) -> None:
         """Raise for an object that is not a source, and for keywords that contradict the source."""
         if not isinstance(source, InstanceSource):
-            raise TypeError(f"source={_shown(source)}: expected an InstanceSource, such as RandomObstacles or FixedMap")
+            raise TypeError(f"source={shown(source)}: expected an InstanceSource, such as RandomObstacles or FixedMap")
         for name in ("map", "scenario"):
             if getattr(self, name) is not None:
                 raise ValueError(f"{name}: not allowed together with source, which determines maps, starts and goals")
         if self.num_agents not in (None, source.num_agents):
             raise ValueError(f"num_agents={self.num_agents}: the source has {source.num_agents} agents")
-
-    @classmethod
-    def from_keywords(cls, *arguments: Any, **keywords: Any) -> Self:
-        """Create a configuration; raises `TypeError` for an unknown keyword, and suggests the closest known one."""
-        known = [field.name for field in dataclasses.fields(cls)]
-        for name in keywords:
-            if name not in known:
-                raise TypeError(f"unknown keyword {name!r}: {expected_names(name, known)}")
-        return cls(*arguments, **keywords)
 
     def keywords(self) -> dict[str, Any]:
         """Return all fields of `EnvConfig` by name, as keywords of `parallel_env`."""
@@ -255,54 +277,12 @@ class EnvConfig:
         return None if isinstance(reward, RewardConfig) else reward
 
 
-def _scenario(value: Any) -> str | Path | Scenario | tuple[str | Path, ...] | None:
-    """Return the scenario, with several ones as a tuple."""
-    if isinstance(value, (str, Path, Scenario, type(None))):
-        return value
-    several: tuple[Any, ...] = tuple(value) if isinstance(value, Sequence) else ()
-    if not several or not all(isinstance(item, (str, Path)) for item in several):
-        raise TypeError(f"scenario={_shown(value)}: expected the path of a file, several paths, or a Scenario")
-    return several
-
-
 def check_whole(name: str, value: object, least: int, most: int = MAX_WHOLE) -> None:
     """Raise `ValueError` unless the value called `name` is a whole number from `least` to `most`."""
     if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < least:
-        raise ValueError(f"{name}={_shown(value)}: expected a whole number, {least} or more")
+        raise ValueError(f"{name}={shown(value)}: expected a whole number, {least} or more")
     if value > most:
-        raise ValueError(f"{name}={_shown(value)}: expected at most {most}")
-
-
-def _pair(name: str, value: Any) -> tuple[int, int]:
-    try:
-        height, width = value
-    except (TypeError, ValueError):
-        raise ValueError(f"{name}={_shown(value)}: expected (height, width)") from None
-    check_whole(name, height, 1, MAX_VIEW_SIDE)
-    check_whole(name, width, 1, MAX_VIEW_SIDE)
-    return int(height), int(width)
-
-
-def _headings(value: HeadingName | ArrayLike) -> str | tuple[int, ...]:
-    if isinstance(value, str):
-        return value
-    headings = np.asarray(value)
-    if headings.ndim != 1 or not np.isin(headings, range(4)).all():
-        raise ValueError(f"initial_heading={_shown(value)}: expected 'random', 'east', or N numbers 0 to 3")
-    return tuple(map(int, headings))
-
-
-def _parts(name: str, value: Any, check: Callable[[Any], object]) -> tuple[Any, ...]:
-    """Return channels or features as a tuple; raise `ValueError` unless all are known and different."""
-    if isinstance(value, str) or not isinstance(value, Sequence):
-        example = f", such as ({value!r},)" if isinstance(value, str) else ""
-        raise ValueError(f"{name}={_shown(value)}: expected a tuple or list of names{example}")
-    parts: tuple[Any, ...] = tuple(value)
-    if any(part in parts[:k] for k, part in enumerate(parts)):
-        raise ValueError(f"{name}={_shown(value)}: expected different names")
-    for part in parts:
-        check(part)
-    return parts
+        raise ValueError(f"{name}={shown(value)}: expected at most {most}")
 
 
 def _resolve_reward(given: Any) -> Any:
@@ -311,23 +291,19 @@ def _resolve_reward(given: Any) -> Any:
     if isinstance(given, str):
         if given not in REWARDS and ":" not in given:
             names = ", ".join(map(repr, REWARDS))
-            raise ValueError(f"reward={_shown(given)}: expected one of {names}, or package.module:name")
+            raise ValueError(f"reward={shown(given)}: expected one of {names}, or package.module:name")
         reward = REWARDS[given] if given in REWARDS else import_object("reward", given)
     if not isinstance(reward, RewardConfig) and not callable(reward):
-        raise ValueError(f"reward={_shown(given)}: expected a name, a RewardConfig or a function")
+        raise ValueError(f"reward={shown(given)}: expected a name, a RewardConfig or a function")
     return reward
 
 
-def _shown(value: object) -> str:
-    """Return a value for error messages: in one line, shortened."""
-    return " ".join(shortened(value).split())
-
-
+@checked
 @dataclass(frozen=True)
 class BatchConfig(EnvConfig):
     """Keywords of all environments that step a batch: the fields of `EnvConfig`, and the size of the batch."""
 
-    num_envs: int = 1
+    num_envs: Count = 1
     """Number of environments B."""
-    num_threads: int = 1
+    num_threads: Count = 1
     """Number of threads of the kernels."""

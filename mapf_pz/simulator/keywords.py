@@ -30,4 +30,4 @@ class EnvKeywords:
 
         Raises `TypeError` for an unknown field, and `ValueError` for an invalid value.
         """
-        return EnvConfig.from_keywords(**(defaults | self.keywords))
+        return EnvConfig(**(defaults | self.keywords))

@@ -8,29 +8,21 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, get_type_hints
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    PlainSerializer,
-    PlainValidator,
-    ValidationError,
-    ValidationInfo,
-    create_model,
-)
+from pydantic import PlainSerializer, PlainValidator, ValidationInfo
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
+from mapf_pz._internal.config import ABSENT, UNKNOWN
 from mapf_pz._internal.plugins import NAMED_PARTS, check_trusted
 from mapf_pz._internal.text import read_bytes
 from mapf_pz.errors import FormatError
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.guidance.library import guidance_graph, is_guidance_file
-from mapf_pz.instances.instance import Grid, HeadingName, Instance, Scenario
+from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.instances.sources import FixedMap, FixedScenario, InstanceList, SourceMixture
 from mapf_pz.instances.warehouse import WarehouseTasks
 from mapf_pz.simulator.config import EnvConfig
@@ -66,38 +58,6 @@ class Origin(NamedTuple):
     """Whether it may name code outside this package."""
 
 
-class _StoredPath(BaseModel):
-    """The JSON form of a `Path`, which unlike a `str` is never a name."""
-
-    path: str
-
-
-@cache
-def _stored_form() -> type[BaseModel]:
-    """Return the model of the JSON: the fields of `EnvConfig`, with file names in place of objects."""
-    hints = get_type_hints(EnvConfig) | {
-        "map": str | _StoredPath | None,
-        "scenario": str | _StoredPath | tuple[str | _StoredPath, ...] | None,
-        "edge_weights": str,
-        "source": str | None,
-        "initial_heading": HeadingName | tuple[int, ...],
-        "view_size": tuple[int, int],
-        "channels": tuple[str, ...],
-        "features": tuple[str, ...],
-        "reward": str | RewardConfig,
-    }
-    fields: dict[str, Any] = {name: (hint, ...) for name, hint in hints.items()}
-    return create_model("EnvConfig", __config__=ConfigDict(extra="forbid"), **fields)
-
-
-def complaint(error: ValidationError) -> str:
-    """Return the first validation error in one line that starts with its location."""
-    first = error.errors()[0]
-    unknown = first["type"] in ("unexpected_keyword_argument", "extra_forbidden")
-    message = "unknown field; a run of another version must be trained again" if unknown else first["msg"]
-    return f"{'.'.join(map(str, first['loc']))}: {message}"
-
-
 def object_file(field: str) -> str:
     """Return the name of the file of a field that holds an object."""
     return f"{field}.safetensors"
@@ -111,7 +71,7 @@ def dump_env(config: EnvConfig) -> dict[str, Any]:
     if is_guidance_file(config.edge_weights):
         fields["edge_weights"] = _guidance(config)
     stored = {name: _stored(name, fields[name]) for name in OBJECT_FIELDS}
-    return _stored_form()(**fields | stored).model_dump(mode="json")
+    return fields | stored
 
 
 def _check_savable(name: str, value: Any) -> None:
@@ -122,11 +82,11 @@ def _check_savable(name: str, value: Any) -> None:
 
 
 def _stored(name: str, value: Any) -> Any:
-    """Return a field's value in its JSON form, with a file name in place of an object."""
+    """Return a field's value in its JSON form: a file name in place of an object; a path is never a name."""
     if isinstance(value, tuple):
-        return tuple(_stored(name, part) for part in value)
+        return [_stored(name, part) for part in value]
     if isinstance(value, Path):
-        return _StoredPath(path=str(value))
+        return {"path": str(value)}
     return value if value is None or isinstance(value, str) else object_file(name)
 
 
@@ -135,26 +95,33 @@ def load_env(stored: Any, info: ValidationInfo) -> EnvConfig:
 
     Raises `ValueError` for invalid fields, and `FormatError` for damaged files and for code that is not trusted.
     """
-    try:
-        form = _stored_form().model_validate(stored)
-    except ValidationError as error:
-        raise ValueError(complaint(error)) from None
-    fields = {name: getattr(form, name) for name in type(form).model_fields}
+    if isinstance(stored, EnvConfig):
+        return stored
+    if not isinstance(stored, dict):
+        raise ValueError("expected an object")
+    names = {field.name for field in dataclasses.fields(EnvConfig)}
+    for name in names ^ stored.keys():
+        raise ValueError(f"{name}: {ABSENT if name in names else UNKNOWN}")
     origin: Origin | None = info.context
     if origin is not None:
-        check_trusted(origin.file, {name: fields[name] for name in NAMED_PARTS}, origin.trust_remote_code)
+        check_trusted(origin.file, {name: stored[name] for name in NAMED_PARTS}, origin.trust_remote_code)
     folder = None if origin is None else origin.file.parent
-    loaded = {name: _loaded(name, fields[name], folder) for name in OBJECT_FIELDS}
-    return EnvConfig(**fields | loaded)
+    fields: dict[str, Any] = stored | {name: _loaded(name, stored[name], folder) for name in OBJECT_FIELDS}
+    try:
+        if isinstance(fields["reward"], dict):
+            fields["reward"] = RewardConfig(**fields["reward"])
+        return EnvConfig(**fields)
+    except TypeError as error:
+        raise ValueError(str(error)) from None
 
 
 def _loaded(name: str, value: Any, folder: Path | None) -> Any:
     """Return a field's value from its JSON form and the folder of the objects' files."""
-    if isinstance(value, tuple):
-        return tuple(_loaded(name, part, folder) for part in value)
-    if isinstance(value, _StoredPath):
-        return Path(value.path)
-    return _read_object(folder / value) if value == object_file(name) and folder is not None else value
+    if isinstance(value, list):
+        return [_loaded(name, part, folder) for part in value]
+    if isinstance(value, dict) and value.keys() == {"path"}:
+        return Path(value["path"])
+    return value if folder is None or value != object_file(name) else _read_object(folder / object_file(name))
 
 
 SavedEnv = Annotated[EnvConfig, PlainValidator(load_env), PlainSerializer(dump_env)]
@@ -168,6 +135,8 @@ def dump_keywords(given: EnvKeywords) -> dict[str, Any]:
 
 def load_keywords(stored: Any, info: ValidationInfo) -> EnvKeywords:
     """Return the fields that are given; raises the same errors as `load_env`."""
+    if isinstance(stored, EnvKeywords):
+        return stored
     if not isinstance(stored, dict):
         raise ValueError("expected an object")
     config = load_env(dump_env(EnvConfig()) | stored, info)

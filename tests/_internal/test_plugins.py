@@ -194,7 +194,7 @@ def test_the_reward_of_agents_that_have_left_is_zero():
         ({"channels": (f"{HERE}:nothing",)}, f"channels='{HERE}:nothing': module '{HERE}' has no attribute 'nothing'"),
         ({"channels": (f"{HERE}:moved",)}, f"channels='{HERE}:moved': expected a Channel, got a function"),
         ({"features": (f"{HERE}:rows",)}, f"features='{HERE}:rows': expected a Feature, got a Channel"),
-        ({"channels": (rows, rows)}, "expected different names"),
+        ({"channels": (rows, rows)}, "expected a tuple or list of different names"),
         ({"reward": f"{HERE}:FREE"}, r"reward='.*_plugins:FREE': expected a name, a RewardConfig or a function"),
         ({"source": f"{HERE}:FREE"}, "source=.*: expected an InstanceSource"),
     ],

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import mapf_pz
+from mapf_pz.instances import MapMixture
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.wrappers import CentralizedVectorEnv
 from mapf_pz.wrappers.centralized import centralized_env
@@ -51,6 +52,13 @@ def test_help_describes_every_parameter():
         for name in inspect.signature(function).parameters:
             assert f"    {name}: " in shown, f"{function.__name__}: {name}"
         assert "Maximum number of steps per episode, after which it is truncated." in shown
+
+
+@pytest.mark.parametrize("config", [EnvConfig, mapf_pz.RewardConfig, mapf_pz.Channel, mapf_pz.Feature, MapMixture])
+def test_help_describes_every_field(config):
+    shown = pydoc.render_doc(config, renderer=pydoc.plaintext)
+    for field in dataclasses.fields(config):
+        assert f"     {field.name}: " in shown, field.name
 
 
 PROGRAM = """

@@ -67,16 +67,26 @@ def test_a_map(capsys, tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--planner", "best"], "mapf-pz dataset: planner 'best': expected one of"),
-        (["--episodes", "0"], "mapf-pz dataset: episodes=0: expected a whole number, 1 or more"),
+        (["--planner", "best"], "planner 'best': expected one of"),
+        (["--episodes", "0"], "episodes=0: expected a whole number, 1 or more"),
         (
             ["--seed", "999990", "--episodes", "11"],
-            "mapf-pz dataset: seed=999990: expected at most 999989, since evaluations use the following seeds",
+            "seed=999990: expected at most 999989, since evaluations use the following seeds",
         ),
-        (["--map", "none"], "mapf-pz dataset: "),
-        (["--edge-weights", "random"], "mapf-pz dataset: edge_weights: expected a name or a file"),
-        (["--jobs", "0"], "mapf-pz dataset: jobs=0: expected"),
+        (["--edge-weights", "random"], "edge_weights: expected a name or a file"),
+        (["--height", "0"], "height=0: expected a whole number from 1"),
     ],
+)
+def test_invalid_settings(capsys, tmp_path, words, message):
+    with pytest.raises(SystemExit) as stop:
+        run(capsys, "make", tmp_path / "data", *words)
+    assert stop.value.code == 2
+    assert message in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [(["--map", "none"], "mapf-pz dataset: "), (["--jobs", "0"], "mapf-pz dataset: jobs=0: expected")],
 )
 def test_invalid_options(capsys, tmp_path, words, message):
     status, out, err = run(capsys, "make", tmp_path / "data", *words)

@@ -83,7 +83,10 @@ def test_a_range_that_is_not_allowed_is_refused(folder, capsys):
     words = ["train", "mappo", "--height", "20", "10", "--output", str(folder / "run")]
     with pytest.raises(SystemExit):
         main(words)
-    assert "height=(20, 10): expected 1 or more, or a range such as (1, 5)" in " ".join(capsys.readouterr().err.split())
+    assert (
+        "height=(20, 10): expected a whole number from 1 to 1073741824, or two in ascending order, a range"
+        in " ".join(capsys.readouterr().err.split())
+    )
     assert not (folder / "run").exists()
 
 

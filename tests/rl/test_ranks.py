@@ -178,7 +178,7 @@ def test_torchrun_trains_like_processes_that_are_started_here(tmp_path):
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"num_learners": 0}, "num_learners=0: expected a whole number, 1 or more"),
+        ({"num_learners": 0}, "num_learners=0: expected a whole number, 1 or more, or 'auto'"),
         ({"num_learners": 3}, "num_envs=4: expected a multiple of num_learners=3"),
         ({"num_learners": 4, "validation_episodes": 3}, "validation_episodes=3: expected num_learners=4 or more"),
         (

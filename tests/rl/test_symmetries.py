@@ -274,7 +274,7 @@ def test_channels_and_features_of_users_state_their_symmetry():
 @pytest.mark.parametrize(
     ("keywords", "message"),
     [
-        ({"symmetry": "planes"}, "symmetry='planes': expected one of 'cells', 'directions', 'headings', None"),
+        ({"symmetry": "planes"}, "symmetry='planes': expected one of 'cells', 'directions', 'headings'"),
         ({"symmetry": "directions", "planes": 2}, "symmetry='directions': expected planes=4, got 2"),
         ({"symmetry": "headings", "low": -1}, "symmetry='headings': expected bounds from 0 to 1, got -1 and 1"),
     ],

@@ -105,7 +105,7 @@ def test_a_run_has_at_least_the_given_agent_steps(tmp_path, asked, updates):
 def test_values_that_are_not_allowed_are_refused(part, name, values):
     config = TINY if part is None else getattr(TINY.task if part in ("env", "mixture") else TINY, part)
     for value in values:
-        with pytest.raises(ValueError, match=f"^{name}={re.escape(repr(value))}: expected "):
+        with pytest.raises(ValueError, match=rf"^{name}(={re.escape(repr(value))}|\[\d]=.*): expected "):
             dataclasses.replace(config, **{name: value})
 
 
@@ -113,8 +113,8 @@ def test_values_that_are_not_allowed_are_refused(part, name, values):
     ("change", "message"),
     [
         ({"clip_epsilon": 0.0}, "clip_epsilon=0.0: expected a number greater than 0"),
-        ({"gamma": 1.5}, "gamma=1.5: expected a number, 0 or greater, at most 1"),
-        ({"critic_coeff": -1.0}, "critic_coeff=-1.0: expected a number, 0 or greater"),
+        ({"gamma": 1.5}, "gamma=1.5: expected at most 1"),
+        ({"critic_coeff": -1.0}, "critic_coeff=-1.0: expected a number, 0 or more"),
     ],
 )
 def test_a_refusal_names_the_bounds(change, message):

@@ -251,5 +251,6 @@ class PogemaFactory:
 
     def __call__(self, keywords: dict[str, Any]) -> tuple[AnyEnv, Policy]:
         """Return the environment and the policy."""
-        env = MapfEnv(EnvConfig.from_keywords(**({"action_model": "cardinal"} | Planner.env_kwargs | keywords)))
+        given: dict[str, Any] = {"action_model": "cardinal"} | Planner.env_kwargs | keywords
+        env = MapfEnv(EnvConfig(**given))
         return env, FromPogema(self.policy, env, **self.options)

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Annotated
 
+from pydantic import Field
+
+from mapf_pz._internal.config import Count, Items, Natural, checked
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.guidance.library import random_share
 from mapf_pz.instances.instance import InstanceSource
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.planners import Planner, planner_of
-from mapf_pz.simulator.config import EnvConfig, check_whole
+from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.seeds import FIRST_EVALUATION_SEED
 from mapf_pz.simulator.source import make_source
 
@@ -18,6 +22,7 @@ RULES = ("action_model", "collision_system", "on_target", "max_steps", "edge_wei
 """The keywords of the environment that are stored with the demonstrations."""
 
 
+@checked
 @dataclass(frozen=True)
 class DatasetConfig:
     """The planner and the episodes of a dataset. Raises `ValueError` for invalid values."""
@@ -26,33 +31,27 @@ class DatasetConfig:
     """Name of the planner, with options as in `lacam:time_limit=5,clock=work`. Without `clock=work`, time limits are in
     seconds of CPU time."""
     env: EnvConfig = field(default_factory=EnvConfig)
-    """The environment, of which the observations and the reward are ignored. If it has no map, scenario or source, its
-    episodes use the maps of `mixture`."""
+    """The environment; its observations and its reward are ignored. Without a map, scenario or source, episodes use the
+    maps of the mixture."""
     mixture: MapMixture = field(default_factory=MapMixture)
-    """The maps, used if the environment has no map, scenario or source."""
-    num_agents: tuple[int, ...] | None = None
-    """Numbers of agents. None: that of the environment."""
-    episodes: int = 1000
+    """The maps, if there is no map, scenario or source."""
+    num_agents: Annotated[Items[Count], Field(min_length=1)] | None = None
+    """Number of agents, or several numbers. Default: all agents of the scenario or source, otherwise 4."""
+    episodes: Count = 1000
     """Number of episodes for each number of agents."""
-    shard_size: int = 100
+    shard_size: Count = 100
     """Number of episodes in a file, which one process makes."""
     solved_only: bool = True
     """Whether episodes that end while an agent is not at its goal are omitted; does not apply to lifelong episodes."""
-    seed: int = 0
+    seed: Natural = 0
     """Random seed. Episode k of the dataset has the seed `seed + k`, which must be below 1,000,000, where the seeds of
     evaluations start."""
     license: str = "MIT"
     """License of the dataset, for its card."""
 
     def __post_init__(self) -> None:
-        """Check the planner, the numbers, and the guidance graph."""
+        """Check the planner, the seeds, and the guidance graph."""
         planner_of(self.planner)
-        if self.num_agents == ():
-            raise ValueError("num_agents: expected at least one value, got none")
-        numbers = [("num_agents", number) for number in self.num_agents or ()]
-        numbers += [("episodes", self.episodes), ("shard_size", self.shard_size), ("seed", self.seed)]
-        for name, number in numbers:
-            check_whole(name, number, least=0 if name == "seed" else 1)
         if self.seed + self.episodes > FIRST_EVALUATION_SEED:
             most = FIRST_EVALUATION_SEED - self.episodes
             raise ValueError(f"seed={self.seed}: expected at most {most}, since evaluations use the following seeds")

@@ -47,7 +47,8 @@ def replay_config(rules: EnvConfig, env: Mapping[str, Any], source: InstanceSour
         if env.get(name, fixed[name]) != fixed[name]:
             raise ValueError(f"{name}={env[name]!r}: the demonstrations have {name}={fixed[name]!r}")
     observed = {name: value for name, value in env.items() if name not in _INSTANCE}
-    return EnvConfig.from_keywords(**({"edge_weights": rules.edge_weights} | observed | fixed | {"source": source}))
+    keywords: dict[str, Any] = {"edge_weights": rules.edge_weights} | observed | fixed | {"source": source}
+    return EnvConfig(**keywords)
 
 
 class ReplaySource:

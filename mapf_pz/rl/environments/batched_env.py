@@ -15,6 +15,7 @@ from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded, Unb
 from torchrl.envs import EnvBase
 
 from mapf_pz._internal.arrays import Ints
+from mapf_pz._internal.config import checked
 from mapf_pz._internal.signatures import init_with_fields_of
 from mapf_pz.rl.config import ObservationPrecision
 from mapf_pz.rl.environments.transfer import to_device
@@ -23,6 +24,7 @@ from mapf_pz.simulator.global_state import STATE_PLANES, global_state
 from mapf_pz.simulator.simulator import Simulator
 
 
+@checked
 @dataclass(frozen=True)
 class BatchedMapfConfig(BatchConfig):
     """All keywords of `BatchedMapfEnv`; the first four may be given by position."""
@@ -69,7 +71,7 @@ class BatchedMapfEnv(EnvBase):
     @init_with_fields_of(BatchedMapfConfig)
     def __init__(self, *arguments: Any, **keywords: Any) -> None:
         """Create the environment; raises as `parallel_env`, and `ValueError` for bounds that float16 cannot hold."""
-        config = BatchedMapfConfig.from_keywords(*arguments, **keywords)
+        config = BatchedMapfConfig(*arguments, **keywords)
         self.config = EnvConfig(**config.keywords())
         num_envs = config.num_envs
         self.simulator = Simulator(self.config, num_envs, config.num_threads)

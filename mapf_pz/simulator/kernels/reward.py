@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from mapf_pz._internal.config import Natural, checked
 from mapf_pz._internal.jit import Array, inlined
 from mapf_pz.simulator.kernels.conflict import NO_MOVE, direction
 from mapf_pz.simulator.kernels.cost_lookup import cost_at, turned
 from mapf_pz.simulator.kernels.state import CostToGo
 
 
+@checked
 @dataclass(frozen=True)
 class RewardConfig:
     """The terms of each agent's reward. The defaults are the report's table (`reward="report"`)."""
@@ -40,13 +42,8 @@ class RewardConfig:
     """Reward for every agent when all agents are at their goals at the same time."""
     share: float = 0.0
     """Coefficient of the mean reward of the other agents nearby, added to each agent's reward."""
-    share_radius: int = 4
+    share_radius: Natural = 4
     """Maximum distance to such agents, in rows and in columns."""
-
-    def __post_init__(self) -> None:
-        """Refuse a negative radius."""
-        if self.share_radius < 0:
-            raise ValueError(f"share_radius={self.share_radius}: expected a number of cells, 0 or more")
 
 
 REWARDS: dict[str, RewardConfig] = {
@@ -73,8 +70,7 @@ RewardTerms = _named_tuple("RewardTerms", [field.name for field in fields(Reward
 
 def reward_terms(config: RewardConfig) -> Any:
     """Return the terms, each as a value of its field's type, for which kernels are compiled once."""
-    types = {"bool": bool, "int": int, "float": float}
-    return RewardTerms(*(types[str(field.type)](getattr(config, field.name)) for field in fields(config)))
+    return RewardTerms(*(type(field.default)(getattr(config, field.name)) for field in fields(config)))
 
 
 @inlined

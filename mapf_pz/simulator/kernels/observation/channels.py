@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple
 
+from mapf_pz._internal.config import Count, checked
 from mapf_pz._internal.jit import Array
 from mapf_pz._internal.plugins import resolve
 from mapf_pz.instances.heading import Heading
@@ -22,6 +23,7 @@ DrawChannel = Callable[[ObservationInputs, Array, int], None]
 ChannelSymmetry = Literal["cells", "directions", "headings"]
 
 
+@checked
 @dataclass(frozen=True)
 class Channel:
     """One channel of the image."""
@@ -31,7 +33,7 @@ class Channel:
 
     It writes every cell of its planes: they are not cleared before. None: the channel is built in.
     """
-    planes: int = 1
+    planes: Count = 1
     """How many planes of the image it takes."""
     low: float = 0
     """The least value."""
@@ -50,9 +52,7 @@ class Channel:
     """Its field of `LookupPlanes`, for built-in channels that are looked up."""
 
     def __post_init__(self) -> None:
-        """Raise `ValueError` for an unknown symmetry, and for planes or bounds that it does not have."""
-        if self.symmetry not in (known := (*get_args(ChannelSymmetry), None)):
-            raise ValueError(f"symmetry={self.symmetry!r}: expected one of {', '.join(map(repr, known))}")
+        """Raise `ValueError` for a symmetry that it does not have with its planes or bounds."""
         if self.symmetry == "directions" and self.planes != len(Heading):
             raise ValueError(f"symmetry='directions': expected planes={len(Heading)}, got {self.planes}")
         if self.symmetry == "headings" and not 0 <= self.low <= self.high <= 1:

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numba import prange
 
 from mapf_pz._internal.arrays import Floats
+from mapf_pz._internal.config import Count, checked, expecting
 from mapf_pz._internal.jit import Array, BatchKernel
 from mapf_pz._internal.plugins import resolve
 from mapf_pz.instances.heading import Heading
@@ -165,13 +167,18 @@ def write_time(inputs: ObservationInputs, values: Array, at: int) -> None:
     values[:, :, at] = (inputs.state.time / inputs.max_steps)[:, None]
 
 
+LengthOf = Callable[[int, int], int]
+"""A function that returns a length for A actions and `num_last_actions`."""
+
+
+@checked
 @dataclass(frozen=True)
 class Feature:
     """One feature."""
 
     write: Callable[[ObservationInputs, Array, int], None]
     """`write(inputs, values, at)` writes to all agents' `values` (B, N, F) float32 from column `at` on, in [-1, 1]."""
-    length: int | Callable[[int, int], int] = 1
+    length: Annotated[Count | LengthOf, expecting("a whole number, 1 or more, or a function")] = 1
     """How many numbers it is, or a function that returns it for A actions and `num_last_actions`."""
     needs_cost_to_go: bool = False
     """Whether `write` reads the cost to go, which is then computed before; without it, reading is an error."""
