@@ -175,8 +175,8 @@ class EnvConfig:
     """Maximum distance of these neighbors, in rows and in columns."""
     edge_weights: EdgeWeightsLike = "uniform"
     """Guidance graph: `uniform`, `crisscross`, `crisscross:ALONG` (the weight along its directions), `random` (sampled
-    in every episode), the name of a bundled graph, the path of a file for the map (`.json`, `.csv`, `.w`, `.npz`), or a
-    `GuidanceGraph`."""
+    in every episode), `random:SHARE` (in this fraction of the episodes, otherwise uniform), the name of a bundled
+    graph, the path of a file for the map (`.json`, `.csv`, `.w`, `.npz`), or a `GuidanceGraph`."""
     around_agents_at_goals: bool = False
     """Whether the cost to go, in observations and rewards, leads around the other agents that are at their goals, as if
     they were obstacles. An agent that cannot reach its goal around them has the cost to go through them. No effect
