@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import math
-import re
 import zipfile
 import zlib
 from collections.abc import Iterable, Mapping
@@ -20,10 +19,6 @@ from mapf_pz.errors import FormatError
 
 MAX_BYTES = 2**29
 """Maximum size of all arrays of a file together."""
-_MAGIC = b"\x93NUMPY\x01\x00"
-_HEADER = re.compile(
-    rb"\{'descr': '([<|][biufU]\d{1,4})', 'fortran_order': (True|False), 'shape': \((\d[\d, ]{0,60})?\), \}\s*"
-)
 _DAMAGE = (zipfile.BadZipFile, zlib.error, ValueError, LookupError, EOFError, OSError, RuntimeError, TypeError)
 
 
@@ -63,18 +58,16 @@ def write_npz(path: str | Path, arrays: Mapping[str, ArrayLike]) -> None:
 
 
 def _array(archive: zipfile.ZipFile, name: str, member: zipfile.ZipInfo) -> NDArray[Any]:
-    """Return an array, after checking its header without evaluating it; raises one of `_DAMAGE`."""
+    """Return an array, after checking its header; raises one of `_DAMAGE`."""
     if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ValueError(f"array {name!r} is compressed by an unknown method")
     with archive.open(member) as file:
-        content = file.read(member.file_size)
-    start = len(_MAGIC) + 2
-    end = start + int.from_bytes(content[start - 2 : start], "little")
-    header = _HEADER.fullmatch(content[start:end])
-    if not content.startswith(_MAGIC) or header is None:
+        content = io.BytesIO(file.read(member.file_size))
+    np.lib.format.read_magic(content)
+    shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(content)
+    data = content.read()
+    if dtype.kind not in "biufU":
         raise ValueError(f"array {name!r} has an unknown header")
-    dtype, order, sides = np.dtype(header[1].decode()), "F" if header[2] == b"True" else "C", header[3] or b""
-    shape = tuple(int(side) for side in sides.split(b",") if side.strip())
-    if dtype.itemsize * math.prod(shape) != len(content) - end:
+    if dtype.itemsize * math.prod(shape) != len(data):  # NumPy's own reader would allocate what the header claims
         raise ValueError(f"array {name!r} is not of the size in its header")
-    return np.frombuffer(content, dtype, offset=end).reshape(shape, order=order)
+    return np.frombuffer(data, dtype).reshape(shape, order="F" if is_fortran else "C")
