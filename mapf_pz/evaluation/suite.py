@@ -105,8 +105,9 @@ class TaskEntry:
 
     def __post_init__(self) -> None:
         """Check which members are given together."""
-        for name in self.env.keys() - _ENV_KEYWORDS:
-            raise ValueError(f"env: expected one of {', '.join(_ENV_KEYWORDS)}, got {shortened(name)}")
+        for name in self.env:
+            if name not in _ENV_KEYWORDS:
+                raise ValueError(f"env: expected one of {', '.join(_ENV_KEYWORDS)}, got {shortened(name)}")
         kinds = [kind for kind in _KINDS if getattr(self, kind) is not None]
         if len(kinds) != 1:
             raise ValueError(f"expected exactly one of {', '.join(_KINDS)}, got {' and '.join(kinds) or 'none'}")
