@@ -96,7 +96,6 @@ _EXPECTED = {
     "less_than_equal": "at most {le}",
 }
 """What is expected instead of a value, by pydantic's type of the error; otherwise, pydantic's text says it."""
-
 ABSENT, UNKNOWN = "expected a value", "unknown field, which may be one of another version"
 """Complaints about a field that a file lacks, and about one that it should not have."""
 _MISPLACED = {"missing": ABSENT, "extra_forbidden": UNKNOWN, "unexpected_keyword_argument": UNKNOWN}
