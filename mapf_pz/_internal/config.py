@@ -96,7 +96,6 @@ _EXPECTED = {
     "less_than_equal": "at most {le}",
 }
 """What is expected instead of a value, by pydantic's type of the error; otherwise, pydantic's text says it."""
-
 ABSENT, UNKNOWN = "expected a value", "unknown field, which may be one of another version"
 """Complaints about a field that a file lacks, and about one that it should not have."""
 _MISPLACED = {"missing": ABSENT, "extra_forbidden": UNKNOWN, "unexpected_keyword_argument": UNKNOWN}
@@ -115,20 +114,21 @@ def checked(config: Config) -> Config:
 
     @wraps(dataclass.__init__)
     def init(self: Any, *values: Any, **given: Any) -> None:
-        for name in given.keys() - signature.parameters.keys():
-            raise TypeError(f"unknown keyword {name!r}: {expected_names(name, signature.parameters)}")
+        for name in given:
+            if name not in signature.parameters:
+                raise TypeError(f"unknown keyword {name!r}: {expected_names(name, signature.parameters)}")
         arguments = signature.bind(*values, **given).arguments
         try:
             validator.validate_python(ArgsKwargs((), arguments), self_instance=self)
         except ValidationError as error:
-            raise cause(error) or ValueError(complaint(error)) from None
+            raise _cause(error) or ValueError(complaint(error)) from None
 
     dataclass.__init__ = init
     document_fields(config, config)
     return config
 
 
-def cause(error: ValidationError) -> Exception | None:
+def _cause(error: ValidationError) -> Exception | None:
     """Return the exception that the `__post_init__` of the configuration has raised, or None."""
     first = error.errors()[0]
     return None if first["loc"] else first.get("ctx", {}).get("error")

@@ -13,14 +13,7 @@ from tyro.constructors import StructConstructorSpec, StructFieldSpec, StructType
 
 from mapf_pz._internal.interrupts import interruptible
 from mapf_pz._internal.parallel import job_runner
-from mapf_pz.commands.env_flags import (
-    ENV_FLAGS,
-    EpisodeKeywords,
-    MixtureKeywords,
-    default_of,
-    flags_of,
-    mixture_flag,
-)
+from mapf_pz.commands.env_flags import ENV_FLAGS, EpisodeKeywords, MixtureKeywords, default_of, flags_of, mixture_flag
 from mapf_pz.commands.progress import progress_bar
 from mapf_pz.rl.demonstrations import DatasetConfig, load_dataset, make_dataset
 from mapf_pz.simulator.config import OBSERVATION_FIELDS

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from reprlib import repr as shortened
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
-from mapf_pz._internal.json import MAX_NAME, MAX_NUMBER, JsonObject, is_whole, list_member, named_file, parse_object
+from pydantic import AfterValidator, BeforeValidator, Field
+
+from mapf_pz._internal.config import Count, Items, Natural, as_tuple, checked, expecting
+from mapf_pz._internal.json import MAX_NAME, MAX_NUMBER, JsonObject, list_member, named_file, parse_object, whole_number
 from mapf_pz._internal.plugins import NAMED_PARTS, check_trusted
 from mapf_pz._internal.text import read_text
 from mapf_pz.errors import FormatError
@@ -29,8 +32,42 @@ MAX_CELLS = 2**24
 """Maximum number of cells of a random map."""
 MAX_TASKS = 1000
 """Maximum number of tasks."""
+_MEMBERS = ("description", "version", "digest", "tasks")
 
 
+def _line(text: str) -> str:
+    if not 0 < len(text) <= MAX_NAME or not text.isprintable():
+        raise ValueError("expected a single line of text")
+    return text
+
+
+def _of_few_cells(value: tuple[int, int, float]) -> tuple[int, int, float]:
+    if value[0] * value[1] > MAX_CELLS:
+        raise ValueError
+    return value
+
+
+Line = Annotated[str, AfterValidator(_line)]
+"""A name or a file."""
+Limited = Annotated[Count, Field(le=MAX_NUMBER)]
+"""A whole number from 1 to `MAX_NUMBER`."""
+RandomMap = Annotated[
+    tuple[Limited, Limited, Annotated[int | float, Field(ge=0, lt=1)]],
+    AfterValidator(_of_few_cells),
+    BeforeValidator(as_tuple),
+    expecting(f"[rows, columns, obstacle density], with at most {MAX_CELLS} cells"),
+]
+"""Rows, columns and obstacle density, with at most `MAX_CELLS` cells."""
+BestThroughput = Annotated[int | float, Field(gt=0, le=MAX_NUMBER), expecting("a number greater than 0")]
+"""A throughput, which keeps its type in the digest of the suite."""
+NumAgents = Annotated[
+    Limited | Annotated[Items[Limited], Field(min_length=1)],
+    expecting("a whole number, 1 or more, or a list of such numbers"),
+]
+"""A number of agents, or several numbers."""
+
+
+@checked
 @dataclass(frozen=True)
 class TaskEntry:
     """An entry of a suite file: a task, or one task for each of several numbers of agents.
@@ -40,31 +77,44 @@ class TaskEntry:
     `MAPF_PZ_BENCHMARK`, then among downloads.
     """
 
-    map: str | None = None
+    map: Line | None = None
     """Name of a map, or path of a `.map` or `.json` file. Starts and goals are random unless there are `scenarios`."""
-    scenarios: list[str] | None = None
+    scenarios: Annotated[Items[Line], Field(min_length=1)] | None = None
     """Names or `.scen` files of scenarios, one for each episode; names such as `random-1` are relative to the map."""
-    random: list[float] | None = None
+    random: RandomMap | None = None
     """Rows, columns, and obstacle density of random maps."""
-    pogema: str | None = None
+    pogema: Line | None = None
     """Name of instances of POGEMA's benchmark, such as `pogema-mazes`, or a file such as `mine.mapf.json`."""
-    lorr: str | None = None
+    lorr: Line | None = None
     """Name of a League of Robot Runners problem, such as `warehouse_small_10`, or its JSON file; its `teamSize` is the
     number of agents."""
-    num_agents: int | list[int] | None = None
+    num_agents: NumAgents | None = None
     """Number of agents, or a list of numbers; not given with `lorr`."""
-    max_steps: int = EnvConfig.max_steps
+    max_steps: Limited = EnvConfig.max_steps
     """Time limit of an episode in steps."""
-    episodes: int | None = None
+    episodes: Limited | None = None
     """Number of episodes. None: one for each instance, or 64 if instances are random."""
-    seed: int = EvaluationTask.seed
+    seed: Annotated[Natural, Field(le=MAX_NUMBER)] = EvaluationTask.seed
     """Seed of the first episode; it increases by one per episode."""
-    name: str | None = None
+    name: Line | None = None
     """Name of the task, without the number of agents. None: the name of the map or file."""
-    best: float | None = None
+    best: BestThroughput | None = None
     """Best known throughput."""
     env: JsonObject = field(default_factory=dict)
     """Other keyword arguments of `parallel_env`. The file of `edge_weights` is searched like the others."""
+
+    def __post_init__(self) -> None:
+        """Check which members are given together."""
+        for name in self.env:
+            if name not in _ENV_KEYWORDS:
+                raise ValueError(f"env: expected one of {', '.join(_ENV_KEYWORDS)}, got {shortened(name)}")
+        kinds = [kind for kind in _KINDS if getattr(self, kind) is not None]
+        if len(kinds) != 1:
+            raise ValueError(f"expected exactly one of {', '.join(_KINDS)}, got {' and '.join(kinds) or 'none'}")
+        if self.scenarios is not None and self.map is None:
+            raise ValueError("expected 'scenarios' only together with 'map'")
+        if (self.num_agents is None) != (self.lorr is not None):
+            raise ValueError("expected 'num_agents', except with 'lorr', where the problem determines it")
 
 
 def suite_names() -> list[str]:
@@ -88,7 +138,9 @@ def load_suite(suite: str | Path, trust_remote_code: bool = False) -> tuple[Eval
     """
     file = suite_file(suite)
     data = parse_object(read_text(file), file)
-    _check_keys(data, ("description", "version", "digest", "tasks"), str(file))
+    for name in data:
+        if name not in _MEMBERS:
+            raise FormatError(file, f"expected one of {', '.join(_MEMBERS)}, got {shortened(name)}")
     entries = list_member(data, "tasks", file, least=1)
     _check_count(entries, file)
     tasks = [task for number, entry in enumerate(entries) for task in _tasks(entry, number, file, trust_remote_code)]
@@ -132,8 +184,7 @@ def _label(tasks: Sequence[EvaluationTask], data: JsonObject, file: Path) -> str
         if stated is not None:
             raise FormatError(file, "expected 'digest' only together with 'version'")
         return ""
-    if not _is_count(version):
-        raise FormatError(file, f"expected 'version' to be a whole number, 1 or more, got {shortened(version)}")
+    whole_number(data, "version", file, least=1)
     found = suite_digest(tasks)
     if found is None:
         raise FormatError(file, "expected no 'version', since a part of a task has no digest")
@@ -149,7 +200,7 @@ def _tasks(data: Any, number: int, file: Path, trust_remote_code: bool) -> list[
     entry = _entry(data, where)
     check_trusted(where, {name: entry.env.get(name) for name in NAMED_PARTS}, trust_remote_code)
     make = next(make for kind, make in _KINDS.items() if getattr(entry, kind) is not None)
-    counts = entry.num_agents if isinstance(entry.num_agents, list) else [entry.num_agents or 0]
+    counts = entry.num_agents if isinstance(entry.num_agents, tuple) else (entry.num_agents or 0,)
     try:
         weights = entry.env.get("edge_weights")
         if is_guidance_file(weights):
@@ -163,73 +214,14 @@ def _tasks(data: Any, number: int, file: Path, trust_remote_code: bool) -> list[
         raise FormatError(where, str(error)) from None
 
 
-def _check_keys(data: JsonObject, known: Iterable[str], where: str) -> None:
-    for name in data:
-        if name not in known:
-            raise FormatError(where, f"expected one of {', '.join(known)}, got {shortened(name)}")
-
-
 def _entry(data: Any, where: str) -> TaskEntry:
     if not isinstance(data, dict):
         raise FormatError(where, f"expected an object, got {shortened(data)}")
-    _check_keys(data, [field.name for field in dataclasses.fields(TaskEntry)], where)
-    for name, (fits, expected) in _EXPECTED.items():
-        if data.get(name) is not None and not fits(data[name]):
-            raise FormatError(where, f"expected {name!r} to be {expected}, got {shortened(data[name])}")
-    entry = TaskEntry(**{name: value for name, value in data.items() if value is not None})
-    _check_keys(entry.env, _ENV_KEYWORDS, f"{where}: env")
-    kinds = [kind for kind in _KINDS if getattr(entry, kind) is not None]
-    if len(kinds) != 1:
-        raise FormatError(where, f"expected exactly one of {', '.join(_KINDS)}, got {' and '.join(kinds) or 'none'}")
-    if entry.scenarios is not None and entry.map is None:
-        raise FormatError(where, "expected 'scenarios' only together with 'map'")
-    if (entry.num_agents is None) != (entry.lorr is not None):
-        raise FormatError(where, "expected 'num_agents', except with 'lorr', where the problem determines it")
-    return entry
+    try:
+        return TaskEntry(**{name: value for name, value in data.items() if value is not None})
+    except (ValueError, TypeError) as error:
+        raise FormatError(where, str(error)) from None
 
-
-def _is_count(value: Any) -> bool:
-    return is_whole(value) and 1 <= value <= MAX_NUMBER
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= MAX_NUMBER
-
-
-def _is_name(value: Any) -> bool:
-    return isinstance(value, str) and 0 < len(value) <= MAX_NAME and value.isprintable()
-
-
-def _is_list_of(fits: Callable[[Any], bool], value: Any) -> bool:
-    return isinstance(value, list) and len(value) > 0 and all(map(fits, value))
-
-
-def _is_random(value: Any) -> bool:
-    if not _is_list_of(_is_number, value) or len(value) != 3 or not all(map(_is_count, value[:2])):
-        return False
-    return value[0] * value[1] <= MAX_CELLS and 0 <= value[2] < 1
-
-
-_NAME, _COUNT = (_is_name, "a single line of text"), (_is_count, "a whole number, 1 or more")
-
-_EXPECTED: dict[str, tuple[Callable[[Any], bool], str]] = {
-    "map": _NAME,
-    "scenarios": (partial(_is_list_of, _is_name), "a list of names or files"),
-    "random": (_is_random, f"[rows, columns, obstacle density], with at most {MAX_CELLS} cells"),
-    "pogema": _NAME,
-    "lorr": _NAME,
-    "num_agents": (
-        lambda value: _is_count(value) or _is_list_of(_is_count, value),
-        "a whole number, 1 or more, or a list of such numbers",
-    ),
-    "max_steps": _COUNT,
-    "episodes": _COUNT,
-    "seed": (lambda value: is_whole(value) and 0 <= value <= MAX_NUMBER, "a whole number, 0 or more"),
-    "name": _NAME,
-    "best": (lambda value: _is_number(value) and value > 0, "a number above 0"),
-    "env": (lambda value: isinstance(value, dict), "an object"),
-}
-"""Checks of the members of an entry, and descriptions of what is expected."""
 
 _ENV_KEYWORDS = [
     field.name
@@ -263,8 +255,8 @@ def _of_map(entry: TaskEntry, num_agents: int, folder: Path) -> EvaluationTask:
 
 def _of_random(entry: TaskEntry, num_agents: int, _: Path) -> EvaluationTask:
     """Return a task on random maps."""
-    height, width, density = cast("list[float]", entry.random)
-    source = RandomObstacles(int(height), int(width), density, num_agents)
+    height, width, density = cast("tuple[int, int, float]", entry.random)
+    source = RandomObstacles(height, width, density, num_agents)
     return _task(entry, f"random {height} x {width}, {100 * density:g} % obstacles", num_agents, {"source": source})
 
 

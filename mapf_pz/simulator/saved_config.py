@@ -100,7 +100,7 @@ def load_env(stored: Any, info: ValidationInfo) -> EnvConfig:
     if not isinstance(stored, dict):
         raise ValueError("expected an object")
     names = {field.name for field in dataclasses.fields(EnvConfig)}
-    for name in names ^ stored.keys():
+    for name in sorted(names ^ stored.keys()):
         raise ValueError(f"{name}: {ABSENT if name in names else UNKNOWN}")
     origin: Origin | None = info.context
     if origin is not None:

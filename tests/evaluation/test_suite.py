@@ -245,34 +245,37 @@ GOOD = {"random": [5, 5, 0.1], "num_agents": 2}
     ("entry", "message"),
     [
         (5, "task 0: expected an object, got 5"),
-        (GOOD | {"num_agent": 3}, "task 0: expected one of map, scenarios, random, .*, got 'num_agent'"),
+        (GOOD | {"num_agent": 3}, "task 0: unknown keyword 'num_agent': did you mean 'num_agents'"),
         ({"num_agents": 3}, "task 0: expected exactly one of map, random, pogema, lorr, got none"),
         (GOOD | {"map": "empty-8-8"}, "task 0: expected exactly one of .*, got map and random"),
-        ({"map": 5, "num_agents": 1}, "task 0: expected 'map' to be a single line of text, got 5"),
+        ({"map": 5, "num_agents": 1}, "task 0: map=5: expected text"),
         ({"map": "nowhere", "num_agents": 1}, "task 0: no .map file is named 'nowhere'"),
-        ({"random": [5, 5], "num_agents": 1}, r"task 0: expected 'random' to be \[rows, columns, obstacle d"),
-        ({"random": [5.5, 5, 0.1], "num_agents": 1}, "task 0: expected 'random' to be"),
-        ({"random": [5, 5, 1], "num_agents": 1}, "task 0: expected 'random' to be"),
-        ({"random": [50000, 50000, 0.1], "num_agents": 1}, "task 0: expected 'random' to be"),
+        ({"random": [5, 5], "num_agents": 1}, r"task 0: random=\[5, 5\]: expected \[rows, columns, obstacle d"),
+        ({"random": [5.5, 5, 0.1], "num_agents": 1}, "task 0: random=.*: expected .rows, columns, obstacle d"),
+        ({"random": [5, 5, 1], "num_agents": 1}, "task 0: random=.*: expected .rows, columns, obstacle d"),
+        ({"random": [50000, 50000, 0.1], "num_agents": 1}, "task 0: random=.*: expected .rows, columns, obstacle d"),
         ({"random": [5, 5, 0.1]}, "task 0: expected 'num_agents'"),
-        (GOOD | {"num_agents": 0}, "task 0: expected 'num_agents' to be a whole number, 1 or more"),
-        (GOOD | {"num_agents": []}, "task 0: expected 'num_agents' to be a whole number, 1 or more"),
-        (GOOD | {"num_agents": [2, True]}, "task 0: expected 'num_agents' to be a whole number, 1 or more"),
+        (GOOD | {"num_agents": 0}, "task 0: num_agents=.*: expected a whole number, 1 or more, or a list"),
+        (GOOD | {"num_agents": []}, "task 0: num_agents=.*: expected a whole number, 1 or more, or a list"),
+        (GOOD | {"num_agents": [2, True]}, "task 0: num_agents=.*: expected a whole number, 1 or more, or a list"),
         (GOOD | {"num_agents": 26}, "task 0: 26 agents fit on none of"),
         (GOOD | {"num_agents": [2, 2]}, "expected unique task names .* got '2 agents on random .*' twice"),
         ({"lorr": "problem.json", "num_agents": 2}, "task 0: expected 'num_agents', except with 'lorr'"),
-        (GOOD | {"max_steps": 0}, "task 0: expected 'max_steps' to be a whole number, 1 or more, got 0"),
-        (GOOD | {"episodes": 2.5}, "task 0: expected 'episodes' to be a whole number, 1 or more, got 2.5"),
-        (GOOD | {"seed": -1}, "task 0: expected 'seed' to be a whole number, 0 or more, got -1"),
-        (GOOD | {"best": "3"}, "task 0: expected 'best' to be a number above 0, got '3'"),
-        (GOOD | {"best": 0}, "task 0: expected 'best' to be a number above 0, got 0"),
-        (GOOD | {"name": "two\nlines"}, "task 0: expected 'name' to be a single line of text"),
-        (GOOD | {"name": ""}, "task 0: expected 'name' to be a single line of text"),
+        (GOOD | {"max_steps": 0}, "task 0: max_steps=0: expected a whole number, 1 or more"),
+        (GOOD | {"episodes": 2.5}, "task 0: episodes=2.5: expected a whole number"),
+        (GOOD | {"seed": -1}, "task 0: seed=-1: expected a whole number, 0 or more"),
+        (GOOD | {"best": "3"}, "task 0: best='3': expected a number greater than 0"),
+        (GOOD | {"best": 0}, "task 0: best=0: expected a number greater than 0"),
+        (GOOD | {"name": "two\nlines"}, "task 0: name=.*: expected a single line of text"),
+        (GOOD | {"name": ""}, "task 0: name=.*: expected a single line of text"),
         (GOOD | {"scenarios": ["random-1"]}, "task 0: expected 'scenarios' only together with 'map'"),
-        (SOURCES["map"] | {"scenarios": [], "num_agents": 1}, "task 0: expected 'scenarios' to be a list of"),
-        (SOURCES["map"] | {"scenarios": [1], "num_agents": 1}, "task 0: expected 'scenarios' to be a list of"),
-        (SOURCES["map"] | {"scenarios": "tiny.scen", "num_agents": 1}, "task 0: expected 'scenarios' to be a list of"),
-        (GOOD | {"env": []}, r"task 0: expected 'env' to be an object, got \[\]"),
+        (SOURCES["map"] | {"scenarios": [], "num_agents": 1}, r"task 0: scenarios=\[\]: expected 1 or more items"),
+        (SOURCES["map"] | {"scenarios": [1], "num_agents": 1}, r"task 0: scenarios\[0\]=1: expected text"),
+        (
+            SOURCES["map"] | {"scenarios": "tiny.scen", "num_agents": 1},
+            "task 0: scenarios='tiny.scen': expected a tuple",
+        ),
+        (GOOD | {"env": []}, r"task 0: env=\[\]: expected a valid dictionary"),
         (GOOD | {"env": {"max_step": 3}}, "task 0: env: expected one of action_model, .*, got 'max_step'"),
         (GOOD | {"env": {"map": "empty-8-8"}}, "task 0: env: expected one of action_model, .*, got 'map'"),
         (GOOD | {"env": {"action_model": "fly"}}, "task 0: action_model='fly': expected one of"),
@@ -285,7 +288,9 @@ def test_wrong_entries(folder, entry, message):
 
 def test_the_largest_random_maps(folder, monkeypatch):
     monkeypatch.setattr("mapf_pz.evaluation.suite.MAX_CELLS", 30)
-    assert message_of(folder, {"random": [5, 7, 0.1], "num_agents": 1}).startswith("task 0: expected 'random' to be")
+    assert message_of(folder, {"random": [5, 7, 0.1], "num_agents": 1}).startswith(
+        "task 0: random=[5, 7, 0.1]: expected ["
+    )
     assert len(loaded(folder, {"random": [5, 6, 0.1], "num_agents": 1})) == 1
 
 
