@@ -58,7 +58,8 @@ class EvaluateOptions:
     """Policy to evaluate; may be given several times. `random`, a planner (`pibt`, `epibt:depth=5,time_limit=0.1`),
     the name of a bundled trained policy, or the folder of a training run. With the suffix `+pibt`, PIBT executes the
     preferences of a trained policy without collisions. Options follow a colon: `mappo:temperature=0.5`,
-    `mappo+pibt:patience=4,temperature=0.5`. A planner of your own is a command that reads `.map` and `.scen` files and
+    `mappo+pibt:patience=4,temperature=0.5`. `package.module:Class` is a policy or planner of your own, which also takes
+    `+pibt` and options. A planner in another language is a command that reads `.map` and `.scen` files and
     writes a plan file: "command:./lacam -m {map} -i {scen} -N {agents} -o {plan} -t {seconds}", or with a name for the
     table, "lacam=command:...". It is run without a shell for each episode; illegal plans fail."""
     plans: Annotated[tuple[str, ...], UseAppendAction] = ()

@@ -29,6 +29,7 @@ from mapf_pz.optimization.folder import GRAPH_FILE, read_optimization
 from mapf_pz.optimization.optimize import Optimized, optimize, resume
 from mapf_pz.optimization.search import Progress
 from mapf_pz.optimization.task import GuidanceTask
+from mapf_pz.planners.named import import_code
 from mapf_pz.render.guidance import check_picture, save_guidance_picture
 
 
@@ -190,8 +191,10 @@ def guidance(
         case GenerateGuidance(generator):
             _generate(generator)
         case EvaluateGuidance():
+            import_code(task.task.planner)
             _evaluate(task)
         case OptimizeGuidance():
+            import_code(task.config.task.planner)
             _optimize(task.config, task.output, partial(optimize, task.config, task.output))
         case ResumeGuidance():
             _resume(task)

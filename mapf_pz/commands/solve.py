@@ -52,7 +52,7 @@ class SolveOptions:
     """Output file: `.json` (League of Robot Runners), `.csv` (MAPF tracker, cardinal agents), `.txt` (PIBT, LaCAM)."""
     planner: str = "pibt"
     """Planner or policy, optionally with options, such as `epibt:depth=5`, `lacam:anytime=False` or
-    `oneshot+pibt`. The plan of a policy is the steps that it takes."""
+    `oneshot+pibt`; or your own, `package.module:Class`. The plan of a policy is the steps that it takes."""
     env: PlanningKeywords = SOLVED
     """The instance, and limits of the plan. The reported costs are in steps; with edge weights, the cost in weights is
     also printed. Without edge weights, a policy has those of its training, and planners have uniform ones."""

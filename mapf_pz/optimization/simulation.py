@@ -13,6 +13,7 @@ from mapf_pz.optimization.task import GuidanceTask
 from mapf_pz.optimization.usage import Usage
 from mapf_pz.planners import Planner, planner_of
 from mapf_pz.planners.base import run_episode
+from mapf_pz.planners.named import import_code
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.simulator import Simulator
 
@@ -39,6 +40,7 @@ def simulate(task: GuidanceTask, graph: GuidanceGraph, seed: int, num_steps: int
     Returns:
         The score and the usage of edges.
     """
+    import_code(task.planner)  # in another process, it is not imported yet
     keywords = task.with_graph(graph, num_steps)
     usage = Usage.empty(graph.shape)
     simulator = (_plan if task.is_planner else _roll_out)(task, keywords, seed, usage)

@@ -14,6 +14,7 @@ from mapf_pz.guidance.library import random_share
 from mapf_pz.instances.instance import InstanceSource
 from mapf_pz.instances.mixture import MapMixture
 from mapf_pz.planners import Planner, planner_of
+from mapf_pz.planners.named import import_code
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.seeds import FIRST_EVALUATION_SEED
 from mapf_pz.simulator.source import make_source
@@ -51,6 +52,7 @@ class DatasetConfig:
 
     def __post_init__(self) -> None:
         """Check the planner, the seeds, and the guidance graph."""
+        import_code(self.planner)
         planner_of(self.planner)
         if self.seed + self.episodes > FIRST_EVALUATION_SEED:
             most = FIRST_EVALUATION_SEED - self.episodes

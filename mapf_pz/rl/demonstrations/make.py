@@ -12,6 +12,7 @@ from mapf_pz._internal.atomic import write_whole
 from mapf_pz._internal.lock import locked
 from mapf_pz.planners import planner_of
 from mapf_pz.planners.deadline import WorkClock
+from mapf_pz.planners.named import import_code
 from mapf_pz.rl.demonstrations.card import card
 from mapf_pz.rl.demonstrations.config import DatasetConfig
 from mapf_pz.rl.demonstrations.demonstration import Demonstration, demonstrate
@@ -80,6 +81,7 @@ def make_shard(job: ShardJob, inputs: str) -> FinishedShard:
     """
     config = job.config
     simulator = Simulator(config.env_config(job.num_agents))
+    import_code(config.planner)  # in another process, it is not imported yet
     planner = planner_of(config.planner, config.seed)
     if not isinstance(planner.clock, WorkClock):
         planner.clock = time.thread_time
