@@ -64,10 +64,10 @@ def settings() -> Iterator[Variation]:
     bare = bare.with_(bare.name, env={"max_steps": full.config.task.env.max_steps})
     # The report's random sampling of actions is the only difference that is not between the presets.
     sampled = full.with_("report-repaired, actions sampled", task={"action_mode": "affine"})
-    yield from (full, bare, sampled)
-    for name, fields in CHANGES.items():
-        yield changed(full, f"report-repaired without {name}", bare, fields)
-        yield changed(bare, f"report with {name}", full, fields)
+    yield from (full, sampled)
+    yield from (changed(full, f"report-repaired without {name}", bare, fields) for name, fields in CHANGES.items())
+    yield bare
+    yield from (changed(bare, f"report with {name}", full, fields) for name, fields in CHANGES.items())
 
 
 def changed(setting: Variation, name: str, other: Variation, fields: tuple[str, ...]) -> Variation:
@@ -89,8 +89,8 @@ def _part(setting: Variation, part: str) -> Any:
     return config.task.env if part == "env" else getattr(config, part)
 
 
-def learn(setting: Variation, seed: int, options: Options) -> Mapping[str, str]:
-    """Train a setting, unless its run is finished, and return its last validation."""
+def learn(setting: Variation, seed: int, options: Options) -> list[Mapping[str, str]]:
+    """Train a setting, unless its run is finished, and return its validations."""
     name = "".join(char if char.isalnum() else "-" for char in setting.name)
     output = options.output / f"{name}-{seed}"
     if not (output / PROGRESS).exists():
@@ -99,18 +99,18 @@ def learn(setting: Variation, seed: int, options: Options) -> Mapping[str, str]:
         train(replace(setting.config, seed=seed, **steps), output, overwrite=True)
     elif curve(output)[-1][0] < options.agent_steps:
         resume(output)
-    steps, solved, arrived = curve(output)[-1]
-    return {"agent_steps": f"{steps:.0f}", "CSR": f"{solved:.4f}", "ISR": f"{arrived:.4f}"}
+    return [
+        {"agent_steps": f"{steps:.0f}", "CSR": f"{solved:.4f}", "ISR": f"{arrived:.4f}"}
+        for steps, solved, arrived in curve(output)
+    ]
 
 
 def write() -> None:
     """Write the table from the results."""
-    by_setting: dict[str, list[Mapping[str, str]]] = {}
-    for row in STUDY.rows():
-        by_setting.setdefault(row["setting"], []).append(row)
+    last = {(row["setting"], row["seed"]): row for row in STUDY.rows()}  # of each run, the last validation
 
     def cell(name: str) -> str:
-        rows = by_setting.get(name, [])
+        rows = [row for (setting, _), row in last.items() if setting == name]
         values = {metric: np.array([float(row[metric]) for row in rows]) for metric in ("CSR", "ISR")}
         return " | ".join(spread(each, 2) if len(each) else "" for each in values.values())
 
@@ -127,11 +127,11 @@ def write() -> None:
 
 
 def main(options: Options) -> None:
-    """Train what is missing, seed by seed; write the results after each run, and the table at the end."""
+    """Train what is missing, setting by setting; write the results after each run, and the table at the end."""
     if not options.write:
         named = {setting.name: setting for setting in settings()}
-        for name, seed in STUDY.missing((name, seed) for seed in options.seeds for name in named):
-            STUDY.add((name, seed), learn(named[name], seed, options))
+        for name, seed in STUDY.missing((name, seed) for name in named for seed in options.seeds):
+            STUDY.add((name, seed), *learn(named[name], seed, options))
     write()
 
 

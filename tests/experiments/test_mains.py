@@ -59,7 +59,8 @@ def test_weighted_cost(run, monkeypatch):
 def test_repair(run, tmp_path, monkeypatch):
     settings = list(repair.settings())[:2]
     monkeypatch.setattr(repair, "settings", lambda: iter(settings))
-    result = {"agent_steps": "8", "CSR": "0.25", "ISR": "0.5"}
-    monkeypatch.setattr(repair, "learn", lambda setting, seed, options: result)
+    results = [{"agent_steps": steps, "CSR": "0.25", "ISR": "0.5"} for steps in ("4", "8")]
+    monkeypatch.setattr(repair, "learn", lambda setting, seed, options: results)
     names = [setting.name for setting in settings]
-    assert run(repair, output=tmp_path, seeds=(0, 1)) == [(name, seed) for seed in "01" for name in names]
+    runs = [(name, seed) for name in names for seed in "01" for _ in results]
+    assert run(repair, output=tmp_path, seeds=(0, 1)) == runs
