@@ -20,7 +20,7 @@ from experiments.pages import FILES, PAGES, spread, write_table
 from experiments.report.reproduction import Variation, curve
 from experiments.study import Study, StudyOptions
 from mapf_pz.rl.presets import PRESETS
-from mapf_pz.rl.progress import PROGRESS
+from mapf_pz.rl.training.checkpoint import Checkpoints
 from mapf_pz.rl.training.train import resume, train
 
 PAGE = PAGES / "report.md"
@@ -93,7 +93,7 @@ def learn(setting: Variation, seed: int, options: Options) -> list[Mapping[str, 
     """Train a setting, unless its run is finished, and return its validations."""
     name = "".join(char if char.isalnum() else "-" for char in setting.name)
     output = options.output / f"{name}-{seed}"
-    if not (output / PROGRESS).exists():
+    if not any(Checkpoints(output).folder.glob("*")):  # a run that was killed before the first one begins again
         interval = options.agent_steps // 5
         steps = {"agent_steps": options.agent_steps, "validation_interval": interval, "validation_episodes": 64}
         train(replace(setting.config, seed=seed, **steps), output, overwrite=True)
