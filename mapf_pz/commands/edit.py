@@ -15,7 +15,7 @@ from mapf_pz._internal.text import read_text
 from mapf_pz.editor.folders import Folders
 from mapf_pz.instances import format_scenario, load_map, load_scenario
 from mapf_pz.instances.library import map_file, scenario_map, scenario_name
-from mapf_pz.planners.named import import_code
+from mapf_pz.planners.named import import_code, own_code
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,8 @@ def edit(options: EditOptions) -> None:
     """
     folders = options.folder or (Path(), *(Path(file).parent for file in _given_files(options)))
     for solver in options.solver:
+        if own_code(solver) != solver:
+            raise ValueError(f"--solver {solver}: expected package.module:Class")
         import_code(solver)
     _serve(_start(options), folders, options)
 

@@ -38,6 +38,8 @@ from mapf_pz.rl.policies.hub import is_address
 
 HOST = "127.0.0.1"
 """The address of the server, which only this machine can reach."""
+HOSTS = (HOST, "localhost")
+"""The names under which a browser on this machine reaches the server."""
 MAX_BODY_BYTES = 64 * 2**20
 """Maximum size of a request's body."""
 BAD_INPUT = (ValueError, OSError, ImportError, MemoryError)
@@ -230,10 +232,6 @@ def _not_found(request: HttpRequest, error: Exception) -> Response:
 def _failed(request: HttpRequest, error: Exception) -> Response:
     """Return the response to a bug, whose traceback the server prints."""
     return json_response({"error": f"internal error, see the terminal: {type(error).__name__}"}, 500)
-
-
-HOSTS = ("127.0.0.1", "localhost")
-"""The names under which a browser on this machine reaches the server."""
 
 
 class Access:

@@ -22,6 +22,16 @@ from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.global_state import STATE_PLANES, global_state
 from mapf_pz.simulator.simulator import Simulator
 
+AgentInfo = dict[str, Any]
+
+_FLAGS = ("at_goal", "arrived", "blocked", "moved")
+_TEMPLATES: list[AgentInfo] = [
+    {"action_mask": None, **{flag: bits >> k & 1 for k, flag in enumerate(_FLAGS)}, "arrivals": 0}
+    for bits in range(2 ** len(_FLAGS))
+]
+"""An info for each combination of flags: copying one is faster than building a dictionary of six values."""
+
+
 AgentObservation: TypeAlias = "NDArray[np.float32] | dict[str, NDArray[np.float32]]"
 StepResult: TypeAlias = (
     "tuple[dict[str, AgentObservation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, AgentInfo]]"
@@ -331,16 +341,6 @@ def env(**keywords: Any) -> AECEnv[str, AgentObservation, SupportsIndex | None]:
     `metrics()` and the members of `unwrapped`, the `MapfEnv`, describe the last complete step.
     """
     return _OrderEnforced(MapfAecEnv(parallel_env(**keywords)))
-
-
-AgentInfo = dict[str, Any]
-
-_FLAGS = ("at_goal", "arrived", "blocked", "moved")
-_TEMPLATES: list[AgentInfo] = [
-    {"action_mask": None, **{flag: bits >> k & 1 for k, flag in enumerate(_FLAGS)}, "arrivals": 0}
-    for bits in range(2 ** len(_FLAGS))
-]
-"""An info for each combination of flags: copying one is faster than building a dictionary of six values."""
 
 
 def agent_infos(names: list[str], agents: NDArray[np.void], action_mask: Ints) -> dict[str, AgentInfo]:

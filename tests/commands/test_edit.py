@@ -73,6 +73,8 @@ def test_names_are_opened(served, tmp_path):
     ("words", "error"),
     [
         (["nowhere"], "no .map file is named 'nowhere'"),
+        (["--solver", "pibt"], "--solver pibt: expected package.module:Class"),
+        (["--solver", "mine:Own+pibt"], "--solver mine:Own+pibt: expected package.module:Class"),
         (["nowhere.map"], "nowhere.map: no such file"),
         (["empty-8-8", "--scenario", "nowhere"], "no .scen file is named 'nowhere'"),
         (["ggo.json"], "ggo.json: expected a name, or a .map file"),
