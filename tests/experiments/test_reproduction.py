@@ -68,7 +68,8 @@ def test_a_run_is_kept(tmp_path, monkeypatch):
 
 
 def test_the_changes_of_the_repair_lead_from_the_report_to_the_repaired_one():
-    full, now, *_ = repair.settings()
+    by_name = {setting.name: setting for setting in repair.settings()}
+    full, now = by_name["report-repaired"], by_name["report"]
     for name, fields in repair.CHANGES.items():
         before = now
         now = repair.changed(now, name, full, fields)
@@ -79,14 +80,14 @@ def test_the_changes_of_the_repair_lead_from_the_report_to_the_repaired_one():
 
 
 def test_a_setting_of_the_repair_differs_in_what_its_name_says():
-    full, bare, *rest = repair.settings()
-    by_name = {setting.name: setting.config for setting in rest}
-    assert len(by_name) == 1 + 2 * len(repair.CHANGES)
-    env = replace(full.config.task.env, features=("action_advantage", "goal_vector", "location"))
-    without = replace(full.config, task=replace(full.config.task, env=env))
+    by_name = {setting.name: setting.config for setting in repair.settings()}
+    assert len(by_name) == 3 + 2 * len(repair.CHANGES)
+    full, bare = by_name["report-repaired"], by_name["report"]
+    env = replace(full.task.env, features=("action_advantage", "goal_vector", "location"))
+    without = replace(full, task=replace(full.task, env=env))
     assert by_name["report-repaired without past actions (idea 5)"] == without
-    env = replace(bare.config.task.env, view="centered")
-    assert by_name["report with centered view"] == replace(bare.config, task=replace(bare.config.task, env=env))
+    env = replace(bare.task.env, view="centered")
+    assert by_name["report with centered view"] == replace(bare, task=replace(bare.task, env=env))
 
 
 def test_the_table_of_the_repair_is_made_from_the_results(tmp_path, monkeypatch):
