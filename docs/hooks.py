@@ -1,4 +1,4 @@
-"""Extend the site: links out of docs/, the command-line reference, the plan viewer, the editor, and recordings."""
+"""Extend the site: links out of docs/, the command-line reference, the editor, and recordings."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from mkdocs.structure.pages import Page
 
 from mapf_pz.commands.main import COMMANDS, main
 from mapf_pz.editor.page import editor_page
-from mapf_pz.render.html import viewer_page
 
 LINK = re.compile(r"(?<!!)\[([^]]*)]\((\.\./[^)\s]*)\)")
 COMMAND_REFERENCE = "<!-- command reference -->"
@@ -55,8 +54,7 @@ RECORDINGS = {
 
 
 def on_files(files: Files, *, config: MkDocsConfig) -> Files:
-    """Add the plan viewer, the editor and, where policies can be loaded, recordings."""
-    files.append(File.generated(config, "viewer.html", content=viewer_page()))
+    """Add the editor and, where policies can be loaded, recordings."""
     files.append(File.generated(config, "editor.html", content=editor_page()))
     for name, content in recordings():
         files.append(File.generated(config, f"recordings/{name}.html", content=content))

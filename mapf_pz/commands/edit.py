@@ -12,6 +12,7 @@ from typing import Annotated, Any
 from tyro.conf import Positional, UseAppendAction
 
 from mapf_pz._internal.text import read_text
+from mapf_pz.editor import save_editor
 from mapf_pz.editor.folders import Folders
 from mapf_pz.instances import format_scenario, load_map, load_scenario
 from mapf_pz.instances.library import map_file, scenario_map, scenario_name
@@ -36,19 +37,33 @@ class EditOptions:
     """Port of the server. 0: a free one."""
     browser: bool = True
     """Open the page in the browser."""
+    output: Path | None = None
+    """Write the page to this `.html` file instead of serving it. It draws instances and plays plans, in any browser and
+    without this package; it does not run solvers."""
 
 
 def edit(options: EditOptions) -> None:
-    """Edit maps and scenarios on a page in the browser, and run planners and policies on them.
+    """Edit maps and scenarios on a page in the browser, run planners and policies on them, and play plans.
 
     The page is served on this machine only, at the address that is printed. Ctrl-C ends the server.
     """
+    if options.output is not None:
+        _save(options, options.output)
+        return
     folders = options.folder or (Path(), *(Path(file).parent for file in _given_files(options)))
     for solver in options.solver:
         if own_code(solver) != solver:
             raise ValueError(f"--solver {solver}: expected package.module:Class")
         import_code(solver)
     _serve(_start(options), folders, options)
+
+
+def _save(options: EditOptions, output: Path) -> None:
+    if output.suffix.lower() != ".html" or options.folder or options.solver or options.port:
+        raise ValueError("--output: expected an .html file, and neither --folder, --solver nor --port")
+    output.parent.mkdir(parents=True, exist_ok=True)
+    save_editor(output, _start(options))
+    print(f"{output}: draw on this page, or drop maps, scenarios and plans on it")
 
 
 def _given_files(options: EditOptions) -> list[str]:

@@ -17,7 +17,7 @@ from mapf_pz.evaluation.inspection import InspectedPolicy
 from mapf_pz.evaluation.policies import check_observed, policy_factory
 from mapf_pz.planners import record_plan, violations
 from mapf_pz.planners.named import import_code
-from mapf_pz.render import Recording, save_html, save_recording, save_viewer
+from mapf_pz.render import Recording, save_html, save_recording
 from mapf_pz.render.recording import RecordedViolation
 from mapf_pz.render.save import check_output
 from mapf_pz.simulator.keywords import EnvKeywords
@@ -51,16 +51,11 @@ class EpisodeOptions:
     inspect: bool = False
     """Record each decision of the policy: the page shows the selected agent's features, action mask, probabilities of
     actions, attention to others, and why the safety layer took another action. Only for `.html`."""
-    viewer: bool = False
-    """Write a page without an episode, which shows map, scenario and plan files that are dropped on it."""
 
 
 def render(episode: EpisodeOptions) -> None:
     """Run episodes or read plan files, and save them as a web page, video or image."""
     check_output(episode.output, episode.fps)
-    if episode.viewer:
-        _save_viewer(episode)
-        return
     if episode.plan and episode.policy:
         raise ValueError("expected either --policy or --plan")
     if episode.problem is not None and not episode.plan:
@@ -138,15 +133,6 @@ def _plan_metrics(loaded: LoadedPlan) -> dict[str, float]:
     if loaded.instance.scenario.goals.ndim == 2:
         return {"SoC": loaded.file.plan.sum_of_costs, "makespan": loaded.file.plan.makespan}
     return {} if loaded.finished is None else {"tasks finished": loaded.finished}
-
-
-def _save_viewer(episode: EpisodeOptions) -> None:
-    if episode.output.suffix.lower() != ".html" or episode.plan or episode.policy or episode.inspect:
-        raise ValueError("--viewer: expected an .html file, and neither --policy, --plan nor --inspect")
-    _check_unused(episode, "--viewer")
-    episode.output.parent.mkdir(parents=True, exist_ok=True)
-    save_viewer(episode.output)
-    print(f"{episode.output}: drop a map, a scenario and a plan on this page")
 
 
 def _save(recordings: list[Recording], output: Path, fps: float) -> None:

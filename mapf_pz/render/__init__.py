@@ -3,9 +3,8 @@
 It imports the simulator, not the environment. Read `recording.py` first.
 """
 
-from mapf_pz.render.html import save_viewer
 from mapf_pz.render.inspection import Inspection
 from mapf_pz.render.recording import RecordedViolation, Recording, save_html
 from mapf_pz.render.save import save_recording
 
-__all__ = ["Inspection", "RecordedViolation", "Recording", "save_html", "save_recording", "save_viewer"]
+__all__ = ["Inspection", "RecordedViolation", "Recording", "save_html", "save_recording"]

@@ -1,4 +1,4 @@
-"""Self-contained web pages: the player of recordings, and the viewer of files that its user drops on it."""
+"""The player of recordings: a self-contained web page."""
 
 from __future__ import annotations
 
@@ -6,11 +6,8 @@ import html
 import json
 from collections.abc import Mapping, Sequence
 from importlib import resources
-from pathlib import Path
 from typing import Any
 
-from mapf_pz._internal.atomic import write_whole
-from mapf_pz.render.rgb import color_codes
 
 PLAYER = (
     *("episode", "actions", "colors", "camera", "svgpen", "ground", "directions", "agents", "chosen", "attention"),
@@ -22,33 +19,6 @@ UNPACKING = "unpack"
 """The file that reads the arrays of recordings."""
 PLAN_FILES = ("textfile", "mapfile", "planfile", "lorrplan", "trackerplan", "textplan", "legality", "planepisode")
 """The files that read maps, scenarios and plans."""
-VIEWER_COLORS = 1000
-"""Number of different colors of agents on a page that reads files."""
-
-
-def save_viewer(path: str | Path) -> None:
-    """Write a page that shows a map, a scenario and a plan file, which its user drops on it.
-
-    It is the page of `save_html` without an episode. It reads the files in the browser and sends nothing. Files: `.map`
-    and `.scen` of the MovingAI benchmark, and the plan files that `mapf_pz.planners.plans.files.read_plan` reads,
-    except for paths in ticks.
-
-    Args:
-        path: the file, which is replaced atomically.
-    """
-    write_whole(Path(path), viewer_page().encode())
-
-
-def viewer_page() -> str:
-    """Return the text of the page that `save_viewer` writes."""
-    title, scripts = "Plan viewer", (*PLAYER, *PLAN_FILES, "viewer")
-    return filled_page(
-        title,
-        {"colors": color_codes(VIEWER_COLORS)},
-        style=player_text("page.css"),
-        body=player_body(title, player_text("files.html")),
-        scripts=player_scripts(scripts),
-    )
 
 
 def recordings_page(title: str, data: Mapping[str, Any]) -> str:
@@ -74,9 +44,9 @@ def filled_page(title: str, data: Mapping[str, Any], *, style: str, body: str, s
     return _filled(player_text("page.html"), parts)
 
 
-def player_body(title: str, files: str = "") -> str:
-    """Return the body of the player, with `files` as the first part of its panel."""
-    return _filled(player_text("player.html"), {"title": html.escape(title), "files": files})
+def player_body(title: str, first: str = "") -> str:
+    """Return the body of the player, with `first` as the first part of its panel."""
+    return _filled(player_text("player.html"), {"title": html.escape(title), "first": first})
 
 
 def player_scripts(names: Sequence[str]) -> list[str]:

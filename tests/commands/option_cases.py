@@ -103,6 +103,7 @@ CASES = {
             "--solver": "--solver mapf_pz.planners:PIBT",
             "--port": "--port 8123",
             "--browser": "--no-browser",
+            "--output": "--output page.html",
         },
         ("mapf_pz.commands.edit._serve",),
     ),
@@ -325,7 +326,6 @@ CASES = {
             "--fps": "--fps 9",
             "--trust-remote-code": "",  # tests/test_trust.py
             "--inspect": "--inspect",
-            "--viewer": "!--viewer",
         },
     ),
     "render a plan": Case(
@@ -339,15 +339,6 @@ CASES = {
             "--inspect": "!--inspect",
         }
         | {"--num-agents": "--num-agents 2", "--scenario": "--scenario a.scen", "--plan": "--plan plan.txt"},
-    ),
-    "render a viewer": Case(
-        "render out.html --viewer",
-        {
-            "--map": "!--map empty-16-16",
-            "--seed": "!--seed 5",
-            "--inspect": "!--inspect",
-            "--viewer": "--no-viewer",
-        },
     ),
     "play": Case(
         "play --policy random --map empty-8-8 --num-agents 4 --max-steps 20 --seed 3",

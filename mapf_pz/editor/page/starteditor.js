@@ -7,7 +7,7 @@
     const { drawing } = editor, { agents } = drawing;
     const given = { starts: agents.map(({ start }) => start), goals: agents.map(({ goals }) => goals[0]), name: drawing.name };
     const scenario = agents.length && agents.every(({ goals }) => goals.length === 1) ? given : null;
-    playback.play([planEpisode(drawing, scenario, parsePlan(text, name, scenario), { plan: { name } }, data.colors)]);
+    playback.play([planEpisode(drawing, scenario, parsePlan(text, name, scenario), name, data.colors)]);
   };
   const files = new Files(editor, server, playPlan);
   new Panel(editor);

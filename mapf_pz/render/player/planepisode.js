@@ -1,14 +1,10 @@
 // Episodes of plan files.
 
-// A plan without steps: all agents at their starts.
-function standing(scenario, name) {
-  const table = new PlanTable(scenario.starts.length, 0, false, name);
-  scenario.starts.forEach(([row, col], agent) => table.set(agent, 0, row, col));
-  return table;
-}
-
-function planEpisode(map, scenario, plan, texts, colors) {
-  const name = (texts.plan ?? texts.scenario).name, goals = scenario?.goals ?? plan.goals;
+// The episode of a plan: `scenario` has the starts and goals of agents; null: they are those of the plan. `name`: that of
+// the plan's file.
+function planEpisode(map, scenario, plan, name, colors) {
+  const goals = scenario?.goals ?? plan.goals, starts = scenario?.starts.length ?? plan.agents;
+  require(plan.agents <= starts, name, `expected at most ${starts} agents, as in scenario '${scenario?.name}', got ${plan.agents}`);
   const data = {
     ...plan, width: map.width, height: map.height, free: map.free, colors, caption: name,
     title: `${name}: ${map.name}, ${plan.agents} agents`, metrics: {}, lifelong: false, hasBlocked: false,
@@ -20,8 +16,8 @@ function planEpisode(map, scenario, plan, texts, colors) {
     Object.assign(arrays, { goalRows: each(0), goalCols: each(1) });
   }
   const episode = new Episode(data, arrays);
-  if (texts.plan && goals) episode.metrics = planCosts(episode);
-  if (texts.plan) episode.violations = findViolations(episode, scenario?.starts);
+  if (goals) episode.metrics = planCosts(episode);
+  episode.violations = findViolations(episode, scenario?.starts);
   return episode;
 }
 
