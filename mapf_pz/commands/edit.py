@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 from tyro.conf import Positional, UseAppendAction
 
+from mapf_pz._internal.plugins import imported_object
 from mapf_pz._internal.text import read_text
 from mapf_pz.editor import save_editor
 from mapf_pz.editor.folders import Folders
@@ -52,9 +53,10 @@ def edit(options: EditOptions) -> None:
         return
     folders = options.folder or (Path(), *(Path(file).parent for file in _given_files(options)))
     for solver in options.solver:
-        if own_code(solver) != solver:
+        if own_code(solver) == solver:
+            import_code(solver)
+        if not isinstance(imported_object(solver), type):
             raise ValueError(f"--solver {solver}: expected package.module:Class")
-        import_code(solver)
     _serve(_start(options), folders, options)
 
 

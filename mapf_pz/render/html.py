@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from importlib import resources
 from typing import Any
 
-
 PLAYER = (
     *("episode", "actions", "colors", "camera", "svgpen", "ground", "directions", "agents", "chosen", "attention"),
     *("view", "tables", "planes", "override", "decision", "violations", "throughput", "address", "legend", "export"),

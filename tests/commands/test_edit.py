@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from mapf_pz.commands.main import main
-from mapf_pz.instances import Scenario, load_map, write_map, write_scenario
+from mapf_pz.instances import Scenario, load_map, load_scenario, write_map, write_scenario
 
 
 @pytest.fixture
@@ -75,6 +75,9 @@ def test_names_are_opened(served, tmp_path):
         (["nowhere"], "no .map file is named 'nowhere'"),
         (["--solver", "pibt"], "--solver pibt: expected package.module:Class"),
         (["--solver", "mine:Own+pibt"], "--solver mine:Own+pibt: expected package.module:Class"),
+        (["--solver", "mapf_pz.planners.named:PLANNERS"], "PLANNERS: expected package.module:Class"),
+        (["--output", "page.svg"], "--output: expected an .html file"),
+        (["--output", "page.html", "--port", "8123"], "--output: expected an .html file, and neither"),
         (["nowhere.map"], "nowhere.map: no such file"),
         (["empty-8-8", "--scenario", "nowhere"], "no .scen file is named 'nowhere'"),
         (["ggo.json"], "ggo.json: expected a name, or a .map file"),
@@ -88,6 +91,17 @@ def test_errors(capsys, served, files, tmp_path, monkeypatch, words, error):
     [line] = capsys.readouterr().err.splitlines()
     assert line.startswith("mapf-pz edit: ")
     assert error in line
+    assert served == []
+
+
+def test_the_page_is_saved(capsys, served, new_page, tmp_path):
+    output = tmp_path / "pages" / "editor.html"
+    assert main(["edit", "empty-8-8", "--scenario", "random-1", "--output", str(output)]) == 0
+    assert capsys.readouterr().out.startswith(f"{output}: ")
+    page = new_page(output.as_uri())
+    page.wait_for_selector("body[data-ready]")
+    drawn = page.evaluate("[editor.drawing.name, editor.drawing.agents.map(({ start }) => start)]")
+    assert drawn == ["empty-8-8", load_scenario("random-1", load_map("empty-8-8")).starts.tolist()]
     assert served == []
 
 
