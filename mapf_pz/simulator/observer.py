@@ -14,6 +14,8 @@ from mapf_pz.simulator.kernels.observation.inputs import ObservationInputs
 from mapf_pz.simulator.kernels.observation.observe import ImageWriter
 from mapf_pz.simulator.observation import ObservationLayout
 
+_FAR = np.iinfo(np.int32).max
+
 
 class Observer:
     """Draws the whole observations of B environments; see `ObservationLayout` for their order.
@@ -94,9 +96,6 @@ class Observer:
         for own, whole in zip(self._own, (image, features), strict=True):
             parts = whole.reshape(*self._each, 1 + self._num_neighbors, -1)
             append_neighbors(inputs.num_threads, self._neighbors, own.reshape(*self._each, -1), parts)
-
-
-_FAR = np.iinfo(np.int32).max
 
 
 @BatchKernel
