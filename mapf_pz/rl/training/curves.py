@@ -92,7 +92,7 @@ class Run:
 def draw_curves(runs: Sequence[Run], columns: Sequence[str], file: Path) -> None:
     """Save a figure of the runs' learning curves, whose format is that of the file's name, such as .png, .svg or .pdf.
 
-    Runs that differ only in their seeds are one curve: the mean, and the range between the least and the greatest.
+    Runs that differ only in their seeds are one curve: the mean, and a band from minimum to maximum.
     Validations are drawn as points.
 
     Args:
