@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NoReturn
 
 import numpy as np
 from gymnasium import spaces
@@ -162,6 +162,11 @@ class AgentVectorEnv(SimulatorVectorEnv):
             final[i] = _row(rows, i)
         masks = {"action_mask": seen.action_mask.reshape(self.num_envs, -1), "_action_mask": ended}
         return {"final_obs": final, "_final_obs": ended, "final_info": masks | metrics, "_final_info": ended}
+
+
+def refuse_single(**_keywords: Any) -> NoReturn:
+    """Raise `ValueError` for `gymnasium.make`: the environment is a vector of agents."""
+    raise ValueError("Mapf-Agents-v0 is a vector environment: use gymnasium.make_vec instead of gymnasium.make")
 
 
 def _row(rows: VectorObservation, i: int) -> VectorObservation:

@@ -215,6 +215,8 @@ def test_make_vec():
     assert infos["action_mask"].shape == (3 * 3, 4)
     assert envs.observation_space.contains(observations)
     envs.close()
+    with pytest.raises(ValueError, match=r"use gymnasium\.make_vec instead"):
+        gymnasium.make("mapf_pz:Mapf-Agents-v0", **SMALL)
 
 
 def test_wrappers_of_gymnasium():
