@@ -100,7 +100,7 @@ class AgentVectorEnv(SimulatorVectorEnv):
         self._require_reset()
         self._step(self._checked(actions))
         agents = self.simulator.agents
-        rewards = agents["reward"].astype(np.float64).reshape(-1)
+        rewards = agents["reward"].reshape(-1).copy()
         terminated, truncated = agents["terminated"].flatten(), agents["truncated"].flatten()
         seen, any_over = self.simulator.observe(), bool(self._over.any())
         if any_over:

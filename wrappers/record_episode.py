@@ -86,7 +86,7 @@ class RecordEpisode(MapfWrapper):
             "goals": env.goals,
             "active": agents["active"].astype(np.bool_),
             "blocked": agents["blocked"].astype(np.bool_),
-            "rewards": agents["reward"].copy() if actions else np.zeros(agents.size, np.float32),
+            "rewards": agents["reward"].copy() if actions else np.zeros(agents.size),
             "observed": np.rint(127 * seen).astype(np.int8),
         }
         if env.config.action_model == "rotate":
