@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from mapf_pz._internal.arrays import Bools, Floats, Ints
 from mapf_pz._internal.config import UNCHECKED, checked
 from mapf_pz._internal.signatures import init_with_fields_of
+from mapf_pz.render.rgb import Picture
 from mapf_pz.simulator.config import BatchConfig
 from mapf_pz.simulator.simulator import Observation
 from mapf_pz.wrappers.simulator_vector import SimulatorVectorEnv, VectorInfos, VectorObservation
@@ -90,6 +91,11 @@ class AgentVectorEnv(SimulatorVectorEnv):
         self._start(seed, options)
         seen = self.simulator.observe()
         return self._rows(seen), self._infos(seen)
+
+    def render(self) -> tuple[Picture, ...] | None:
+        """Return the image of each agent's environment, B * N in all; None without a render mode."""
+        images = super().render()
+        return images and tuple(image for image in images for _ in range(self.simulator.num_agents))
 
     def step(self, actions: ArrayLike) -> tuple[VectorObservation, Floats, Bools, Bools, VectorInfos]:
         """Take one step with actions (B * N,).
