@@ -1,4 +1,4 @@
-# The package with its extras `train` and `render`: docker build --tag mapf-pz . && docker run --rm mapf-pz evaluate --policy pibt
+# The package with its extras `train` and `render`: docker build --tag mapf-pz . && docker run --rm mapf-pz mapf-pz evaluate --policy pibt
 FROM python:3.13-slim
 
 COPY . /source
@@ -11,5 +11,3 @@ USER user
 WORKDIR /home/user
 # For the processor of the machine that builds the image; on another one, kernels are compiled on first use.
 RUN mapf-pz compile
-
-ENTRYPOINT ["mapf-pz"]
