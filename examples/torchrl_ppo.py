@@ -114,7 +114,7 @@ def main(example: Example) -> float:
                 total.backward()
                 nn.utils.clip_grad_norm_(loss.parameters(), 1.0)
                 optimizer.step()
-        if number % 10 == 9:
+        if number % 10 == 9 or number + 1 == example.batches:
             print(f"{(number + 1) * steps * 4:7} agent steps: CSR {torch.stack(solved[-10:]).nanmean():.2f}")
     collector.shutdown()
     return float(torch.stack(solved[-10:]).nanmean())

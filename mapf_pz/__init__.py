@@ -17,4 +17,8 @@ gymnasium.register(
     entry_point="mapf_pz.wrappers.centralized:centralized_env",
     vector_entry_point="mapf_pz.wrappers.centralized_vector:CentralizedVectorEnv",
 )
-gymnasium.register("Mapf-Agents-v0", vector_entry_point="mapf_pz.wrappers.agent_vector:AgentVectorEnv")
+gymnasium.register(
+    "Mapf-Agents-v0",
+    entry_point="mapf_pz.wrappers.agent_vector:refuse_single",
+    vector_entry_point="mapf_pz.wrappers.agent_vector:AgentVectorEnv",
+)

@@ -36,6 +36,9 @@ def refuses(error, message, make):
     [
         ({"num_agent": 3}, TypeError, "unknown keyword 'num_agent': did you mean 'num_agents'\\?"),
         ({"view_sise": (3, 3)}, TypeError, "unknown keyword 'view_sise': did you mean 'view_size'\\?"),
+        ({"obs_radius": 2}, TypeError, "unknown keyword 'obs_radius': expected view_size=.* and view='centered'"),
+        ({"density": 0.2}, TypeError, "unknown keyword 'density': expected source=RandomObstacles\\(.*density.*\\)"),
+        ({"seed": 1}, TypeError, "unknown keyword 'seed': expected reset\\(seed=\\.\\.\\.\\)"),
         ({"zzz": 1}, TypeError, "unknown keyword 'zzz': expected one of map, scenario, .*render_mode"),
         ({"num_agents": 0}, ValueError, "num_agents=0: expected a whole number, 1 or more"),
         ({"distance_bytes": 0}, ValueError, "distance_bytes=0: expected a whole number, 1 or more"),

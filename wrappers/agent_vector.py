@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NoReturn
 
 import numpy as np
 from gymnasium import spaces
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from mapf_pz._internal.arrays import Bools, Floats, Ints
 from mapf_pz._internal.config import UNCHECKED, checked
 from mapf_pz._internal.signatures import init_with_fields_of
+from mapf_pz.render.rgb import Picture
 from mapf_pz.simulator.config import BatchConfig
 from mapf_pz.simulator.simulator import Observation
 from mapf_pz.wrappers.simulator_vector import SimulatorVectorEnv, VectorInfos, VectorObservation
@@ -91,6 +92,11 @@ class AgentVectorEnv(SimulatorVectorEnv):
         seen = self.simulator.observe()
         return self._rows(seen), self._infos(seen)
 
+    def render(self) -> tuple[Picture, ...] | None:
+        """Return the image of each agent's environment, B * N in all; None without a render mode."""
+        images = super().render()
+        return images and tuple(image for image in images for _ in range(self.simulator.num_agents))
+
     def step(self, actions: ArrayLike) -> tuple[VectorObservation, Floats, Bools, Bools, VectorInfos]:
         """Take one step with actions (B * N,).
 
@@ -100,7 +106,7 @@ class AgentVectorEnv(SimulatorVectorEnv):
         self._require_reset()
         self._step(self._checked(actions))
         agents = self.simulator.agents
-        rewards = agents["reward"].astype(np.float64).reshape(-1)
+        rewards = agents["reward"].reshape(-1).copy()
         terminated, truncated = agents["terminated"].flatten(), agents["truncated"].flatten()
         seen, any_over = self.simulator.observe(), bool(self._over.any())
         if any_over:
@@ -162,6 +168,11 @@ class AgentVectorEnv(SimulatorVectorEnv):
             final[i] = _row(rows, i)
         masks = {"action_mask": seen.action_mask.reshape(self.num_envs, -1), "_action_mask": ended}
         return {"final_obs": final, "_final_obs": ended, "final_info": masks | metrics, "_final_info": ended}
+
+
+def refuse_single(**_keywords: Any) -> NoReturn:
+    """Raise `ValueError` for `gymnasium.make`: the environment is a vector of agents."""
+    raise ValueError("Mapf-Agents-v0 is a vector environment: use gymnasium.make_vec instead of gymnasium.make")
 
 
 def _row(rows: VectorObservation, i: int) -> VectorObservation:

@@ -80,7 +80,7 @@ class CentralizedVectorEnv(SimulatorVectorEnv):
             raise ValueError("actions contain NaN")
         self._step(self._decoded(values.clip(-1, 1)))
         simulator = self.simulator
-        rewards = self._team_reward(simulator.agents["reward"].astype(np.float64), axis=1)  # 0 after a reset
+        rewards = self._team_reward(simulator.agents["reward"], axis=1)  # 0 after a reset
         terminated, truncated = simulator.terminated.copy(), simulator.truncated.copy()  # never both True
         return self._observed(), rewards, terminated, truncated, self._infos(self._over)
 

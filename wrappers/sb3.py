@@ -34,7 +34,7 @@ class AgentVecEnv(VecEnv):
     def __init__(self, *arguments: Any, **keywords: Any) -> None:
         """Create the environments; raises as `AgentVectorEnv`."""
         self.env = AgentVectorEnv(*arguments, autoreset_mode=AutoresetMode.SAME_STEP, **keywords)
-        self.render_mode = None
+        self.render_mode = self.env.render_mode
         self._action_masks: Ints = np.empty((0, 0), np.int8)
         self._actions: NDArray[Any] = np.empty(0, np.int64)
         super().__init__(self.env.num_envs, self.env.single_observation_space, self.env.single_action_space)
@@ -72,6 +72,10 @@ class AgentVecEnv(VecEnv):
     def action_masks(self) -> list[Ints]:
         """Return the action mask (A,) int8 of each agent, 1 for actions that the map allows."""
         return list(self._action_masks)
+
+    def get_images(self) -> list[NDArray[np.uint8] | None]:
+        """Return an image of each of the B environments, which `render` and `VecVideoRecorder` join into one."""
+        return list((self.env.render() or ())[:: self.env.simulator.num_agents])
 
     def close(self) -> None:
         """Close the environments."""

@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import ArrayLike, NDArray
 
 from mapf_pz._internal.arrays import Bools, Floats, Ints
+from mapf_pz.render.rgb import Canvas, Picture
 from mapf_pz.simulator.config import BatchConfig, EnvConfig, check_whole
 from mapf_pz.simulator.seeds import MAX_SEED
 from mapf_pz.simulator.simulator import Simulator
@@ -25,11 +26,31 @@ class SimulatorVectorEnv(VectorEnv[VectorObservation, ArrayLike, NDArray[Any]]):
     """
 
     def __init__(self, config: BatchConfig, autoreset_mode: AutoresetMode) -> None:
-        """Create the simulator; raises as it does."""
+        """Create the simulator; raises as it does, and `ValueError` for a render mode other than `rgb_array`."""
+        if config.render_mode not in (None, "rgb_array"):
+            raise ValueError(
+                f"render_mode={config.render_mode!r}: expected None or 'rgb_array' for several environments"
+            )
+        self.render_mode = config.render_mode
         self.simulator = Simulator(EnvConfig(**config.keywords()), config.num_envs, config.num_threads)
-        self.metadata = {"autoreset_mode": autoreset_mode}
+        self.metadata = {"autoreset_mode": autoreset_mode, "render_modes": ["rgb_array"], "render_fps": 4}
+        self._canvases: dict[int, Canvas] = {}
         self._over = np.zeros(config.num_envs, np.bool_)
         self._metric_names: tuple[str, ...] = ()  # empty before the first reset
+
+    def render(self) -> tuple[Picture, ...] | None:
+        """Return an image (rows, cols, 3) uint8 of each of the B environments; None without a render mode."""
+        if self.render_mode is None:
+            return None
+        return tuple(map(self._image, range(self.simulator.num_envs)))
+
+    def _image(self, b: int) -> Picture:
+        simulator = self.simulator
+        free, agents = simulator.grid(b).free, simulator.agents[b]
+        if b not in self._canvases or self._canvases[b].free is not free:
+            self._canvases[b] = Canvas(free, simulator.num_agents)
+        headings = agents["heading"] if simulator.config.action_model == "rotate" else None
+        return self._canvases[b].draw(simulator.positions(b), headings, simulator.goals(b), agents["active"])
 
     def _start(self, seed: int | Sequence[int | None] | None, options: dict[str, Any] | None) -> dict[int, int]:
         """Start new episodes in all environments, and return the seeds that were given, by environment.

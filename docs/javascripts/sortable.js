@@ -1,4 +1,4 @@
-// Tables of the leaderboard are sorted by a click on the head of a column: numbers first descending, text ascending.
+// Tables of the leaderboard are sorted by a click on a column header: numbers first descending, text ascending.
 
 "use strict";
 

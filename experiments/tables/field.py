@@ -17,8 +17,8 @@ def field_table(suites: Sequence[Mapping[str, Any]], metric: str) -> list[list[s
 
     The policies are the same in all columns: the one with the highest mean over them, and the one of those that act
     without the safety layer. Their cells have the mean over training seeds, in brackets the smallest and the largest.
-    Of the published learned methods, of the planners of this package and of the published planners, each column has the
-    best one, with its name.
+    Of the published learned policies, the published planners and the planners of this package, each column has the best
+    one, with its name.
 
     Args:
         suites: the results of each suite.
@@ -35,11 +35,16 @@ def field_table(suites: Sequence[Mapping[str, Any]], metric: str) -> list[list[s
         if names
     ]
     rows = [
-        [f"**policy `{policy}`**", *(f"**{spread(found[policy], 3, 'g')}**" for found in trained)]
+        [f"**{_label(policy)}**", *(f"**{spread(found[policy], 3, 'g')}**" for found in trained)]
         for policy in dict.fromkeys(best)
     ]
-    kinds = ("published learned methods", "planners", "published planners")
-    return [header, *rows, *([f"best of the {kind}", *(_best(column[kind]) for column in columns)] for kind in kinds)]
+    kinds = ("published learned policy", "published planner", "planner of this package")
+    return [header, *rows, *([f"best {kind}", *(_best(column[kind]) for column in columns)] for kind in kinds)]
+
+
+def _label(policy: str) -> str:
+    """Return what a trained policy is, and its name."""
+    return f"trained policy{' with safety layer' if SHIELD_SUFFIX in policy else ''} (`{policy}`)"
 
 
 def _column(results: Mapping[str, Any], metric: str) -> dict[str, Any]:
@@ -53,9 +58,9 @@ def _column(results: Mapping[str, Any], metric: str) -> dict[str, Any]:
         "trained": {
             name: seed_means(results, name, num_agents, metric) for name in own if policies[name]["policy"] == "trained"
         },
-        "planners": {name: mean for name, mean in own.items() if policies[name]["policy"] != "trained"},
-        "published learned methods": {name: mean for name, mean in published.items() if name not in PLANNERS},
-        "published planners": {name: mean for name, mean in published.items() if name in PLANNERS},
+        "planner of this package": {name: mean for name, mean in own.items() if policies[name]["policy"] != "trained"},
+        "published learned policy": {name: mean for name, mean in published.items() if name not in PLANNERS},
+        "published planner": {name: mean for name, mean in published.items() if name in PLANNERS},
     }
 
 

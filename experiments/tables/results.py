@@ -82,8 +82,6 @@ def measure(suites: tuple[str, ...] = (), policies: tuple[str, ...] = (), jobs: 
         if earlier:
             results = merged(table, results, earlier, kept)
         write_whole(FILES / f"{table.suite}.json", as_json(results).encode())
-        if table.figure:
-            _draw(results)
         print(f"{table.suite}: written", flush=True)
     write()
 
@@ -146,9 +144,12 @@ def as_json(results: Results) -> str:
 
 
 def write() -> None:
-    """Write the tables into the pages with their blocks."""
+    """Write the tables into the pages with their blocks, and draw the figures."""
     for page in pages():
         write_whole(page, with_tables(page.read_text("utf-8")).encode())
+    for table in TABLES:
+        if table.figure:
+            _draw(load_results(table.suite))
 
 
 def check() -> None:

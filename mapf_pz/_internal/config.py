@@ -105,7 +105,8 @@ def checked(config: Config) -> Config:
     """Let pydantic check the fields of a frozen dataclass by their types, without conversions, when one is made.
 
     It then raises `ValueError` in one line that names the field, the value, and what is expected; and `TypeError` for
-    an unknown keyword, with the closest known one. The docstrings below the fields become part of that of the class.
+    an unknown keyword, with what the class has in `HINTS` for it, or the closest known one. The docstrings below the
+    fields become part of that of the class.
     """
     dataclass: Any = config
     dataclass.__pydantic_config__ = _RULES
@@ -116,7 +117,8 @@ def checked(config: Config) -> Config:
     def init(self: Any, *values: Any, **given: Any) -> None:
         for name in given:
             if name not in signature.parameters:
-                raise TypeError(f"unknown keyword {name!r}: {expected_names(name, signature.parameters)}")
+                hint = getattr(config, "HINTS", {}).get(name) or expected_names(name, signature.parameters)
+                raise TypeError(f"unknown keyword {name!r}: {hint}")
         arguments = signature.bind(*values, **given).arguments
         try:
             validator.validate_python(ArgsKwargs((), arguments), self_instance=self)

@@ -13,6 +13,10 @@ def expected_names(name: str, known: Iterable[str]) -> str:
 
 
 def closest(name: str, known: Iterable[str]) -> str:
-    """Return a question for the known name that is most similar to `name`, followed by a space; empty if none is."""
-    near = difflib.get_close_matches(name, dict.fromkeys(known), n=1)
-    return f"did you mean {near[0]!r}? " if near else ""
+    """Return a question for the known name that is most similar to `name`, followed by a space; empty if none is.
+
+    Upper and lower case are the same.
+    """
+    names = {each.lower(): each for each in known}
+    near = difflib.get_close_matches(name.lower(), names, n=1)
+    return f"did you mean {names[near[0]]!r}? " if near else ""

@@ -34,7 +34,7 @@ from mapf_pz.evaluation.external.command import PREFIX, TIME_LIMIT, CommandFacto
 from mapf_pz.evaluation.external.plan_folder import PlanFolderFactory
 from mapf_pz.evaluation.policies import TrainedFactory
 from mapf_pz.evaluation.reports.published import published_episodes
-from mapf_pz.evaluation.reports.report import exhausted, failures, infinite_costs
+from mapf_pz.evaluation.reports.report import COLUMNS, check_columns, exhausted, failures, infinite_costs
 from mapf_pz.evaluation.tracker import known_cost
 from mapf_pz.guidance.library import random_share
 from mapf_pz.instances import load_instances
@@ -88,6 +88,8 @@ class EvaluateOptions:
     """Whether trained policies take the most likely action instead of sampling one."""
     jobs: int | Literal["ray"] = 1
     """Number of processes; `ray`: run on a Ray cluster."""
+    columns: tuple[str, ...] = COLUMNS
+    """Columns of the table, as for `mapf-pz report`. The file of episodes has all."""
     output: Path | None = None
     """Folder for the episodes (CSV), the table (Markdown) and figures. Existing results of the same policies and tasks
     are reused; if these have changed, the command is refused."""
@@ -196,12 +198,13 @@ def _files(names: Sequence[str | Path | Scenario]) -> tuple[str, ...]:
 def evaluate_policies(options: EvaluateOptions) -> None:
     """Evaluate policies and planners on the same episodes, and print a table of results."""
     use_one_thread()
+    check_columns(options.columns)
     factories = options.factories()
     tasks = options.tasks()
     for task in tasks:
         _check_repetitions(task, factories)
     with locked(options.output):
-        report(factories, tasks, options.output, options.jobs, options.overwrite)
+        report(factories, tasks, options.output, options.jobs, options.overwrite, options.columns)
 
 
 def _check_repetitions(task: EvaluationTask, factories: Mapping[str, PolicyFactory]) -> None:
@@ -223,6 +226,7 @@ def report(
     output: Path | None,
     jobs: int | str = 1,
     overwrite: bool = False,
+    columns: Sequence[str] = COLUMNS,
 ) -> None:
     """Evaluate policies, print the table, and write the table and figures to `output`, if given."""
     with interruptible() as check, progress_bar("evaluating") as update:
@@ -237,12 +241,13 @@ def report(
         episodes = evaluate(policies, tasks, output, jobs, show, overwrite)
     published = published_episodes(episodes)
     shown = [*episodes, *published]
-    Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200).print(terminal_table(shown))
+    has_width = sys.stdout.isatty() or "COLUMNS" in os.environ  # in a pipe, lines are not wrapped
+    Console(file=sys.stdout, width=None if has_width else 200).print(terminal_table(shown, columns))
     for line in (*exhausted(episodes), *infinite_costs(episodes), *failures(episodes)):
         print(line)
     if output is None:
         return
-    write_whole(output / TABLE_FILE, markdown_table(shown).encode())
+    write_whole(output / TABLE_FILE, markdown_table(shown, columns).encode())
     print(f"table and episodes written to {output}")
     if find_spec("matplotlib") is None:
         print("no figures: they require matplotlib, pip install 'mapf-pz[train]'")

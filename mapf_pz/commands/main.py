@@ -11,7 +11,7 @@ from functools import partial
 from importlib import import_module
 from inspect import signature
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import tyro
 
@@ -21,6 +21,18 @@ from mapf_pz._internal.suggest import expected_names
 from mapf_pz.errors import USER_ERRORS
 
 USAGE_ERROR, INTERRUPTED, BROKEN_PIPE = 2, 130, 141
+OTHER_OPTIONS = {
+    "--lr": "--learning-rate",
+    "--policies": "--policy, once for each policy",
+    "--agents": "--num-agents",
+    "--envs": "--num-envs",
+    "--epochs": "--num-epochs",
+    "--batch-size": "--minibatch-size",
+    "--timesteps": "--agent-steps",
+    "--total-timesteps": "--agent-steps",
+    "--max-episode-steps": "--max-steps",
+}
+"""Options that other programs have, and what they are called here."""
 
 
 class Command(NamedTuple):
@@ -117,7 +129,7 @@ def _run(name: str, words: list[str]) -> None:
 
             if interrupted():
                 raise KeyboardInterrupt
-        parse = partial(tyro.cli, prog=f"mapf-pz {name}", args=options, config=config, registry=ENV_FLAGS)
+        parse = partial(_parse, prog=f"mapf-pz {name}", args=options, config=config, registry=ENV_FLAGS)
         parameters = signature(command, eval_str=True).parameters
         if list(parameters) == ["options"]:  # one dataclass, whose name is not to be in the help text
             command(parse(parameters["options"].annotation, description=command.__doc__))
@@ -125,6 +137,17 @@ def _run(name: str, words: list[str]) -> None:
             parse(command)
     except ModuleNotFoundError as error:
         raise ImportError(f"{error}: pip install 'mapf-pz[train,render]'") from error
+
+
+def _parse(kind: Any, *, args: list[str], **keywords: Any) -> Any:
+    """Parse the options of a command; after wrong ones, also print what those of other programs are called here."""
+    try:
+        return tyro.cli(kind, args=args, **keywords)
+    except SystemExit as error:
+        given = {word.partition("=")[0] for word in args} if error.code == USAGE_ERROR else ()
+        for word in (word for word in OTHER_OPTIONS if word in given):
+            print(f"{word}: did you mean {OTHER_OPTIONS[word]}?", file=sys.stderr)
+        raise
 
 
 def _command(name: str, words: list[str]) -> tuple[Callable[..., None], list[str]]:

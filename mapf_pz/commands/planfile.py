@@ -13,7 +13,7 @@ from mapf_pz.instances import load_instance, load_map
 from mapf_pz.instances.files.lorr import ROUND_ROBIN, LorrProblem
 from mapf_pz.instances.heading import Heading
 from mapf_pz.instances.instance import Grid, Instance, Scenario
-from mapf_pz.instances.library import scenario_name
+from mapf_pz.instances.library import scenario_map, scenario_name
 from mapf_pz.instances.load import load_problem
 from mapf_pz.planners.plans.files import PlanFile, Selection, read_plan
 from mapf_pz.planners.plans.plan import reached
@@ -41,7 +41,7 @@ def load_plan(
 
     Args:
         plan: the file.
-        map: the name of a map, or the path of a `.map` file.
+        map: the name of a map, or the path of a `.map` file. None: the map that the scenario names.
         scenario: the name or the `.scen` file of a scenario of the map. None: starts, goals and tasks are those of the
             plan file.
         num_agents: number of agents, the first ones of the scenario. None: that of the plan.
@@ -51,10 +51,10 @@ def load_plan(
         ValueError: the arguments are incompatible.
         FileNotFoundError, FormatError: a file is missing or malformed.
     """
-    if (map is None) == (problem is None):
-        raise ValueError("expected either --map or --problem")
-    if map is None and scenario is not None:
-        raise ValueError("--scenario: expected --map, too")
+    if problem is None and map is None and scenario is not None:
+        map = str(scenario_map(scenario)) or None
+    if (map is None) == (problem is None) or (problem is not None and scenario is not None):
+        raise ValueError("expected either --map or --scenario, or --problem")
     if scenario is None and num_agents is not None:
         raise ValueError("--num-agents: expected --scenario, too")
     if problem is not None:

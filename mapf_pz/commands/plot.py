@@ -29,4 +29,4 @@ def plot(options: PlotOptions) -> None:
         raise ValueError("runs: expected the folder of a training run or more")
     runs = [Run.read(folder) for folder in options.runs]
     draw_curves(runs, options.columns, options.output)
-    print(f"learning curves of {len(options.runs)} runs written to {options.output}")
+    print(f"learning curves of {len(runs)} run{'s' * (len(runs) > 1)} written to {options.output}")

@@ -15,9 +15,9 @@ from mapf_pz.evaluation.reports.figures import FigureFormat, draw_figures
 from mapf_pz.evaluation.reports.formats import FORMATS, TableFormat
 from mapf_pz.evaluation.reports.published import published_episodes
 from mapf_pz.evaluation.reports.report import (
-    ALL_COLUMNS,
     COLUMNS,
     SummaryTable,
+    check_columns,
     check_methods,
     differences,
     summaries,
@@ -59,9 +59,7 @@ class ReportOptions:
 
 def report(options: ReportOptions) -> None:
     """Make a table and figures of evaluations, with means and 95 % confidence intervals."""
-    unknown = [name for name in options.columns if name not in ALL_COLUMNS]
-    if unknown:
-        raise ValueError(f"columns {unknown}: expected some of {', '.join(map(repr, ALL_COLUMNS))}")
+    check_columns(options.columns)
     episodes = [episode for folder in options.folders for episode in read_episodes(folder)]
     published = published_episodes(episodes) if options.published else []
     table = _table(options, [*episodes, *published])

@@ -172,7 +172,7 @@ def _train(run: Run) -> None:
 
 def _train_and_evaluate(run: Run, config: TrainConfig, tasks: Sequence[EvaluationTask]) -> None:
     if isinstance(run, TrainOptions) and not run.overwrite:
-        _check_no_evaluation(run.output)
+        _check_unused(run.output)
     _learn(run, config)
     print(f"policy, configuration and progress written to {run.output}")
     if not tasks:
@@ -212,8 +212,11 @@ def _check_fits(config: TrainConfig, evaluation: EvaluationTask) -> None:
         raise ValueError(f"num_agents={num_agents}: {evaluation.label!r} needs {evaluation.num_agents}; {advice}")
 
 
-def _check_no_evaluation(output: Path) -> None:
-    """Raise `FileExistsError` if the folder holds an evaluation, which that of the new policy would replace."""
+def _check_unused(output: Path) -> None:
+    """Raise `FileExistsError` if the folder holds a run, or an evaluation, which the new one would replace."""
+    from mapf_pz.rl.training.run import RunFolder
+
+    RunFolder(output).check_unused()
     if (output / EPISODES_FILE).exists():
         raise FileExistsError(f"output {str(output)!r} holds an evaluation: choose another output, or --overwrite")
 

@@ -22,9 +22,9 @@ class ValidateOptions:
     plan: Positional[Path]
     """Plan file: League of Robot Runners JSON, MAPF tracker CSV, or text of the PIBT and LaCAM tools."""
     map: str | None = None
-    """Name of a map, or path of a `.map` file."""
+    """Name of a map, or path of a `.map` file. None: the map that the scenario names."""
     scenario: str | None = None
-    """Path of a `.scen` file for the map. None: starts, goals and tasks are those of the plan file."""
+    """Name or `.scen` file of a scenario. None: starts, goals and tasks are those of the plan file."""
     num_agents: int | None = None
     """Number of agents, the first ones of the scenario. None: that of the plan."""
     problem: str | None = None

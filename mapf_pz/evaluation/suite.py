@@ -17,6 +17,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from mapf_pz._internal.config import Count, Items, Natural, as_tuple, checked, expecting
 from mapf_pz._internal.json import MAX_NAME, MAX_NUMBER, JsonObject, list_member, named_file, parse_object, whole_number
 from mapf_pz._internal.plugins import NAMED_PARTS, check_trusted
+from mapf_pz._internal.suggest import closest
 from mapf_pz._internal.text import read_text
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.identity import suite_digest
@@ -174,7 +175,8 @@ def suite_file(suite: str | Path) -> Path:
         return Path(suite)
     if str(suite) in suite_names():
         return _bundled() / f"{suite}.json"
-    raise ValueError(f"suite {str(suite)!r}: expected a .json file, or one of {', '.join(suite_names())}")
+    near, names = closest(str(suite), suite_names()), ", ".join(suite_names())
+    raise ValueError(f"suite {str(suite)!r}: {near}expected a .json file, or one of {names}")
 
 
 def _label(tasks: Sequence[EvaluationTask], data: JsonObject, file: Path) -> str:

@@ -169,8 +169,8 @@ class PlanFollower(Planner):
             anytime: use the rest of the time limit to shorten the paths; otherwise the first solution is returned,
                 which depends only on the seed.
             clock: what seconds of time limits are. `wall`: those that pass, so that results depend on the machine's
-                speed and load; `work`: the planner's work, counted in seconds that it takes about on one core, so that
-                results depend only on the seed.
+                speed and load; `work`: the planner's work, counted in units of about one second on one core, so
+                that results depend only on the seed.
 
         Raises `ValueError` for an unknown clock.
         """

@@ -12,7 +12,7 @@ Clock = Callable[[], float]
 class WorkClock:
     """A clock that advances by the work that is done, so that what is done until a deadline is the same everywhere.
 
-    Work is counted in the seconds that it takes about on one core, with the rates of a processor of 2023.
+    Work is counted in units of about one second on one core, with the rates of a processor of 2023.
     """
 
     def __init__(self) -> None:

@@ -41,7 +41,7 @@ class RecordedViolation:
     """A one-line description."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Recording:
     """A recording of T steps of N agents. Raises `ValueError` if the shapes differ from those below."""
 
@@ -116,6 +116,10 @@ class Recording:
     def heading(self) -> str:
         """The name, if there is one, and the title."""
         return f"{self.name}: {self.title}" if self.name else self.title
+
+    def __repr__(self) -> str:
+        """Return what is recorded, in one line without the arrays."""
+        return f"Recording({self.heading!r}, num_steps={self.num_steps})"
 
     def pictures(self, cell_size: int | None = None) -> Iterator[Picture]:
         """Yield images (H * cell_size, W * cell_size, 3) uint8 of the start and of the state after each step."""

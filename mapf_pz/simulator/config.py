@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -123,6 +123,17 @@ class EnvConfig:
     Configurations are equal if all fields are. A map given as an array becomes a `Grid`; headings, and lists and other
     sequences, become tuples.
     """
+
+    HINTS: ClassVar[dict[str, str]] = {
+        "obs_radius": "expected view_size=(2 * obs_radius + 1, 2 * obs_radius + 1) and view='centered'",
+        "density": "expected source=RandomObstacles(height, width, density, num_agents)",
+        "size": "expected source=RandomObstacles(height, width, density, num_agents), or map",
+        "seed": "expected reset(seed=...)",
+        "map_name": "expected map",
+        "max_episode_steps": "expected max_steps",
+        "observation_type": "expected channels and features",
+    }
+    """What to use for keywords of POGEMA's `GridConfig` with other names; `pogema_keywords` converts a whole one."""
 
     map: MapLike | None = None
     """A map's name, the path of a `.map` file or of a `.json` map of GGO, a map drawn as text, or a bool array (True =

@@ -114,6 +114,7 @@ CASES = {
             "--plans": "!--plans .",
             "--time-limit": "!--time-limit 5",
             "--suite": "!--suite quickstart",
+            "--columns": "--columns ISR",
             "--map": "--map random-16-16-20",
             "--scenario": "--scenario a.scen",
             "--num-agents": "--num-agents 5",

@@ -58,6 +58,11 @@ def test_unknown_command(capsys):
     assert (status, out) == (2, [])
     assert err == [f"mapf-pz: no command 'xyz', expected one of {', '.join(COMMANDS)}"]
     assert run(capsys, "trian") == (2, [], ["mapf-pz: no command 'trian', did you mean 'train'?"])
+    with pytest.raises(SystemExit, match="2"):
+        main(["evaluate", "--policies=pibt", "--lr", "0.1"])
+    *_, first, second = capsys.readouterr().err.splitlines()
+    assert first == "--lr: did you mean --learning-rate?"
+    assert second == "--policies: did you mean --policy, once for each policy?"
 
 
 def test_options_have_one_heading(capsys):
@@ -433,7 +438,7 @@ def test_render_is_reproducible(capsys, tmp_path, on_target):
     ("words", "message"),
     [
         (["a.jpg"], "a.jpg: expected a file name that ends in .html, .svg, .gif, .mp4, .png"),
-        (["a.gif", "--plan", "nowhere.json"], "expected either --map or --problem"),
+        (["a.gif", "--plan", "nowhere.json"], "expected either --map or --scenario, or --problem"),
         (["a.gif", "--plan", "nowhere.json", "--map", "empty-8-8"], "nowhere.json: no such file"),
         (["a.gif", "--problem", "nowhere.json"], "--problem: expected --plan"),
         (["a.gif", "--policy", "pibt", "--plan", "a.json"], "expected either --policy or --plan"),

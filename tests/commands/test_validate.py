@@ -51,6 +51,7 @@ def test_a_legal_plan(capsys, files, ending):
     options = [plan, "--map", files / "small.map", "--scenario", files / "small.scen"]
     assert run(capsys, *options) == (0, expected, [])
     assert run(capsys, *options, "--num-agents", 2) == (0, expected, [])
+    assert run(capsys, plan, "--scenario", files / "small.scen") == (0, expected, [])  # which names the map
 
 
 @pytest.mark.parametrize("ending", ["json", "txt"])
@@ -138,9 +139,9 @@ def test_tasks_of_2024(capsys, files):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ([], "expected either --map or --problem"),
-        (["--map", "empty-8-8", "--problem", "a.json"], "expected either --map or --problem"),
-        (["--problem", "a.json", "--scenario", "a.scen"], "--scenario: expected --map, too"),
+        ([], "expected either --map or --scenario, or --problem"),
+        (["--map", "empty-8-8", "--problem", "a.json"], "expected either --map or --scenario, or --problem"),
+        (["--problem", "a.json", "--scenario", "a.scen"], "expected either --map or --scenario, or --problem"),
         (["--map", "empty-8-8", "--num-agents", "2"], "--num-agents: expected --scenario, too"),
         (["--map", "nowhere"], "no .map file is named 'nowhere'"),
         (["--map", "empty-8-8", "--scenario", "nowhere.scen"], "nowhere.scen: no such file"),

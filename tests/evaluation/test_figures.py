@@ -54,20 +54,37 @@ def styles_of(figure):
 
 def test_a_policy_has_one_style_in_all_panels_and_figures(tmp_path, drawings):
     """Also if others have no values in some panels: `stuck` solves nothing."""
-    names = [f"policy {number}" for number in range(12)]
-    tried = []
-    for task in ("maze", "hall"):
+    names, others = ([f"policy {number}{suffix}" for number in range(12)] for suffix in ("", " (published)"))
+    tried, published = [], []
+    for task, part in (("maze", slice(0, 6)), ("hall", slice(11, 5, -1)), ("yard", slice(0, 12, 3))):
         tried += episodes(task, [4, 8], "stuck", CSR=0.0, ISR=0.1)
-        tried += episodes(task, [4, 8], *(names if task == "maze" else names[::-2]), CSR=1.0, ISR=1.0, SoC_ratio=1.2)
-    published = episodes("hall", [4, 8], "DCC (published)", ISR=0.5)
-    published += episodes("hall", [4, 8], *(f"{number} (published)" for number in range(12)), CSR=1.0, SoC_ratio=1.5)
+        tried += episodes(task, [4, 8], *names[part], CSR=1.0, ISR=1.0, SoC_ratio=1.2)
+        published += episodes(task, [4, 8], *others[part][:3], CSR=1.0, SoC_ratio=1.5)
     draw_figures(tried, tmp_path, published=published)
-    assert [len(figure.axes) for figure in drawings] == [3, 3]
-    styles = styles_of(drawings[0]) | styles_of(drawings[1])
-    assert len({label for label, *_ in styles}) == len(styles) == len({tuple(style) for _, *style in styles}) == 26
+    assert [len(figure.axes) for figure in drawings] == [3, 3, 3]
+    styles = set.union(*map(styles_of, drawings))
+    labels = {"stuck", *names, *others[:3], *others[:8:-1], *others[0:9:3]}
+    assert {label for label, *_ in styles} == labels
+    assert len(styles) == len({tuple(style) for _, *style in styles}) == len(labels)
     for figure in drawings:
         legend = [text.get_text() for text in figure.legends[0].get_texts()]
         assert sorted(legend) == sorted({line.get_label() for panel in figure.axes for line in panel.get_lines()})
+
+
+def test_many_policies_are_the_best_and_a_band_of_the_others(tmp_path, drawings):
+    own = [each for k in range(8) for each in episodes("maze", [4, 8], f"own {k}", CSR=0.3 + k / 10, step_ms=1.0 + k)]
+    published = [each for k in range(5) for each in episodes("maze", [4, 8], f"other {k}", CSR=k / 10)]
+    draw_figures(own, tmp_path, published=published)
+    quality, time = drawings[0].axes
+    best = [f"own {k}" for k in range(3, 8)]
+    assert {line.get_label() for line in quality.get_lines()} == {*best, "other 2", "other 3", "other 4"}
+    assert {line.get_label() for line in time.get_lines()} == {*best}
+    for panel, low, high in ((quality, 0.0, 0.5), (time, 1.0, 3.0)):
+        (band,) = [each for each in panel.collections if each.get_label().startswith("the others")]
+        ((vertices, _),) = [(path.vertices, path.codes) for path in band.get_paths()]
+        scale = 11 / 18  # the mean of the episodes' values: see `episodes`
+        assert sorted({*vertices[:, 1].round(6)}) == pytest.approx([low * scale, high * scale], abs=1e-6)
+    assert drawings[0].legends[0].get_texts()[-1].get_text() == "the others, from minimum to maximum"
 
 
 def test_intervals_of_policies_do_not_cover_each_other(tmp_path, drawings):

@@ -126,7 +126,13 @@ def test_wrong_options(name, message):
 @pytest.mark.parametrize(
     ("name", "near"),
     [
-        *(("pibbt", "pibt"), ("mapo", "mappo"), ("mapo+pibt", "mappo"), ("mapo:temperature=0", "mappo")),
+        *(
+            ("pibbt", "pibt"),
+            ("mapo", "mappo"),
+            ("mapo+pibt", "mappo"),
+            ("mapo:temperature=0", "mappo"),
+            ("PIBT", "pibt"),
+        ),
         *((name, None) for name in ("no/such/run", "random:seed=1", "pibt+pibt", "+pibt")),
     ],
 )

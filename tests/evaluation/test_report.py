@@ -104,7 +104,7 @@ def test_infinite_costs_are_left_out_and_reported():
         for k, value in enumerate(ratios)
     ]
     name = "weighted_cost_ratio (solved)"
-    a, b = summaries(tried).rows
+    a, b = summaries(tried, [name]).rows
     assert (a.estimates[name].mean, b.estimates[name].mean) == (2, 2)
     (difference,) = differences(tried, "b", [name]).rows
     assert difference.estimates[name].mean == 0

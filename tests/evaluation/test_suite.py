@@ -131,7 +131,9 @@ def test_missing_files_are_named():
 
 
 def test_unknown_suites(tmp_path):
-    with pytest.raises(ValueError, match=r"suite 'standrad': expected a \.json file, or one of central-16, .*standard"):
+    with pytest.raises(
+        ValueError, match=r"'standrad': did you mean 'standard'\? expected a \.json file, or one of cent"
+    ):
         load_suite("standrad")
     with pytest.raises(FileNotFoundError, match=r"mine\.json: no such file"):
         load_suite(tmp_path / "mine.json")

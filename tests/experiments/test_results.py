@@ -128,11 +128,11 @@ def test_differences_have_signs_and_intervals():
 FIELD = """
 |  | maze, 16 agents | rooms, 4 agents |
 | --- | --- | --- |
-| **policy `ours+pibt`** | **0.6 (0.5 to 0.7)** | **0.75** |
-| **policy `other`** | **0.7** | **0.5** |
-| best of the published learned methods |  | 0.8 (`DDG`) |
-| best of the planners | 1 (`pibt`) | 0.25 (`pibt`) |
-| best of the published planners | 0.25 (`LaCAM`) |  |
+| **trained policy with safety layer (`ours+pibt`)** | **0.6 (0.5 to 0.7)** | **0.75** |
+| **trained policy (`other`)** | **0.7** | **0.5** |
+| best published learned policy |  | 0.8 (`DDG`) |
+| best published planner | 0.25 (`LaCAM`) |  |
+| best planner of this package | 1 (`pibt`) | 0.25 (`pibt`) |
 """
 
 

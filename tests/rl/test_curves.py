@@ -39,10 +39,11 @@ def test_a_point_is_the_mean_of_enough_episodes():
     np.testing.assert_allclose(values[:4], [1, 1 / 2, 2 / 3, 2 / 4])
 
 
-def test_updates_without_episodes_are_bridged():
-    steps, values = run(row(1, 0, math.nan), row(2, 0, math.nan), row(3, 40, 0.25), row(4, 0, math.nan)).curve("CSR")
-    np.testing.assert_allclose(steps * 1e6, [576, 768])
-    np.testing.assert_allclose(values, [0.25, 0.25])
+def test_updates_without_episodes_have_no_point():
+    rows = row(1, 0, math.nan), row(2, 0, math.nan), row(3, 40, 0.25), row(4, 0, math.nan), row(5, 40, 0.75)
+    steps, values = run(*rows).curve("CSR")
+    np.testing.assert_allclose(steps * 1e6, [576, 960])
+    np.testing.assert_allclose(values, [0.25, 0.5])
 
 
 def test_data_without_episodes_is_drawn_as_it_is():

@@ -5,6 +5,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import mapf_pz
+from mapf_pz import RandomObstacles
 from mapf_pz.wrappers import AgentVectorEnv
 
 SMALL = {"map": ".....\n..@..\n.....\n", "num_agents": 3, "max_steps": 7, "view_size": (3, 3)}
@@ -215,6 +216,8 @@ def test_make_vec():
     assert infos["action_mask"].shape == (3 * 3, 4)
     assert envs.observation_space.contains(observations)
     envs.close()
+    with pytest.raises(ValueError, match=r"use gymnasium\.make_vec instead"):
+        gymnasium.make("mapf_pz:Mapf-Agents-v0", **SMALL)
 
 
 def test_wrappers_of_gymnasium():
@@ -274,3 +277,30 @@ def test_wrong_actions(actions, message):
 def test_wrong_autoreset_modes(mode):
     with pytest.raises(ValueError, match=r"autoreset_mode=.*: expected one of 'NextStep', 'SameStep'"):
         AgentVectorEnv(2, autoreset_mode=mode, **SMALL)
+
+
+@pytest.mark.parametrize("action_model", ["rotate", "cardinal"])
+def test_images_are_those_of_the_environments(action_model):
+    settings = {"num_agents": 3, "max_steps": 7, "source": RandomObstacles(4, 5, 0.2, 3), "action_model": action_model}
+    settings |= {"render_mode": "rgb_array", "on_target": "finish"}
+    envs, single = AgentVectorEnv(2, **settings), [mapf_pz.parallel_env(**settings) for _ in range(2)]
+    rng = np.random.default_rng(0)
+    envs.reset(seed=3)
+    for b, env in enumerate(single):
+        env.reset(seed=3 + b)
+    for _ in range(5):
+        for images, env in zip(np.array(envs.render()).reshape(2, 3, *envs.render()[0].shape), single, strict=True):
+            for image in images:
+                np.testing.assert_array_equal(image, env.render())
+        actions = rng.integers(envs.single_action_space.n, size=(2, 3))
+        envs.step(actions.ravel())
+        for row, env in zip(actions.tolist(), single, strict=True):
+            env.step(
+                {agent: action for agent, action in zip(env.possible_agents, row, strict=True) if agent in env.agents}
+            )
+
+
+def test_render_modes_of_several_environments():
+    assert AgentVectorEnv(2, **SMALL).render() is None
+    with pytest.raises(ValueError, match="render_mode='human': expected None or 'rgb_array'"):
+        AgentVectorEnv(2, render_mode="human", **SMALL)

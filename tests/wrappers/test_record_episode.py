@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 from pettingzoo.utils import BaseParallelWrapper
@@ -145,3 +147,36 @@ def test_other_wrappers_change_nothing():
 def test_no_episode():
     with pytest.raises(RuntimeError, match="reset"):
         _ = RecordEpisode(drawn()).recording
+
+
+def test_episodes_are_saved_in_a_folder(tmp_path):
+    folder = tmp_path / "of" / "episodes"
+    env = RecordEpisode(
+        drawn(), folder=folder, trigger=lambda episode: episode in (1, 3, 4), extensions=(".svg", ".html")
+    )
+    for seed in range(4):
+        play(env, seed)
+        with pytest.raises(RuntimeError, match="no episode is recorded"):
+            env.recording  # noqa: B018
+    assert {file.name for file in folder.iterdir()} == {
+        f"episode-{k}.{kind}" for k in (1, 3) for kind in ("svg", "html")
+    }
+    env.reset()  # without a step
+    env.close()
+    assert len(list(folder.iterdir())) == 4
+
+
+@pytest.mark.parametrize("end", ["close", "reset"])
+def test_an_unfinished_episode_is_saved(tmp_path, end):
+    env = RecordEpisode(drawn(), folder=tmp_path)
+    env.reset(seed=0)
+    env.step(dict.fromkeys(env.agents, Action.WAIT))
+    assert re.fullmatch(r"Recording\('.*, 2 agents', num_steps=1\)", repr(env.recording))
+    assert not list(tmp_path.iterdir())
+    getattr(env, end)()
+    assert [file.name for file in tmp_path.iterdir()] == ["episode-0.html"]
+
+
+def test_wrong_kinds_of_files(tmp_path):
+    with pytest.raises(ValueError, match=r"episode\.avi: expected a file name that ends in \.html"):
+        RecordEpisode(drawn(), folder=tmp_path, extensions=(".avi",))

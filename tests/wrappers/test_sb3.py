@@ -62,6 +62,14 @@ def test_interface():
     envs.close()
 
 
+def test_an_image_of_all_environments():
+    envs = AgentVecEnv(2, render_mode="rgb_array", **SMALL)
+    envs.reset()
+    first, second = envs.env.render()[::3]
+    np.testing.assert_array_equal(envs.render(), np.concatenate([first, second]))
+    assert AgentVecEnv(2, **SMALL).render_mode is None
+
+
 def test_options_are_refused():
     envs = AgentVecEnv(2, **SMALL)
     for options in ({"instance": None}, [{}, {"instance": None}, *[{}] * 4]):

@@ -57,7 +57,7 @@ class Editor {
     this.show();
   }
 
-  // Replaces the drawing by one from elsewhere, which undo takes back.
+  // Replaces the drawing by one from elsewhere, which can be undone.
   open(drawing) {
     this.selected = -1;
     this.lifelong = drawing.agents.some(({ goals }) => goals.length > 1);

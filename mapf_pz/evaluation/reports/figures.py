@@ -35,8 +35,14 @@ COLORS = tuple(f"C{number}" for number in range(10))
 PANELS_PER_ROW = 2
 MOST_TICKS = 10
 """Maximum number of numbers of agents that are all named below a panel."""
+MOST_NAMED = 10
+"""Maximum number of policies in a figure that are all named."""
+NUM_BEST, NUM_BEST_PUBLISHED = 5, 3
+"""Numbers of evaluated policies and of published methods that are named in a figure of more."""
 SHIFT = 0.004
 """Distance of a policy's points from those of the one before, as a fraction of the axis of agents."""
+
+_BAND = "the others, from minimum to maximum"
 
 Points = dict[int, tuple[float, float, float]]
 """The mean of a metric and its 95 % interval, by the number of agents."""
@@ -67,6 +73,9 @@ def draw_figures(
     published: Sequence[Episode] = (),
 ) -> list[Path]:
     """Save a figure of each task with several numbers of agents, and return the files.
+
+    A figure of more than 10 policies names the best five and, of the published methods, the best three, by the mean of
+    the first metric over the numbers of agents. The others are a gray band from their minimum to their maximum.
 
     Args:
         episodes: the episodes.
@@ -131,11 +140,14 @@ def _draw(
         panels = figure.subplots(rows, columns, squeeze=False).flatten()
         for panel in panels[len(shown) :]:
             panel.remove()
+        named = _named(*({name: lines.get(name, {}) for name in shown} for lines in (metrics, others)))
         for panel, metric in zip(panels, shown, strict=False):
-            _draw_panel(panel, metric, metrics[metric] | others.get(metric, {}), styles)
+            lines = metrics[metric] | others.get(metric, {})
+            _draw_band(panel, {policy: points for policy, points in lines.items() if policy not in named})
+            _draw_panel(panel, metric, {policy: lines[policy] for policy in lines if policy in named}, styles)
         legends = [panel.get_legend_handles_labels() for panel in figure.axes]
         handles = {label: line for lines, labels in legends for line, label in zip(lines, labels, strict=True)}
-        ordered = {label: handles[label] for label in map(_escaped, styles) if label in handles}
+        ordered = {label: handles[label] for label in (*map(_escaped, styles), _BAND) if label in handles}
         figure.legend(ordered.values(), ordered, fontsize=8, loc="outside lower center", ncols=2 * columns)
         figure.suptitle(_escaped(f"{task_name} ({suites[task_name]})" if suites[task_name] else task_name))
         file = folder / f"{names[task_name]}.{format}"
@@ -169,6 +181,28 @@ def _styles(by_task: Mapping[str, Lines], published: Mapping[str, Lines]) -> dic
         for policy in lines
     }
     return {policy: Style(number, is_published) for number, (policy, is_published) in enumerate(policies.items())}
+
+
+def _named(own: Lines, published: Lines) -> set[str]:
+    """Return the policies of a figure that are named: all, or the best by the first metric, of which more is better."""
+    policies = {policy for lines in (own, published) for each in lines.values() for policy in each}
+    if len(policies) <= MOST_NAMED:
+        return policies
+    return {*_best(own, NUM_BEST), *_best(published, NUM_BEST_PUBLISHED)}
+
+
+def _best(lines: Lines, number: int) -> list[str]:
+    first = next(iter(lines.values()))
+    totals = {policy: sum(mean for mean, _, _ in points.values()) for policy, points in first.items()}
+    return sorted(totals, key=lambda policy: -totals[policy])[:number]
+
+
+def _draw_band(panel: Axes, lines: Mapping[str, Points]) -> None:
+    """Draw policies without names as one band."""
+    counts = sorted({count for points in lines.values() for count in points})
+    means = [[points[count][0] for points in lines.values() if count in points] for count in counts]
+    if counts:
+        panel.fill_between(counts, [*map(min, means)], [*map(max, means)], color="0.88", label=_BAND)
 
 
 def _draw_panel(panel: Axes, metric: str, lines: dict[str, Points], styles: Mapping[str, Style]) -> None:

@@ -40,9 +40,9 @@ def cells(table: SummaryTable) -> list[list[str]]:
     return [["task", "agents", "policy", *counts, *table.columns], *body]
 
 
-def terminal_table(episodes: Iterable[Episode]) -> Table:
-    """Return the table of episodes for a terminal."""
-    summary = summaries(episodes)
+def terminal_table(episodes: Iterable[Episode], columns: Sequence[str] = COLUMNS) -> Table:
+    """Return the table of episodes for a terminal, with some of the columns `ALL_COLUMNS`."""
+    summary = summaries(episodes, columns)
     header, *body = cells(summary)
     table = Table(*header, title="mean [95 % interval]", caption=_suites(summary) or None)
     for row in body:

@@ -16,11 +16,8 @@ from mapf_pz.simulator.metrics import WEIGHTED_METRICS
 
 SOLVED = " (solved)"
 """Suffix of metrics that are averaged over solved episodes, those with a CSR of 1."""
-COLUMNS = (
-    *("CSR", "ISR", f"SoC_ratio{SOLVED}", f"weighted_cost_ratio{SOLVED}", f"makespan{SOLVED}", "avg_throughput"),
-    *("exhausted_agents", "best_ratio", "collisions", "step_ms", "agent_us"),
-)
-"""The default columns of tables; other metrics are only in the file of episodes."""
+COLUMNS = ("CSR", "ISR", f"SoC_ratio{SOLVED}", "avg_throughput", "exhausted_agents", "best_ratio", "step_ms")
+"""The default columns of tables."""
 ALL_COLUMNS = (
     *METRICS,
     *(f"{name}{SOLVED}" for name in ("SoC", "SoC_ratio", *WEIGHTED_METRICS, "makespan", "ep_length")),
@@ -82,6 +79,13 @@ class SummaryTable:
     def suites(self) -> tuple[str, ...]:
         """Names, versions and digests of the rows' suites."""
         return tuple(dict.fromkeys(row.suite for row in self.rows if row.suite))
+
+
+def check_columns(columns: Iterable[str]) -> None:
+    """Raise `ValueError` for columns that are not in `ALL_COLUMNS`."""
+    unknown = [name for name in columns if name not in ALL_COLUMNS]
+    if unknown:
+        raise ValueError(f"columns {unknown}: expected some of {', '.join(map(repr, ALL_COLUMNS))}")
 
 
 def column_values(episode: Episode) -> dict[str, float]:

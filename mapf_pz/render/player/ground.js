@@ -15,7 +15,7 @@ class Ground {
   // `compared`: all episodes of the page, which have the same range of colors.
   constructor(episode, compared) { Object.assign(this, { episode, compared, ranges: {} }); }
 
-  // The least and the largest value that a ground's colors show; null if it is not known or the cells are not colored.
+  // The minimum and maximum value that a ground's colors show; null if it is not known or the cells are not colored.
   range(name) {
     if (this.ranges[name] === undefined) this.ranges[name] = this.findRange(GROUNDS[name]);
     return this.ranges[name];

@@ -133,7 +133,7 @@ class BatchedMapfEnv(EnvBase):
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         self.simulator.step(self._checked(tensordict.get(("agents", "action"))))
         simulator = self.simulator
-        reward = torch.from_numpy(simulator.agents["reward"].copy()).unsqueeze(-1)
+        reward = torch.from_numpy(simulator.agents["reward"].astype(np.float32)).unsqueeze(-1)
         terminated, truncated = (
             torch.from_numpy(flag.copy()).unsqueeze(-1) for flag in (simulator.terminated, simulator.truncated)
         )

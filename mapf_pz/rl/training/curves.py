@@ -67,7 +67,7 @@ class Run:
     def curve(self, column: str) -> Points:
         """Return the running mean of a column, weighted by episodes.
 
-        Each point is the mean over the latest `EPISODES` episodes or more.
+        Each point is the mean over the latest `EPISODES` episodes or more. Updates without an episode have none.
         """
         values = np.array([row[column] for row in self.rows])
         weights = np.array([row.get("episodes", 1.0) for row in self.rows])
@@ -77,7 +77,7 @@ class Run:
         ends = np.arange(1, len(self.rows) + 1)
         needed = EPISODES if "episodes" in self.rows[0] else 1
         starts = np.minimum(np.searchsorted(counts, counts[ends] - needed, side="right") - 1, ends - 1).clip(0)
-        shown = counts[ends] > counts[starts]
+        shown = weights > 0
         ends, starts = ends[shown], starts[shown]
         steps = np.array([self.rows[end - 1]["agent_steps"] for end in ends]) / 1e6
         return steps, (totals[ends] - totals[starts]) / (counts[ends] - counts[starts])
@@ -92,7 +92,7 @@ class Run:
 def draw_curves(runs: Sequence[Run], columns: Sequence[str], file: Path) -> None:
     """Save a figure of the runs' learning curves, whose format is that of the file's name, such as .png, .svg or .pdf.
 
-    Runs that differ only in their seeds are one curve: the mean, and the range between the least and the greatest.
+    Runs that differ only in their seeds are one curve: the mean, and a band from minimum to maximum.
     Validations are drawn as points.
 
     Args:

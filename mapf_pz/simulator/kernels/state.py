@@ -36,8 +36,8 @@ AGENT = np.dtype(
         ("truncated", np.bool_),
         ("step_weight", np.float32),  # of the edge that it took, or of waiting or turning; 0 once it has disappeared
         ("progress", np.float32),  # the fall of the cost to go, where the reward asks for it
-        ("own_reward", np.float32),  # before sharing
-        ("reward", np.float32),
+        ("own_reward", np.float64),  # before sharing
+        ("reward", np.float64),
         # Since the episode began:
         ("arrivals", np.int32),  # goals reached
         ("resting_since", np.int32),  # the step since which it is on its goal; -1: it is not
