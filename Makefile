@@ -7,10 +7,13 @@
 # make wheel      builds the source archive and the wheel, and tries them outside of this tree
 # make clean      removes the virtual environments and what they have written
 #
+# `make test PYTHON=python3.12` uses another Python, in a virtual environment of its own: .venv-3.12.
+#
 # What takes minutes to days is in tests/Makefile and experiments/Makefile: `make -f tests/Makefile soak`.
 
 PYTHON ?= python3
-BIN := .venv/bin
+VENV := .venv$(if $(filter file,$(origin PYTHON)),,-$(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])'))
+BIN := $(VENV)/bin
 OUTSIDE_TESTS := tests/environment/test_env.py tests/wrappers tests/instances/test_library.py tests/render
 KERNEL_TESTS := $(addprefix tests/simulator/test_, properties.py symmetry.py collision_table.py cost_to_go.py)
 
@@ -22,41 +25,41 @@ export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: train test lint format docs examples bench wheel clean
 
-train: .venv/installed
+train: $(VENV)/installed
 	$(BIN)/mapf-pz train quickstart --num-learners auto --output runs/quickstart --overwrite
 
 # By files, so that what the tests of a file share is made once.
-test: .venv/developed
+test: $(VENV)/developed
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest $(KERNEL_TESTS)
 
-lint: .venv/developed
+lint: $(VENV)/developed
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/basedpyright
 	$(BIN)/python -m experiments.checks.words
 
-format: .venv/developed
+format: $(VENV)/developed
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
 
-docs: .venv/developed
+docs: $(VENV)/developed
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 # Type checkers and editors find the modules of an editable install only in the mode `compat`.
 INSTALL := $(BIN)/pip install --quiet --no-compile --disable-pip-version-check --constraint constraints.txt \
 	--config-settings editable_mode=compat --editable
 
-.venv/installed: pyproject.toml constraints.txt
-	$(PYTHON) -m venv .venv
+$(VENV)/installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
 	$(INSTALL) '.[train,render]'
 	touch $@
 
-.venv/developed: .venv/installed
+$(VENV)/developed: $(VENV)/installed
 	$(INSTALL) '.[train,render,dev]'
 	touch $@
 
-bench: .venv/developed .venv-peers/installed .venv-rware/installed .venv-jumanji/installed
+bench: $(VENV)/developed .venv-peers/installed .venv-rware/installed .venv-jumanji/installed
 	$(BIN)/python -m experiments.speed environments --pogema .venv-peers/bin/python --rware .venv-rware/bin/python --jumanji .venv-jumanji/bin/python
 
 .venv-rware/installed .venv-jumanji/installed: .venv-%/installed:
@@ -70,7 +73,7 @@ bench: .venv/developed .venv-peers/installed .venv-rware/installed .venv-jumanji
 	touch $@
 
 # With small budgets: these show that the examples run, not what they learn.
-examples: .venv/developed .venv-rllib/installed .venv-benchmarl/installed .venv-peers/installed
+examples: $(VENV)/developed .venv-rllib/installed .venv-benchmarl/installed .venv-peers/installed
 	.venv-rllib/bin/python examples/rllib_ppo.py --iterations 1 --episodes 2
 	.venv-benchmarl/bin/python examples/benchmarl_task.py --iterations 1 --output runs/example-benchmarl
 	.venv-peers/bin/python examples/in_pogema.py $(BIN)/mapf-pz mappo-cardinal
@@ -80,8 +83,8 @@ examples: .venv/developed .venv-rllib/installed .venv-benchmarl/installed .venv-
 	.venv-$*/bin/pip install --quiet --disable-pip-version-check --requirement $< --editable .
 	touch $@
 
-wheel: .venv/developed
-	tests/wheel.sh $(OUTSIDE_TESTS)
+wheel: $(VENV)/developed
+	tests/wheel.sh $(BIN)/python $(OUTSIDE_TESTS)
 
 clean:
-	rm -rf .venv .venv-peers .venv-rware .venv-jumanji .venv-mutation .venv-rllib .venv-benchmarl runs site dist
+	rm -rf .venv .venv-* runs site dist

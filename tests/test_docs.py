@@ -304,17 +304,3 @@ def test_the_check_in_the_readme_warns_of_nothing():
     done = subprocess.run([sys.executable, *quiet, "-c", code], capture_output=True, text=True, check=False, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     assert "arning" not in done.stdout + done.stderr
-
-
-def test_workflows_run_the_commands_of_the_project():
-    yaml = pytest.importorskip("yaml")
-    commands = {
-        file.name: [
-            step["run"]
-            for job in yaml.safe_load(file.read_text("utf-8"))["jobs"].values()
-            for step in job["steps"]
-            if "run" in step
-        ]
-        for file in (ROOT / ".github" / "workflows").iterdir()
-    }
-    assert commands == {"ci.yml": [".ci/run"], "docs.yml": ["make docs"]}

@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from collections import Counter
 from functools import cache
 from importlib import import_module
@@ -90,7 +91,6 @@ def test_all_modules_are_found():
 
 
 def test_every_package_is_listed():
-    tomllib = pytest.importorskip("tomllib")  # since Python 3.11
     setuptools = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"]
     packages = {name for name, file in MODULES.items() if file.name == "__init__.py"}
     assert set(setuptools["packages"]) == packages

@@ -1,13 +1,16 @@
 #!/usr/bin/env bash
 # Builds the source archive and from it the wheel, installs the wheel alone in a fresh environment, and tries it there:
-# the command line, an episode by a map's name, and the tests of the environment. Run it in the repository's root.
+# the command line, an episode by a map's name, and the tests of the environment. Run it in the repository's root:
+# tests/wheel.sh PYTHON TESTS
 set -euo pipefail
+python=$1
+shift
 repository=$PWD
 outside=$(mktemp -d)
 trap 'rm -rf "$outside"' EXIT
 rm -rf dist
-.venv/bin/python -m build --outdir dist . > "$outside/build.log" 2>&1 || { cat "$outside/build.log"; exit 1; }
-python3 -m venv "$outside/venv"
+"$python" -m build --outdir dist . > "$outside/build.log" 2>&1 || { cat "$outside/build.log"; exit 1; }
+"$python" -m venv "$outside/venv"
 "$outside/venv/bin/pip" install --quiet --disable-pip-version-check --constraint constraints.txt dist/*.whl pytest hypothesis
 cp -r tests pyproject.toml "$outside"
 cd "$outside"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -15,9 +15,6 @@ from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.observation import ObservationLayout
 from mapf_pz.simulator.simulator import Simulator
 from mapf_pz.simulator.source import make_source
-
-if TYPE_CHECKING:
-    from typing_extensions import Self
 
 BENCHMARKED = EnvConfig(num_agents=8)
 """The default environment."""

@@ -31,6 +31,8 @@ class Folders:
 
     def inside(self, path: str | Path) -> Path:
         """Return the resolved path; raises `Refusal` unless it is one of the folders or inside one."""
+        if "\0" in str(path):
+            raise Refusal(400, f"expected a path without null characters, got {str(path)!r}")
         resolved = _resolved(path)
         if not any(resolved.is_relative_to(folder) for folder in self.paths):
             raise Refusal(403, f"{path}: expected a path inside {' or '.join(map(str, self.paths))}")

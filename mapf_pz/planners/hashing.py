@@ -14,7 +14,7 @@ EMPTY = -1
 
 
 @jit
-def hash_row(row: Array) -> int:
+def hash_row(row: Array) -> np.uint64:
     """Return an unsigned 64-bit hash of a row (FNV-1a, one number at a time)."""
     key = np.uint64(14695981039346656037)
     for number in row:
@@ -23,7 +23,7 @@ def hash_row(row: Array) -> int:
 
 
 @jit
-def find_slot(table: Array, row: Array, key: int) -> int:
+def find_slot(table: Array, row: Array, key: np.uint64) -> np.uint64:
     """Return the slot of the row that equals `row`, whose hash is `key`, or the empty slot for it."""
     size = np.uint64(table.slots.size)
     slot = key % size

@@ -101,7 +101,7 @@ def _sort_options(num_regular: int, cost: Array, excluded: int, options: Array) 
 @jit
 def pack_option(cost: np.float32, p: int) -> int:
     """Pack an operation into one integer that sorts by cost: the bits of non-negative floats sort as the floats do."""
-    return (np.int64(np.float32(cost).view(np.int32)) << OPERATION_BITS) | p
+    return int((np.int64(np.float32(cost).view(np.int32)) << OPERATION_BITS) | p)
 
 
 @jit

@@ -171,8 +171,8 @@ def _remove_arrived(problem: Array, cells: Array) -> None:
 def _open(
     ends: Array,
     parent: int,
-    key: int,
-    slot: int,
+    key: np.uint64,
+    slot: np.uint64,
     nodes: Nodes,
     constraints: Constraints,
     scratch: LacamScratch,

@@ -69,7 +69,7 @@ def _rank(planning_view: PlanningView, agent: Array, ties: int, demand: Array, r
 def _pack(cost: np.float32, ties: int, choice: int) -> int:
     """Pack a choice into one integer that sorts by cost: the bits of non-negative floats sort as the floats do."""
     tie = np.int64(ties >> np.uint64(12 * choice)) & 0xFFF
-    return (np.int64(np.float32(cost).view(np.int32)) << 32) | (tie << 3) | choice
+    return int((np.int64(np.float32(cost).view(np.int32)) << 32) | (tie << 3) | choice)
 
 
 @jit

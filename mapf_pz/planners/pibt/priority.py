@@ -45,7 +45,7 @@ def prioritize(planning_view: PlanningView, passing: bool, priority: int, state:
 @jit
 def priority_key(away: int, cost: np.float32) -> float:
     """Return the sort key of an agent: by `away`, descending, then by `cost`, ascending."""
-    return cost - away * COST_BOUND
+    return float(cost) - away * COST_BOUND
 
 
 @jit

@@ -107,7 +107,7 @@ def cost_of_path(planning_view: PlanningView, i: int, passing: bool, paths: Path
                     cost += weight[direction, here]
         elif passing or here != agent.goal or heading[t] != heading[t + 1]:
             cost += weight[WAIT_WEIGHT, here]
-    return cost + to_go(planning_view, agent, cell[last], heading[last])
+    return cost + float(to_go(planning_view, agent, cell[last], heading[last]))
 
 
 @jit

@@ -20,7 +20,7 @@ tags: [multi-agent-path-finding, multi-agent, reinforcement-learning, pettingzoo
 
 # {name}
 
-A policy for multi-agent path finding, trained with [mapf_pz](https://pypi.org/project/mapf-pz/).
+A policy for multi-agent path finding, trained with `mapf_pz`.
 
 ```python
 from mapf_pz.evaluation import make_env

@@ -48,7 +48,7 @@ def unpack(number: int, heading: int) -> np.float32:
 def unpack_steps(number: int, heading: int) -> int:
     """Return the steps from a heading by a packed number; 2**24 or more: there is no path."""
     bits = np.int64(number)
-    return (bits >> LEAST_BIT) + (bits >> 2 * heading & 3)
+    return int((bits >> LEAST_BIT) + (bits >> 2 * heading & 3))
 
 
 @inlined
@@ -108,7 +108,7 @@ def advantage(
         after = own + (0.0 if cell == agent.goal else weight[WAIT_WEIGHT, cell])  # resting on the goal is free
     else:
         after = weight[WAIT_WEIGHT, cell] + cost_at(to_go, table, cell, turned(heading, action))
-    return min(max((own - after) / mean_weight, -2.0), 0.0) / 2
+    return float(min(max((own - after) / mean_weight, -2.0), 0.0) / 2)
 
 
 @inlined

@@ -7,7 +7,7 @@ drawn when the map is set; agents are drawn before an environment is observed, a
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -233,7 +233,9 @@ def _copy_values(
 
 
 @inlined
-def _copy_rows(rows: Span, columns: Span, source: Array, at: Any, step: Any, target: Array, target_at: Any) -> None:
+def _copy_rows(
+    rows: Span, columns: Span, source: Array, at: np.uint64, step: np.uint64, target: Array, target_at: np.uint64
+) -> None:
     """Copy the rows of one view, which are `step` entries apart in the source."""
     for _ in range(len(rows)):
         _copy_row(columns, source, at, target, target_at)
@@ -258,7 +260,7 @@ def copy_edges(
 
 
 @jit
-def _copy_row(columns: Span, source: Array, at: int, target: Array, target_at: int) -> None:
+def _copy_row(columns: Span, source: Array, at: np.uint64, target: Array, target_at: np.uint64) -> None:
     """Copy as many cells as there are columns: eight at once, then four, of which some may be copied twice."""
     width = len(columns)
     for col in range(0, width - 7, 8):
@@ -272,7 +274,7 @@ def _copy_row(columns: Span, source: Array, at: int, target: Array, target_at: i
 
 
 @jit
-def _copy_four(source: Array, at: int, target: Array, target_at: int) -> None:
+def _copy_four(source: Array, at: np.uint64, target: Array, target_at: np.uint64) -> None:
     """Copy four cells: all are read before any is written, or the compiler could not take them at once."""
     cell_0, cell_1 = source[at], source[at + np.uint64(1)]
     cell_2, cell_3 = source[at + np.uint64(2)], source[at + np.uint64(3)]
@@ -281,7 +283,7 @@ def _copy_four(source: Array, at: int, target: Array, target_at: int) -> None:
 
 
 @jit
-def _copy_eight(source: Array, at: int, target: Array, target_at: int) -> None:
+def _copy_eight(source: Array, at: np.uint64, target: Array, target_at: np.uint64) -> None:
     """Copy eight cells in the same way."""
     cell_0, cell_1 = source[at], source[at + np.uint64(1)]
     cell_2, cell_3 = source[at + np.uint64(2)], source[at + np.uint64(3)]
