@@ -11,8 +11,8 @@ from typing import Any, TypeVar, cast
 import numba
 from numba.core.registry import CPUDispatcher
 
-from mapf_pz._internal.kernel_cache import KernelCache, cache_root, numba_config
-from mapf_pz._internal.rehearsal import compile_announced, current_rehearsal
+from mapf_pz._internal.compilation.cache import KernelCache, cache_root, numba_config
+from mapf_pz._internal.compilation.rehearsal import compile_announced, current_rehearsal
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 Array = Any  # numpy arrays; the comments give shape and dtype, which Numba's compiled signatures hold to
@@ -114,7 +114,7 @@ class BoundKernel:
 
 
 class _Kernel(_CPUDispatcher):
-    """A function that Numba compiles: see `mapf_pz._internal.rehearsal` and `mapf_pz._internal.kernel_cache`."""
+    """A function that Numba compiles: see `mapf_pz._internal.compilation`."""
 
     root: Path | None = None
     """The folder of the cache of all kernels; None: there is none."""

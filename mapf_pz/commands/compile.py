@@ -10,8 +10,8 @@ from typing import Annotated, Any, get_args
 
 from tyro.conf import UseAppendAction
 
+from mapf_pz._internal.compilation.rehearsal import Scene, compile_all
 from mapf_pz._internal.json import parse_object
-from mapf_pz._internal.rehearsal import Scene, compile_all
 from mapf_pz._internal.text import read_text
 from mapf_pz.instances.instance import ActionModel
 from mapf_pz.planners import PLANNERS, planner_of

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz._internal.arrays import Bools, Floats, Ints, coordinates
+from mapf_pz._internal.compilation.rehearsal import announced
 from mapf_pz._internal.jit import numba_config
-from mapf_pz._internal.rehearsal import announced
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances.instance import Grid, Instance
 from mapf_pz.simulator.config import EnvConfig

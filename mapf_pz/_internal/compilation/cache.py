@@ -109,7 +109,7 @@ def _private_folder() -> Path:
 def _fingerprint() -> str:
     """Hash the kernel files and what else changes the compiled code."""
     digest = hashlib.sha256(f"bounds check {numba_config.BOUNDSCHECK}".encode())
-    package = Path(__file__).parents[1]
+    package = Path(__file__).parents[2]
     kernels = package / "simulator" / "kernels"
     for file in sorted(package.rglob("*.py")):
         content = file.read_bytes()

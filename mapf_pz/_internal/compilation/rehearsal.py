@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import numba
 import numpy as np
 
-from mapf_pz._internal.compile_jobs import Job, run_jobs
+from mapf_pz._internal.compilation.jobs import Job, run_jobs
 
 Scene: TypeAlias = Callable[[], object]
 """Code that calls kernels, and may be called several times."""

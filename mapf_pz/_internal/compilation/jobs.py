@@ -1,7 +1,7 @@
 """Compile kernels in several processes, which leave what they compile in the cache.
 
-`python -m mapf_pz._internal.compile_jobs` is such a process. It is none of `multiprocessing`, which would import the
-user's program once more.
+`python -m mapf_pz._internal.compilation.jobs` is such a process. `multiprocessing` would import the user's
+program once more.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from queue import SimpleQueue
 from threading import Thread
 from typing import IO, Any, NamedTuple, TypeAlias, cast
 
-from mapf_pz._internal.compile_message import compile_message
+from mapf_pz._internal.compilation.message import compile_message
 from mapf_pz._internal.interrupts import unheard_by_children
 from mapf_pz._internal.machine import usable_cores
 
