@@ -1,36 +1,23 @@
-"""One decorator for all kernels: compiled on first use, cached on disk, and never stale.
-
-Numba's own cache does not see that a callee in another file has changed, so the cache folder is named by a hash of all
-kernel files: any change to one of them compiles afresh. Nor does it tell kernels for one thread from those for several:
-these have a folder of their own.
-
-Without a writable folder for the cache, it is in a temporary folder of the user; without that, nothing is cached.
-"""
+"""One decorator for all kernels: compiled when they are first needed, and cached on disk."""
 
 from __future__ import annotations
 
-import hashlib
-import logging
 import os
-import stat
-import tempfile
-import warnings
 from collections.abc import Callable
-from functools import cache, partial
-from multiprocessing import current_process
+from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numba
-from numba import config
-from numba.core import event
+from numba.core.registry import CPUDispatcher
+
+from mapf_pz._internal.compilation.cache import KernelCache, cache_root, numba_config
+from mapf_pz._internal.compilation.rehearsal import compile_announced, current_rehearsal
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 Array = Any  # numpy arrays; the comments give shape and dtype, which Numba's compiled signatures hold to
-logger = logging.getLogger(__name__)
 
-numba_config: Any = config  # its settings are made when it is loaded, unseen by type checkers
-_njit: Any = numba.njit  # its annotations lack the option `_nrt`
+_CPUDispatcher: Any = CPUDispatcher  # Numba is not annotated
 _PROCESS = os.getpid()
 
 
@@ -57,8 +44,9 @@ class BatchKernel:
     def __init__(self, kernel: Callable[..., None]) -> None:
         """Take the plain Python function; as a decorator, `@BatchKernel`."""
         self.__doc__, self.__name__, self.__module__ = kernel.__doc__, kernel.__name__, kernel.__module__
-        self._serial: Any = _compile(kernel, parallel=False, nrt=False)
-        self._parallel: Any = _compile(kernel, parallel=True)
+        name = kernel.__name__
+        self._serial: Any = _compile(kernel, parallel=False, nrt=False, path=f"{name}._serial")
+        self._parallel: Any = _compile(kernel, parallel=True, path=f"{name}._parallel")
 
     def __call__(self, num_threads: int, *arguments: Any) -> None:
         """Run the kernel on `num_threads` threads; in a forked process on one, since OpenMP's do not survive a fork."""
@@ -76,9 +64,13 @@ class BatchKernel:
         """Return the kernel with its first arguments `first`; `others` are examples of those that it is called with."""
         return BoundKernel(self, num_threads, first, others)
 
-    def compiled(self, arguments: tuple[Any, ...]) -> Callable[..., None]:
-        """Return the compiled function for one thread and for arguments like these, whose types it does not check."""
-        return self._serial.compile(tuple(map(numba.typeof, arguments)))
+    def compiled(self, num_threads: int, arguments: tuple[Any, ...]) -> Callable[..., None]:
+        """Return the compiled function for arguments like these, whose types it does not check."""
+        kernel = self._serial if num_threads == 1 else self._parallel
+        rehearsal = current_rehearsal()
+        if rehearsal is not None:
+            return rehearsal.call_of(kernel, arguments)
+        return kernel.compile(tuple(map(numba.typeof, arguments)))
 
     def __reduce__(self) -> str:
         """Pickle and copy the kernel as what it is in its module."""
@@ -95,15 +87,25 @@ class BoundKernel:
     def __init__(
         self, kernel: BatchKernel, num_threads: int, first: tuple[Any, ...], examples: tuple[Any, ...]
     ) -> None:
-        """Compile the kernel, if it is for one thread."""
+        """Load nothing yet."""
         self._parts = kernel, num_threads, first, examples
-        if num_threads > 1 or numba_config.DISABLE_JIT:
-            self._run = partial(kernel, num_threads, *first)
-        else:
-            self._run = partial(kernel.compiled((*first, *examples)), *first)
+        self._run: Callable[..., None] = self._load_and_run
+
+    def load(self) -> None:
+        """Compile the kernel, or load it, as the first call does otherwise."""
+        kernel, num_threads, first, examples = self._parts
+        run: Callable[..., None] = partial(kernel, num_threads)
+        if not numba_config.DISABLE_JIT:
+            compiled = kernel.compiled(num_threads, (*first, *examples))
+            run = compiled if num_threads == 1 else run
+        self._run = partial(run, *first)
 
     def __call__(self, *others: Any) -> None:
         """Run the kernel."""
+        self._run(*others)
+
+    def _load_and_run(self, *others: Any) -> None:
+        self.load()
         self._run(*others)
 
     def __reduce__(self) -> tuple[type[BoundKernel], tuple[Any, ...]]:
@@ -111,98 +113,56 @@ class BoundKernel:
         return BoundKernel, self._parts
 
 
-def _compile(kernel: Kernel, parallel: bool, forceinline: bool = False, nrt: bool = True) -> Kernel:
+class _Kernel(_CPUDispatcher):
+    """A function that Numba compiles: see `mapf_pz._internal.compilation`."""
+
+    root: Path | None = None
+    """The folder of the cache of all kernels; None: there is none."""
+    path: str = ""
+    """The name in the module of the function."""
+
+    def has(self, types: tuple[Any, ...]) -> bool:
+        """Return whether the kernel is compiled for arguments of these types, here or in the cache."""
+        if types in self.overloads:
+            return True
+        return self.root is not None and self._cache.has(types, self.targetctx.codegen())
+
+    def compile(self, sig: tuple[Any, ...]) -> Any:
+        """Compile the kernel for arguments of these types, or load it."""
+        if not self.has(sig):
+            compile_announced()
+        return super().compile(sig)
+
+    def get_call_template(self, args: tuple[Any, ...], kws: dict[str, Any]) -> Any:
+        """Return how other kernels call this one: with whole numbers of one type, so that it is compiled only once."""
+        return super().get_call_template(tuple(map(_wide, args)), {name: _wide(kind) for name, kind in kws.items()})
+
+    def _compile_for_args(self, *arguments: Any, **keywords: Any) -> Any:
+        """Return the function that is called with arguments of types for which none is compiled yet."""
+        rehearsal = current_rehearsal()
+        if rehearsal is not None:
+            return rehearsal.call_of(self, arguments)
+        return super()._compile_for_args(*arguments, **keywords)
+
+
+def _wide(given: Any) -> Any:
+    """Return the type of an argument that takes those of the given type: 64 bits for whole numbers with a sign."""
+    kind: Any = numba.types.unliteral(given)
+    return numba.types.int64 if kind in numba.types.signed_domain else kind
+
+
+def _compile(kernel: Kernel, parallel: bool, forceinline: bool = False, nrt: bool = True, path: str = "") -> Kernel:
     """Compile a kernel on its first call.
 
     `nrt`: with Numba's runtime, which kernels that allocate or return arrays need. It counts the references to every
-    slice of an array, which takes longer than the work on a slice for a few agents.
+    slice of an array, which takes longer than the work on a slice for a few agents. `path`: if it is not its own name,
+    the kernel's name in its module.
     """
-    # Numba reads the folder when it decorates; the user's own setting is put back at once.
-    previous = numba_config.CACHE_DIR
-    root = _cache_root(previous)
-    numba_config.CACHE_DIR = "" if root is None else str(root / ("parallel" if parallel else "serial"))
-    try:
-        compiled = _njit(
-            kernel,
-            cache=root is not None,
-            nogil=True,
-            error_model="numpy",
-            parallel=parallel,
-            forceinline=forceinline,
-            _nrt=nrt,
-        )
-    finally:
-        numba_config.CACHE_DIR = previous
-    return compiled
-
-
-@cache
-def _cache_root(setting: str) -> Path | None:
-    """Return the folder of the cache of these kernels; None if there is no folder to which the user can write.
-
-    It is in `setting`, Numba's cache folder, if one is set, otherwise in the user's cache. Warns of any other.
-    """
-    try:
-        base = Path(setting) if setting else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        return _writable(base / "mapf_pz" / _FINGERPRINT)
-    except (OSError, RuntimeError) as error:  # RuntimeError: the user has no home
-        reason = " ".join(str(error).split()).rstrip(".")
-    try:
-        folder = _writable(_private_folder() / _FINGERPRINT)
-        place = f"cached in {folder.parent}"
-    except OSError:
-        folder, place = None, "not cached"
-    if current_process().name == "MainProcess":  # in others, the warning would be repeated
-        advice = "set NUMBA_CACHE_DIR to a folder that you can write to"
-        warnings.warn(f"compiled kernels are {place}: {reason}; {advice}", RuntimeWarning, stacklevel=2)
-    return folder
-
-
-def _writable(folder: Path) -> Path:
-    """Create a folder if it is missing, and return it; raises `OSError` if no file can be created in it."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryFile(dir=folder):
-        return folder
-
-
-def _private_folder() -> Path:
-    """Return the user's own temporary folder, which other users cannot write to: what is in it will be executed."""
-    folder = Path(tempfile.gettempdir()) / f"mapf_pz-{os.getuid()}"
-    folder.mkdir(mode=0o700, exist_ok=True)
-    found = folder.lstat()
-    if stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022:
-        return folder
-    return Path(tempfile.mkdtemp(prefix="mapf_pz-"))
-
-
-class _FirstCompilation(event.Listener):
-    """Logs a message before the first kernel that is really compiled; kernels loaded from the cache are none."""
-
-    def __init__(self) -> None:
-        self._done = False
-
-    def on_start(self, event: Any) -> None:
-        if not self._done and event.data["dispatcher"].py_func.__module__.startswith("mapf_pz."):
-            self._done = True
-            logger.warning("compiling kernels, which takes up to a minute (once per machine and version) ...")
-
-    def on_end(self, event: Any) -> None:
-        pass
-
-
-event.register("numba:compile", _FirstCompilation())
-
-
-def _fingerprint() -> str:
-    """Hash the kernel files and what else changes the compiled code."""
-    digest = hashlib.sha256(f"bounds check {numba_config.BOUNDSCHECK}".encode())
-    package = Path(__file__).parents[1]
-    kernels = package / "simulator" / "kernels"
-    for file in sorted(package.rglob("*.py")):
-        content = file.read_bytes()
-        if file == Path(__file__) or kernels in file.parents or b"from mapf_pz._internal.jit import" in content:
-            digest.update(content)
-    return digest.hexdigest()[:16]
-
-
-_FINGERPRINT = _fingerprint()
+    if numba_config.DISABLE_JIT:
+        return kernel
+    options = {"nopython": True, "nogil": True, "error_model": "numpy", "boundscheck": None}
+    compiled = _Kernel(kernel, targetoptions=options | {"parallel": parallel, "forceinline": forceinline, "_nrt": nrt})
+    compiled.root, compiled.path = cache_root(numba_config.CACHE_DIR), path or kernel.__name__
+    if compiled.root is not None:
+        compiled._cache = KernelCache(kernel, compiled.root, parallel)
+    return cast("Kernel", compiled)

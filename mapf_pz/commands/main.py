@@ -45,6 +45,7 @@ class Command(NamedTuple):
 
 
 COMMANDS: dict[str, Command] = {
+    "compile": Command("mapf_pz.commands.compile:compile_kernels", "compile all kernels before they are needed"),
     "dataset": Command("mapf_pz.commands.dataset:dataset", "make demonstrations with a planner, and export them"),
     "edit": Command("mapf_pz.commands.edit:edit", "edit maps and scenarios in the browser, and solve them"),
     "evaluate": Command(

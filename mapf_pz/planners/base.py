@@ -6,11 +6,13 @@ import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from functools import partial
 from typing import Any, ClassVar, cast
 
 import numpy as np
 
 from mapf_pz._internal.arrays import Ints
+from mapf_pz._internal.compilation.rehearsal import compile_all
 from mapf_pz.environment.mapf_env import MapfEnv
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.guidance.library import EdgeWeights
@@ -62,20 +64,24 @@ class Planner(ABC):
     def compile(self, action_model: ActionModel) -> None:
         """Compile every kernel that the planner may call with this action model, or load it from the cache.
 
-        `act` and `solve` call this themselves, before any time limit starts. Without cached kernels it takes up to two
-        minutes. Like `reset_states`, it resets all per-episode state.
+        `act` and `solve` call this themselves, before any time limit starts. Without cached kernels it takes up to a
+        minute. Like `reset_states`, it resets all per-episode state.
         """
         if action_model not in self._compiled:
-            compile_tables()
-            simulator = _simulator_of_corridors(action_model)
-            obstruction(problem_of(simulator))
-            self._call_kernels(simulator)
+            compile_all(partial(self._plan_in_corridors, action_model))
             self._compiled.add(action_model)
-            self.reset_states()
+
+    def _plan_in_corridors(self, action_model: ActionModel) -> None:
+        """Plan for two agents in separate corridors, and reset all per-episode state."""
+        compile_tables()
+        simulator = _simulator_of_corridors(action_model)
+        obstruction(problem_of(simulator))
+        self._call_kernels(simulator)
+        self.reset_states()
 
     def _call_kernels(self, simulator: Simulator) -> None:
         """Call every kernel that planning may call, for two agents in separate corridors."""
-        simulator.step(self.decide(simulator)[None])
+        self.decide(simulator)
 
     def reset_states(self) -> None:
         """Reset all per-episode state. Call it before each episode."""
@@ -139,6 +145,9 @@ class Planner(ABC):
 
 class StepPlanner(Planner):
     """Base class of planners that plan one step at a time, for all agents at once."""
+
+    def _call_kernels(self, simulator: Simulator) -> None:
+        simulator.step(self.decide(simulator)[None])
 
     def _solve(self, simulator: Simulator, deadline: Deadline) -> Plan | None:
         agents, steps = simulator.agents[0], Steps(simulator)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from contextlib import nullcontext
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from mapf_pz._internal.arrays import Bools, Floats, Ints, coordinates
+from mapf_pz._internal.compilation.rehearsal import announced
 from mapf_pz._internal.jit import numba_config
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances.instance import Grid, Instance
@@ -17,6 +20,7 @@ from mapf_pz.simulator.episode import EpisodeLoader, shares_map
 from mapf_pz.simulator.kernels import world
 from mapf_pz.simulator.kernels.conflict import COLLISION_SYSTEMS, write_masks
 from mapf_pz.simulator.kernels.cost_around import CostAround
+from mapf_pz.simulator.kernels.cost_bfs import FEWEST_GOALS, LANES
 from mapf_pz.simulator.kernels.cost_lookup import costs_at
 from mapf_pz.simulator.kernels.cost_tables import CostTables
 from mapf_pz.simulator.kernels.observation.inputs import ObservationInputs
@@ -36,11 +40,14 @@ from mapf_pz.simulator.kernels.step import ON_TARGET, step
 from mapf_pz.simulator.metrics import EpisodeRecord, WeightedCosts, episode_metrics, metric_names
 from mapf_pz.simulator.observation import ObservationLayout
 from mapf_pz.simulator.observer import Observer
+from mapf_pz.simulator.small_config import small_config
 from mapf_pz.simulator.source import goals_per_agent, make_source
 from mapf_pz.simulator.transition import Transition
 
 MAX_OBSERVATION_BYTES = 2**32
 """Maximum size of the observations and past actions of all agents in a batch."""
+MOST_DIFFERENT = LANES + FEWEST_GOALS
+"""Number of goals on a map from which on no other kernels are called."""
 
 
 class Observation(NamedTuple):
@@ -97,6 +104,9 @@ class Simulator:
         terms = reward_terms(config.reward_config)
         each = (num_envs, self.num_agents)
         self._mask_shape = (*each, self.num_actions)
+        self._is_loaded = False
+        """Whether the kernels of steps are loaded."""
+        self._small_episode = partial(run_small_episode, config, num_envs, self.num_agents, self._num_threads)
         fields = tuple(map(tuple, (rules, terms, self.world, self.tables.arrays, self.state)))
         self._step = step.bind(self._num_threads, fields, (np.empty(each, np.int64),))
         shown = (rules.cardinal, self.world.leads_to, self.state.map, self.state.agents)
@@ -169,7 +179,12 @@ class Simulator:
         chosen = list(range(self.num_envs) if envs is None else envs)
         if not chosen:
             return
-        self._loader.load(chosen, seeds or {}, instances or {})
+        with nullcontext() if self._is_loaded else announced(self._small_episode):
+            self._start(chosen, seeds or {}, instances or {})
+
+    def _start(self, chosen: list[int], seeds: Mapping[int, int], instances: Mapping[int, Instance]) -> None:
+        """Start new episodes in the environments `chosen`."""
+        self._loader.load(chosen, seeds, instances)
         reset(np.array(chosen, np.int64), self._loader.starts, self._loader.headings, self.state)
         if self._around is not None:
             self._around.reset(chosen)
@@ -185,6 +200,8 @@ class Simulator:
         actions = actions.astype(np.int64, order="C", casting="same_kind", copy=False)
         if actions.shape != self.state.agents.shape:
             raise ValueError(f"actions: expected the shape {self.state.agents.shape}, got {actions.shape}")
+        if not self._is_loaded:
+            self._load()
         self._step(actions)
         if self._reward_function is not None:
             self._set_rewards(self._reward_function(self._transition(actions)))
@@ -193,6 +210,12 @@ class Simulator:
         elif self.needs_cost_to_go and self.config.on_target == "restart":
             self._assign_cost_to_go()
         self._observer.step()
+
+    def _load(self) -> None:
+        """Load the kernels of steps. If they must be compiled, so are all others that episodes call."""
+        with announced(self._small_episode):
+            self._step.load()
+        self._is_loaded = True
 
     def _assign_cost_to_go(self) -> None:
         """Set every agent's table of the cost to go."""
@@ -240,6 +263,8 @@ class Simulator:
 
     def observe(self) -> Observation:
         """Return what all agents observe now, in new arrays; agents that have disappeared observe zeros."""
+        if not self._is_loaded:
+            self._load()
         image, features = self._observer.observe()
         action_mask = np.empty(self._mask_shape, np.int8)
         self._write_masks(action_mask)
@@ -371,3 +396,13 @@ class Simulator:
     def coordinates(self, cells: Ints) -> Ints:
         """Return [row, col] (..., 2) int64 of cell numbers."""
         return coordinates(cells, self.shape[1])
+
+
+def run_small_episode(config: EnvConfig, num_envs: int, num_agents: int, num_threads: int) -> None:
+    """Run an episode that calls the kernels of such a simulator; more environments and agents call no others."""
+    small = Simulator(small_config(config, min(num_agents, MOST_DIFFERENT)), min(num_envs, 2), num_threads)
+    small.reset(seeds=dict.fromkeys(range(small.num_envs), 0))
+    while not small.over.all():
+        small.observe()
+        small.step(np.zeros(small.state.agents.shape, np.int64))
+    small.metrics(0)

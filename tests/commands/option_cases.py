@@ -173,6 +173,11 @@ CASES = {
             "--trace": "--trace trace.csv",
         },
     ),
+    "compile": Case(
+        "compile",
+        {"--planner": "--planner pibt"},
+        replaced=("mapf_pz.commands.compile.compile_all",),
+    ),
     "validate": Case(
         "validate plan.txt --map empty-8-8",
         {

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz._internal.jit import Array, jit
+from mapf_pz.planners.copying import copy_row
 
 NONE = -1
 _STAYS, _MOVES, _READY, _PENDING = range(4)
@@ -108,7 +109,7 @@ def schedule(
         at: (N,) int32, scratch.
         intent: (N,) int8, scratch.
     """
-    at[:] = visits.first[:-1]
+    copy_row(visits.first[:-1], at)
     step, moves_left = 0, visits.cell.size - at.size
     # In each step: who wants to move, who of them can, and the moves. Who can move depends on whether others do.
     while moves_left > 0:

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz._internal.jit import Array, jit
+from mapf_pz.planners.copying import copy_row
 from mapf_pz.planners.hashing import find_slot, hash_row
 from mapf_pz.planners.lacam.step import STAY, UNDECIDED, LacamScratch, draw, next_cells, outside
 
@@ -97,8 +98,8 @@ def start(
     """
     counters[NUM_NODES] = counters[NUM_CONSTRAINTS] = 0
     counters[TOP] = counters[SOLUTION] = NONE
-    scratch.want[:] = problem.starts
-    nodes.order[0] = order
+    copy_row(problem.starts, scratch.want)
+    copy_row(order, nodes.order[0])
     key = hash_row(scratch.want)
     return _open(ends, NONE, key, find_slot(nodes, scratch.want, key), nodes, constraints, scratch, counters)
 
@@ -182,7 +183,7 @@ def _open(
     node, constraint = counters[NUM_NODES], counters[NUM_CONSTRAINTS]
     counters[NUM_NODES] += 1
     counters[NUM_CONSTRAINTS] += 1
-    nodes.rows[node] = scratch.want
+    copy_row(scratch.want, nodes.rows[node])
     nodes.parent[node] = parent
     nodes.key[node] = key
     nodes.slots[slot] = node

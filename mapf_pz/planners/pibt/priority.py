@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from mapf_pz._internal.jit import Array, jit
+from mapf_pz.planners.copying import copy_row
 from mapf_pz.planners.pibt.state import ELAPSED, LATE, PibtState, to_go
 from mapf_pz.simulator.kernels.state import PlanningView
 
@@ -79,7 +80,7 @@ def _merge(key: Array, order: Array, merged: Array, start: int, middle: int, end
     if not _precedes(key, order[middle], order[middle - 1]):
         return
     left, right, size = 0, middle, middle - start
-    merged[:size] = order[start:middle]
+    copy_row(order[start:middle], merged[:size])
     for position in range(start, end):
         if left == size:
             return

@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from mapf_pz._internal.jit import Array, jit
+from mapf_pz.planners.copying import copy_row
 from mapf_pz.planners.epibt.kernels import continue_operations, decide, evaluate, first_actions, pack_option
 from mapf_pz.planners.epibt.state import LAST_OPERATION, EpibtState, Operations
 from mapf_pz.planners.shield.by_pibt import Progress, count_steps, is_stuck, num_better
@@ -58,8 +59,9 @@ def choose_by_epibt(
     for b in range(actions.shape[0]):
         planning_view = planning_view_of(world, distances, state, b)
         agents = planning_view.agents
-        scratch.choice[:], scratch.cell[:] = intentions.choice[b], intentions.cell[b]
-        scratch.heading[:] = intentions.heading[b]
+        copy_row(intentions.choice[b], scratch.choice)
+        copy_row(intentions.cell[b], scratch.cell)
+        copy_row(intentions.heading[b], scratch.heading)
         continue_operations(agents, tree, scratch)
         evaluate(planning_view, True, tree, scratch)
         for i in range(agents.size):

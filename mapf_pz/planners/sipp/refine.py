@@ -154,6 +154,6 @@ def _steps(problem: Problem) -> Ints:
     steps = np.full((num_tables, num_cells), UNREACHABLE, np.uint32)
     queue = np.empty(num_cells * headings, np.int32)
     for table in np.unique(problem.table):
-        goal = problem.goals[problem.table == table][0]
+        goal = int(problem.goals[problem.table == table][0])
         count_steps(problem.leads_to, goal, headings, steps[table], queue)
     return steps

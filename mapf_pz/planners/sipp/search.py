@@ -104,7 +104,8 @@ def find_path(
         return NONE
     scratch.count[0] += 1
     number, expanded = scratch.count[0], 0
-    choices[:4] = (np.arange(4) + rotation) % 4
+    for k in range(4):  # assigning an array to a slice takes long to compile
+        choices[k] = (rotation + k) % 4
     # Arrivals are small integers: a stack for each of them replaces a heap. The last state on a stack is expanded
     # first, which leads straight to the goal where nothing is in the way.
     lowest = highest = arrival = max(opens, shortest)

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz._internal.jit import Array, jit
+from mapf_pz.planners.copying import copy_row
 from mapf_pz.planners.pibt.state import NO_AGENT
 from mapf_pz.planners.random import draw_below, seeded
 from mapf_pz.planners.windowed.paths import Paths, colliding_agent, cost_of_path, occupy, release
@@ -90,7 +91,8 @@ def _replan(
         for k in range(before, neighborhood.size[0]):
             former += paths.cost[neighborhood.agents[k]]
             bound += paths.least[neighborhood.agents[k]]
-        paths.cell[i], paths.heading[i] = scratch.cell, scratch.heading
+        copy_row(scratch.cell, paths.cell[i])
+        copy_row(scratch.heading, paths.heading[i])
         paths.cost[i] = cost_of_path(planning_view, i, passing, paths)
         # Later paths of this neighborhood must respect the new path. Otherwise two agents could make way for each other
         # forever.
@@ -107,7 +109,8 @@ def _add(i: int, paths: Paths, neighborhood: Neighborhood) -> None:
     """Add agent i to the neighborhood, and release its path."""
     k = neighborhood.size[0]
     neighborhood.agents[k], neighborhood.cost[k] = i, paths.cost[i]
-    neighborhood.cell[k], neighborhood.heading[k] = paths.cell[i], paths.heading[i]
+    copy_row(paths.cell[i], neighborhood.cell[k])
+    copy_row(paths.heading[i], neighborhood.heading[k])
     neighborhood.size[0] += 1
     release(paths, i)
 
@@ -135,6 +138,7 @@ def _finish(accepted: bool, planned: int, paths: Paths, neighborhood: Neighborho
             release(paths, neighborhood.agents[k])
     for k in range(0 if accepted else neighborhood.size[0]):
         i = neighborhood.agents[k]
-        paths.cell[i], paths.heading[i] = neighborhood.cell[k], neighborhood.heading[k]
+        copy_row(neighborhood.cell[k], paths.cell[i])
+        copy_row(neighborhood.heading[k], paths.heading[i])
         paths.cost[i] = neighborhood.cost[k]
         occupy(paths, i)

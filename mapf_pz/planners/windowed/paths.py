@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz._internal.jit import Array, jit
+from mapf_pz.planners.copying import copy_row
 from mapf_pz.planners.pibt.state import NO_AGENT, to_go
 from mapf_pz.simulator.kernels.cost_lookup import num_headings
 from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, PlanningView
@@ -58,8 +59,8 @@ def continue_paths(planning_view: PlanningView, passing: bool, paths: Paths) -> 
     paths.used[:] = NO_AGENT
     for i in range(agents.size):
         if agents[i].active and as_planned:
-            paths.cell[i, :last] = paths.cell[i, 1:]
-            paths.heading[i, :last] = paths.heading[i, 1:]
+            copy_row(paths.cell[i, 1:], paths.cell[i, :last])
+            copy_row(paths.heading[i, 1:], paths.heading[i, :last])
         else:
             paths.cell[i], paths.heading[i] = agents[i].cell, facing(planning_view, agents[i])
         if agents[i].active:

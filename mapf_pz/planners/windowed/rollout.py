@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz._internal.jit import Array, jit
+from mapf_pz.planners.copying import copy_row
 from mapf_pz.planners.pibt.kernels import plan
 from mapf_pz.planners.pibt.state import NEAREST, NO_AGENT, UNDECIDED, Options, PibtState, allocate_pibt
 from mapf_pz.planners.random import draw_below
@@ -95,7 +96,9 @@ def _move(view: PlanningView, actions: Array) -> None:
 def take_rollout(rollout: Rollout, paths: Paths) -> None:
     """Replace the paths of all agents by those of the rollout."""
     paths.used[:] = NO_AGENT
-    paths.cell[:], paths.heading[:], paths.cost[:] = rollout.paths.cell, rollout.paths.heading, rollout.paths.cost
+    copy_row(rollout.paths.cost, paths.cost)
     for i in range(paths.cost.size):
+        copy_row(rollout.paths.cell[i], paths.cell[i])
+        copy_row(rollout.paths.heading[i], paths.heading[i])
         if rollout.agents[i].active:
             occupy(paths, i)

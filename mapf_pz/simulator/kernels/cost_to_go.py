@@ -46,7 +46,10 @@ def _fill_table(world: World, m: int, goal: int, slot: int, distances: Distances
         distances.exact[slot] = np.inf
         _dijkstra(world, m, goal, distances.exact[slot].reshape(-1), headings, scratch[0], scratch[1])
     for cell in range(distances.least.shape[1]):
-        distances.least[slot, cell] = distances.exact[slot, cell].min()
+        least = distances.exact[slot, cell, 0]
+        for heading in range(1, headings):
+            least = min(least, distances.exact[slot, cell, heading])
+        distances.least[slot, cell] = least
 
 
 @jit

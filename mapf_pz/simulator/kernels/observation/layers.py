@@ -185,7 +185,7 @@ def erase_agents(view_shape: ViewShape, layers: MapLayers, agents: Array, conten
     for i in range(agents.size):
         if agents[i].active:
             for turn in range(view_shape.num_turns):
-                contents[np.uint32(layers.place[np.uint32(agents[i].cell), turn])] &= ~_KIND
+                contents[np.uint32(layers.place[np.uint32(agents[i].cell), turn])] &= 255 - _KIND
 
 
 @inlined
