@@ -12,7 +12,7 @@ import numba
 from numba.core.registry import CPUDispatcher
 
 from mapf_pz._internal.compilation.cache import KernelCache, cache_root, numba_config
-from mapf_pz._internal.compilation.rehearsal import compile_announced, current_rehearsal
+from mapf_pz._internal.compilation.dry_run import compile_together, current_dry_run
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 Array = Any  # numpy arrays; the comments give shape and dtype, which Numba's compiled signatures hold to
@@ -67,9 +67,9 @@ class BatchKernel:
     def compiled(self, num_threads: int, arguments: tuple[Any, ...]) -> Callable[..., None]:
         """Return the compiled function for arguments like these, whose types it does not check."""
         kernel = self._serial if num_threads == 1 else self._parallel
-        rehearsal = current_rehearsal()
-        if rehearsal is not None:
-            return rehearsal.call_of(kernel, arguments)
+        dry_run = current_dry_run()
+        if dry_run is not None:
+            return dry_run.call_of(kernel, arguments)
         return kernel.compile(tuple(map(numba.typeof, arguments)))
 
     def __reduce__(self) -> str:
@@ -130,7 +130,7 @@ class _Kernel(_CPUDispatcher):
     def compile(self, sig: tuple[Any, ...]) -> Any:
         """Compile the kernel for arguments of these types, or load it."""
         if not self.has(sig):
-            compile_announced()
+            compile_together()
         return super().compile(sig)
 
     def get_call_template(self, args: tuple[Any, ...], kws: dict[str, Any]) -> Any:
@@ -139,9 +139,9 @@ class _Kernel(_CPUDispatcher):
 
     def _compile_for_args(self, *arguments: Any, **keywords: Any) -> Any:
         """Return the function that is called with arguments of types for which none is compiled yet."""
-        rehearsal = current_rehearsal()
-        if rehearsal is not None:
-            return rehearsal.call_of(self, arguments)
+        dry_run = current_dry_run()
+        if dry_run is not None:
+            return dry_run.call_of(self, arguments)
         return super()._compile_for_args(*arguments, **keywords)
 
 

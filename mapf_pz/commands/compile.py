@@ -10,7 +10,7 @@ from typing import Annotated, Any, get_args
 
 from tyro.conf import UseAppendAction
 
-from mapf_pz._internal.compilation.rehearsal import Scene, compile_all
+from mapf_pz._internal.compilation.dry_run import Example, compile_all
 from mapf_pz._internal.json import parse_object
 from mapf_pz._internal.text import read_text
 from mapf_pz.instances.instance import ActionModel
@@ -49,7 +49,7 @@ def compile_kernels(options: CompileOptions) -> None:
 _MODELS: tuple[ActionModel, ...] = get_args(ActionModel)
 
 
-def _episodes() -> Iterator[Scene]:
+def _episodes() -> Iterator[Example]:
     """Yield short episodes of all environments whose observations are those of a policy or a default."""
     for model in _MODELS:
         yield partial(_act, {"action_model": model})

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, cast
 import numpy as np
 
 from mapf_pz._internal.arrays import Ints
-from mapf_pz._internal.compilation.rehearsal import compile_all
+from mapf_pz._internal.compilation.dry_run import compile_all
 from mapf_pz.environment.mapf_env import MapfEnv
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.guidance.library import EdgeWeights

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mapf_pz._internal.arrays import Bools, Floats, Ints, coordinates
-from mapf_pz._internal.compilation.rehearsal import announced
+from mapf_pz._internal.compilation.dry_run import compiling_together
 from mapf_pz._internal.jit import numba_config
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances.instance import Grid, Instance
@@ -179,7 +179,7 @@ class Simulator:
         chosen = list(range(self.num_envs) if envs is None else envs)
         if not chosen:
             return
-        with nullcontext() if self._is_loaded else announced(self._small_episode):
+        with nullcontext() if self._is_loaded else compiling_together(self._small_episode):
             self._start(chosen, seeds or {}, instances or {})
 
     def _start(self, chosen: list[int], seeds: Mapping[int, int], instances: Mapping[int, Instance]) -> None:
@@ -213,7 +213,7 @@ class Simulator:
 
     def _load(self) -> None:
         """Load the kernels of steps. If they must be compiled, so are all others that episodes call."""
-        with announced(self._small_episode):
+        with compiling_together(self._small_episode):
             self._step.load()
         self._is_loaded = True
 

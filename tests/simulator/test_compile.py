@@ -16,7 +16,7 @@ import numpy as np
 from numba.core import event
 
 from mapf_pz._internal.compilation import jobs as compile_jobs
-from mapf_pz._internal.compilation.rehearsal import compile_all
+from mapf_pz._internal.compilation.dry_run import compile_all
 from mapf_pz.instances import components
 from mapf_pz.simulator.kernels.path_length import shortest_lengths
 from mapf_pz.simulator.kernels.world import allocate
@@ -88,7 +88,7 @@ def test_without_a_cache_the_process_compiles_all_itself():
 def test_an_episode_calls_no_kernel_that_a_small_episode_does_not(config):
     code = f"""
 import mapf_pz
-from mapf_pz._internal.compilation.rehearsal import Rehearsal
+from mapf_pz._internal.compilation.dry_run import DryRun
 from mapf_pz.simulator.simulator import Simulator, run_small_episode
 env = mapf_pz.parallel_env(num_agents=3, max_steps=3, **{config!r})
 simulator = env.unwrapped.simulator
@@ -98,8 +98,8 @@ def episode():
         simulator.observe()
         simulator.step(simulator.agents["cell"] * 0)
     simulator.metrics(0)
-def names(scene):
-    return {{(job.kernel.path, str(job.types)) for job in Rehearsal((scene,)).jobs}}
+def names(example):
+    return {{(job.kernel.path, str(job.types)) for job in DryRun((example,)).jobs}}
 small = names(lambda: run_small_episode(simulator.config, 1, 3, 1))
 assert len(small) > 5, small
 large = names(episode)

@@ -1,7 +1,7 @@
-"""A rehearsal finds all kernels that code needs before any is compiled, so that they are compiled in parallel.
+"""A dry run finds all kernels that code needs before any is compiled, so that they can be compiled in parallel.
 
-In a rehearsal, kernels that are not compiled are called in plain Python, which is fast for a few agents on a small map.
-With which types of arguments they are called is all that compiling them needs.
+In a dry run, kernels that are not compiled run as plain Python, which is fast for a few agents on a small map. The
+types of their arguments are all that is needed to compile them.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ import numpy as np
 
 from mapf_pz._internal.compilation.jobs import Job, run_jobs
 
-Scene: TypeAlias = Callable[[], object]
-"""Code that calls kernels, and may be called several times."""
+Example: TypeAlias = Callable[[], object]
+"""Code that calls kernels. It may run several times."""
 
 
-class Rehearsal:
-    """The kernels that scenes call and that are not compiled."""
+class DryRun:
+    """The kernels that examples call and that are not compiled."""
 
-    def __init__(self, scenes: tuple[Scene, ...]) -> None:
-        """Call the scenes. An error ends one: a real call will raise it, too, unless plain Python alone does."""
+    def __init__(self, examples: tuple[Example, ...]) -> None:
+        """Run the examples. An error ends an example: the real run raises it, too, unless only plain Python does."""
         self.jobs: list[Job] = []
         self._is_within_kernel = False
-        token = _rehearsal.set(self)
+        token = _dry_run.set(self)
         try:
-            for scene in scenes:
+            for example in examples:
                 with suppress(Exception), np.errstate(all="ignore"):
-                    scene()
+                    example()
         finally:
-            _rehearsal.reset(token)
+            _dry_run.reset(token)
 
     def call_of(self, kernel: Any, arguments: tuple[Any, ...]) -> Callable[..., Any]:
         """Return the kernel for such arguments, in plain Python unless it is compiled."""
@@ -56,47 +56,47 @@ class Rehearsal:
             self._is_within_kernel = False
 
 
-_rehearsal: ContextVar[Rehearsal | None] = ContextVar("rehearsal", default=None)
-_announced: ContextVar[Scene | None] = ContextVar("announced", default=None)
+_dry_run: ContextVar[DryRun | None] = ContextVar("dry_run", default=None)
+_together: ContextVar[Example | None] = ContextVar("together", default=None)
 
 
-def current_rehearsal() -> Rehearsal | None:
-    """Return the rehearsal that calls this code, if one does."""
-    return _rehearsal.get()
+def current_dry_run() -> DryRun | None:
+    """Return the dry run that runs this code, if one does."""
+    return _dry_run.get()
 
 
-def compile_all(*scenes: Scene) -> int:
-    """Call the scenes, and before that compile all kernels that they call; return how many were not compiled before.
+def compile_all(*examples: Example) -> int:
+    """Compile all kernels that examples call, then run the examples; return how many kernels were not compiled before.
 
-    Kernels that call each other count as one.
+    A kernel and those that it calls count as one.
     """
-    jobs = Rehearsal(scenes).jobs if current_rehearsal() is None else []
+    jobs = DryRun(examples).jobs if current_dry_run() is None else []
     if jobs:
         run_jobs(jobs)
-    for scene in scenes:
-        scene()  # loads what other processes have compiled
+    for example in examples:
+        example()  # loads what other processes have compiled
     return len(jobs)
 
 
 @contextmanager
-def announced(scene: Scene) -> Generator[None]:
-    """Let the first kernel that is not compiled be compiled together with all those that `scene` calls."""
-    token = _announced.set(None if current_rehearsal() else scene)
+def compiling_together(example: Example) -> Generator[None]:
+    """Let the first kernel that is not compiled be compiled together with all those that `example` calls."""
+    token = _together.set(None if current_dry_run() else example)
     try:
         yield
     finally:
-        _announced.reset(token)
+        _together.reset(token)
 
 
-def compile_announced() -> None:
-    """Compile the kernels of the scene that is announced, if one is."""
-    scene = _announced.get()
-    if scene is not None:
-        token = _announced.set(None)
+def compile_together() -> None:
+    """Compile the kernels of the example that `compiling_together` has, if any."""
+    example = _together.get()
+    if example is not None:
+        token = _together.set(None)
         try:
-            compile_all(scene)
+            compile_all(example)
         finally:
-            _announced.reset(token)
+            _together.reset(token)
 
 
 def _as_python(result: Any) -> Any:
