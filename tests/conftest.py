@@ -30,6 +30,9 @@ os.environ["OMP_NUM_THREADS"] = "1"
 # Kernels on several threads: those that wait for others sleep.
 os.environ["OMP_WAIT_POLICY"] = "passive"
 
+# Tables have the width of a pipe, whatever the width of the terminal that the tests are run in.
+os.environ.pop("COLUMNS", None)
+
 # Windows open where nobody sees them.
 os.environ["SDL_VIDEODRIVER"] = "dummy"
 

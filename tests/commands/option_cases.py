@@ -114,7 +114,7 @@ CASES = {
             "--plans": "!--plans .",
             "--time-limit": "!--time-limit 5",
             "--suite": "!--suite quickstart",
-            "--columns": "--columns ISR",
+            "--columns": "!--columns steps",
             "--map": "--map random-16-16-20",
             "--scenario": "--scenario a.scen",
             "--num-agents": "--num-agents 5",

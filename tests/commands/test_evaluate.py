@@ -53,6 +53,16 @@ def files(folder):
     return {file.name for file in folder.iterdir()}
 
 
+def test_some_columns_in_the_width_of_the_terminal(capsys, monkeypatch, suite):
+    monkeypatch.setenv("COLUMNS", "75")
+    status, out, _ = run(capsys, "--policy", "pibt", "--suite", suite, "--columns", "ISR", "makespan")
+    (header,) = [line for line in out if line.startswith("┃")]
+    assert status == 0
+    assert re.split(r"\s*┃\s*", header)[-3:] == ["ISR", "makespan", ""]
+    assert "CSR" not in header
+    assert max(map(len, out)) <= 75
+
+
 @pytest.mark.usefixtures("forked_processes")
 def test_policies_on_a_suite_in_processes(capsys, suite, tmp_path):
     output = tmp_path / "new" / "out"
