@@ -64,8 +64,8 @@ class Planner(ABC):
     def compile(self, action_model: ActionModel) -> None:
         """Compile every kernel that the planner may call with this action model, or load it from the cache.
 
-        `act` and `solve` call this themselves, before any time limit starts. Without cached kernels it takes up to a
-        minute. Like `reset_states`, it resets all per-episode state.
+        `act` and `solve` call this themselves, before any time limit starts. Without cached kernels it takes half a
+        minute on two cores. Like `reset_states`, it resets all per-episode state.
         """
         if action_model not in self._compiled:
             compile_all(partial(self._plan_in_corridors, action_model))
