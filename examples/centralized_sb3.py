@@ -16,14 +16,15 @@ import torch
 import tyro
 from gymnasium import spaces
 from stable_baselines3 import PPO
-from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.vec_env import VecMonitor
 from torch import Tensor, nn
 
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.presets import PRESETS
-from mapf_pz.wrappers import CentralizedVectorEnv, centralized_env
+from mapf_pz.wrappers import CentralizedVectorEnv
+from mapf_pz.wrappers.sb3 import CentralizedVecEnv
 
 REPORT = PRESETS["report"]
 EVALUATION_SEED = 2_000_000  # that of the validation of `mapf-pz train`
@@ -86,7 +87,7 @@ def make_model(config: TrainConfig, seed: int) -> PPO:
     optimization, ppo, head = config.optimization, config.ppo, list(config.model.head)
     return PPO(
         "MultiInputPolicy" if config.task.env.features else "CnnPolicy",
-        make_vec_env(lambda: centralized_env(**keywords(config)), n_envs=optimization.num_envs, seed=seed),
+        VecMonitor(CentralizedVecEnv(optimization.num_envs, **keywords(config))),
         learning_rate=lambda left: optimization.learning_rate * (0.1 + 0.9 * left),
         n_steps=optimization.steps_per_batch,
         batch_size=optimization.minibatch_size,

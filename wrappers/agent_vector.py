@@ -3,33 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, Literal, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from gymnasium import spaces
-from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike
 
-from mapf_pz._internal.arrays import Bools, Floats, Ints
-from mapf_pz._internal.config import UNCHECKED, checked
+from mapf_pz._internal.arrays import Bools, Floats
 from mapf_pz._internal.signatures import init_with_fields_of
 from mapf_pz.render.rgb import Picture
-from mapf_pz.simulator.config import BatchConfig
 from mapf_pz.simulator.simulator import Observation
-from mapf_pz.wrappers.simulator_vector import SimulatorVectorEnv, VectorInfos, VectorObservation
-
-_AUTORESET_MODES = {mode.value: mode for mode in (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP)}
-
-
-@checked
-@dataclass(frozen=True)
-class AgentVectorConfig(BatchConfig):
-    """All keywords of `AgentVectorEnv`."""
-
-    autoreset_mode: Annotated[AutoresetMode | Literal["NextStep", "SameStep"], UNCHECKED] = AutoresetMode.NEXT_STEP
-    """When an episode that is over is reset: by the next step, which ignores the actions, or by the same one."""
+from mapf_pz.wrappers.simulator_vector import SimulatorVectorEnv, VectorConfig, VectorInfos, VectorObservation, final_infos
 
 
 class AgentVectorEnv(SimulatorVectorEnv):
@@ -57,17 +42,12 @@ class AgentVectorEnv(SimulatorVectorEnv):
     `gymnasium.make_vec("mapf_pz:Mapf-Agents-v0", num_envs=B, ...)` creates it.
     """
 
-    @init_with_fields_of(AgentVectorConfig)
+    @init_with_fields_of(VectorConfig)
     def __init__(self, *arguments: Any, **keywords: Any) -> None:
         """Create the environments; raises as `parallel_env`, and `ValueError` for another autoreset mode."""
-        config = AgentVectorConfig(*arguments, **keywords)
-        given = config.autoreset_mode
-        mode = _AUTORESET_MODES.get(given.value if isinstance(given, AutoresetMode) else given)
-        if mode is None:
-            raise ValueError(f"autoreset_mode={given!r}: expected one of {', '.join(map(repr, _AUTORESET_MODES))}")
-        super().__init__(config, mode)
+        config = VectorConfig(*arguments, **keywords)
+        super().__init__(config)
         self._agents_disappear = config.on_target == "finish"
-        self._same_step = mode is AutoresetMode.SAME_STEP
         self.num_envs = config.num_envs * self.simulator.num_agents
         self.single_observation_space = self.simulator.layout.space()
         self.single_action_space = spaces.Discrete(self.simulator.num_actions)
@@ -104,7 +84,7 @@ class AgentVectorEnv(SimulatorVectorEnv):
         that are not whole or not in 0 to A - 1, and `RuntimeError` before `reset()`.
         """
         self._require_reset()
-        self._step(self._checked(actions))
+        self._step(self._checked(actions, (self.num_envs,)))
         agents = self.simulator.agents
         rewards = agents["reward"].reshape(-1).copy()
         terminated, truncated = agents["terminated"].flatten(), agents["truncated"].flatten()
@@ -117,22 +97,10 @@ class AgentVectorEnv(SimulatorVectorEnv):
             seen = self._next_episodes(seen)
         return self._rows(seen), rewards, terminated, truncated, self._infos(seen) | final
 
-    def _checked(self, actions: ArrayLike) -> Ints:
-        """Return the actions as (B, N) int64; raises `ValueError` for wrong ones."""
-        numbers, last = np.asarray(actions), self.simulator.num_actions - 1
-        if numbers.shape != (self.num_envs,) or numbers.dtype.kind not in "iu":
-            got = f"{numbers.dtype} of shape {numbers.shape}"
-            raise ValueError(f"actions: expected integers of shape ({self.num_envs},), got {got}")
-        numbers = np.ascontiguousarray(numbers, np.int64)
-        if numbers.view(np.uint64).max() > last:  # negative numbers are large ones then
-            raise ValueError(f"actions: expected numbers from 0 to {last}, got {numbers.min()} to {numbers.max()}")
-        return numbers.reshape(self.simulator.agents.shape)
-
     def _next_episodes(self, seen: Observation) -> Observation:
         """Reset the environments whose episodes are over; return what all agents observe then."""
         if self._over.any():
-            self.simulator.reset(np.flatnonzero(self._over).tolist())
-            self._over = np.zeros_like(self._over)
+            self._reset_over()
             seen = self.simulator.observe()
         gone = ~self.simulator.agents["active"]
         seen.image[gone], seen.features[gone] = 0, 0
@@ -163,18 +131,11 @@ class AgentVectorEnv(SimulatorVectorEnv):
 
     def _final_infos(self, seen: Observation, ended: Bools, metrics: VectorInfos) -> VectorInfos:
         """Return `final_obs` and `final_info` of the agents that have ended, each with a mask."""
-        rows, final = self._rows(seen), np.full(self.num_envs, None, dtype=object)
-        for i in np.flatnonzero(ended).tolist():
-            final[i] = _row(rows, i)
         masks = {"action_mask": seen.action_mask.reshape(self.num_envs, -1), "_action_mask": ended}
-        return {"final_obs": final, "_final_obs": ended, "final_info": masks | metrics, "_final_info": ended}
+        return final_infos(self._rows(seen), ended, masks | metrics)
 
 
 def refuse_single(**_keywords: Any) -> NoReturn:
     """Raise `ValueError` for `gymnasium.make`: the environment is a vector of agents."""
     raise ValueError("Mapf-Agents-v0 is a vector environment: use gymnasium.make_vec instead of gymnasium.make")
 
-
-def _row(rows: VectorObservation, i: int) -> VectorObservation:
-    """Return a copy of one agent's observation."""
-    return {name: part[i].copy() for name, part in rows.items()} if isinstance(rows, dict) else rows[i].copy()

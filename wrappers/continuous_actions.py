@@ -12,7 +12,7 @@ from pettingzoo import ParallelEnv
 from mapf_pz._internal.arrays import Floats
 from mapf_pz.environment.mapf_env import AgentInfo, AgentObservation, StepResult
 from mapf_pz.simulator.actions import ACTION_MODES, ActionMode, Decoder, check_dictionary
-from mapf_pz.wrappers.wrapped import MapfWrapper, discrete_space, without_masks
+from mapf_pz.wrappers.wrapped import MapfWrapper, unmasked_space, without_masks
 
 
 class ContinuousActions(MapfWrapper):
@@ -35,9 +35,7 @@ class ContinuousActions(MapfWrapper):
             TypeError: `env` is not such an environment.
             ValueError: the mode is unknown.
         """
-        discrete, observed = discrete_space(env), env.observation_space(env.possible_agents[0])
-        if isinstance(observed, spaces.Dict) and "action_mask" in observed.spaces:
-            raise TypeError("env: expected observations without action masks, which are of discrete actions")
+        discrete = unmasked_space(env)
         self._decode = decoder(action_mode)
         super().__init__(env)
         self._rng = np.random.default_rng()

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import ArrayLike, NDArray
 
 from mapf_pz._internal.arrays import Bools, Floats, Ints
+from mapf_pz._internal.config import UNCHECKED, checked
 from mapf_pz.render.rgb import Canvas, Picture
 from mapf_pz.simulator.config import BatchConfig, EnvConfig, check_whole
 from mapf_pz.simulator.seeds import MAX_SEED
@@ -17,6 +19,16 @@ from mapf_pz.simulator.simulator import Simulator
 
 VectorInfos = dict[str, Any]
 VectorObservation = NDArray[np.float32] | dict[str, NDArray[np.float32]]
+_AUTORESET_MODES = {mode.value: mode for mode in (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP)}
+
+
+@checked
+@dataclass(frozen=True)
+class VectorConfig(BatchConfig):
+    """The keywords that all vector environments have."""
+
+    autoreset_mode: Annotated[AutoresetMode | Literal["NextStep", "SameStep"], UNCHECKED] = AutoresetMode.NEXT_STEP
+    """When an episode that is over is reset: by the next step, which ignores the actions, or by the same one."""
 
 
 class SimulatorVectorEnv(VectorEnv[VectorObservation, ArrayLike, NDArray[Any]]):
@@ -25,15 +37,20 @@ class SimulatorVectorEnv(VectorEnv[VectorObservation, ArrayLike, NDArray[Any]]):
     Environment `b` of a batch with the seed `s` equals a single environment with the seed `s + b`.
     """
 
-    def __init__(self, config: BatchConfig, autoreset_mode: AutoresetMode) -> None:
-        """Create the simulator; raises as it does, and `ValueError` for a render mode other than `rgb_array`."""
+    def __init__(self, config: VectorConfig) -> None:
+        """Create the simulator.
+
+        Raises as it does, and `ValueError` for a render mode other than `rgb_array` or another autoreset mode.
+        """
         if config.render_mode not in (None, "rgb_array"):
             raise ValueError(
                 f"render_mode={config.render_mode!r}: expected None or 'rgb_array' for several environments"
             )
         self.render_mode = config.render_mode
         self.simulator = Simulator(EnvConfig(**config.keywords()), config.num_envs, config.num_threads)
-        self.metadata = {"autoreset_mode": autoreset_mode, "render_modes": ["rgb_array"], "render_fps": 4}
+        mode = _autoreset_mode(config.autoreset_mode)
+        self._same_step = mode is AutoresetMode.SAME_STEP
+        self.metadata = {"autoreset_mode": mode, "render_modes": ["rgb_array"], "render_fps": 4}
         self._canvases: dict[int, Canvas] = {}
         self._over = np.zeros(config.num_envs, np.bool_)
         self._metric_names: tuple[str, ...] = ()  # empty before the first reset
@@ -85,6 +102,21 @@ class SimulatorVectorEnv(VectorEnv[VectorObservation, ArrayLike, NDArray[Any]]):
             simulator.reset(np.flatnonzero(was_over).tolist())
         self._over = simulator.over
 
+    def _checked(self, actions: ArrayLike, shape: tuple[int, ...]) -> Ints:
+        """Return the actions as (B, N) int64; raises `ValueError` for wrong ones, or another shape."""
+        numbers, last = np.asarray(actions), self.simulator.num_actions - 1
+        if numbers.shape != shape or numbers.dtype.kind not in "iu":
+            raise ValueError(f"actions: expected integers of shape {shape}, got {numbers.dtype} of shape {numbers.shape}")
+        numbers = np.ascontiguousarray(numbers, np.int64)
+        if numbers.view(np.uint64).max() > last:  # negative numbers are large ones then
+            raise ValueError(f"actions: expected numbers from 0 to {last}, got {numbers.min()} to {numbers.max()}")
+        return numbers.reshape(self.simulator.agents.shape)
+
+    def _reset_over(self) -> None:
+        """Reset the environments whose episodes are over, in the same step."""
+        self.simulator.reset(np.flatnonzero(self._over).tolist())
+        self._over = np.zeros_like(self._over)
+
     def _metrics(self, over: Bools) -> dict[str, Floats]:
         """Return the metrics of the environments `over` (B,) by name, (B,) float64; 0 in the others."""
         metrics: dict[str, Floats] = {name: np.zeros(len(over)) for name in self._metric_names}
@@ -92,6 +124,27 @@ class SimulatorVectorEnv(VectorEnv[VectorObservation, ArrayLike, NDArray[Any]]):
             for name, value in self.simulator.metrics(b).items():
                 metrics[name][b] = value
         return metrics
+
+
+def final_infos(rows: VectorObservation, ended: Bools, infos: VectorInfos) -> VectorInfos:
+    """Return the last observations and infos of the environments that have `ended`, each with a mask."""
+    final = np.full(len(ended), None, dtype=object)
+    for i in np.flatnonzero(ended).tolist():
+        final[i] = _row(rows, i)
+    return {"final_obs": final, "_final_obs": ended, "final_info": infos, "_final_info": ended}
+
+
+def _row(rows: VectorObservation, i: int) -> VectorObservation:
+    """Return a copy of one environment's observation."""
+    return {name: part[i].copy() for name, part in rows.items()} if isinstance(rows, dict) else rows[i].copy()
+
+
+def _autoreset_mode(given: Any) -> AutoresetMode:
+    """Return the mode that is meant; raises `ValueError` for another one."""
+    mode = _AUTORESET_MODES.get(given.value if isinstance(given, AutoresetMode) else given)
+    if mode is None:
+        raise ValueError(f"autoreset_mode={given!r}: expected one of {', '.join(map(repr, _AUTORESET_MODES))}")
+    return mode
 
 
 def _by_environment(seed: Any, num_envs: int) -> dict[int, int]:

@@ -35,6 +35,14 @@ def discrete_space(env: ParallelEnv[str, Any, Any]) -> spaces.Discrete:
     return space
 
 
+def unmasked_space(env: ParallelEnv[str, Any, Any]) -> spaces.Discrete:
+    """Return the action space of the agents of `env`; raises `TypeError` also if their observations have masks."""
+    space, observed = discrete_space(env), env.observation_space(env.possible_agents[0])
+    if isinstance(observed, spaces.Dict) and "action_mask" in observed.spaces:
+        raise TypeError("env: expected observations without action masks")
+    return space
+
+
 def without_masks(infos: dict[str, AgentInfo]) -> dict[str, AgentInfo]:
     """Return the infos without `action_mask`."""
     return {

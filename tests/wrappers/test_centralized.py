@@ -13,7 +13,7 @@ from mapf_pz.environment import env as aec_env
 from mapf_pz.instances.instance import Scenario
 from mapf_pz.render.modes import DISPLAY_VARIABLES
 from mapf_pz.simulator.actions import Action
-from mapf_pz.wrappers import ACTION_MODES, CentralizedEnv, ContinuousActions
+from mapf_pz.wrappers import ACTION_MODES, CentralizedEnv, ContinuousActions, MaskedObservations
 
 CORRIDOR = ".....\n.....\n.....\n.....\n.....\n"
 TWO_STEPS = Scenario([(4, 0), (4, 4)], [(4, 1), (4, 2)])  # heading east, agent 0 needs 1 step; agent 1 a U-turn and 2
@@ -36,7 +36,7 @@ def rows(*actions):
 # The checkers of others.
 
 
-@pytest.mark.parametrize("mode", ACTION_MODES)
+@pytest.mark.parametrize("mode", [*ACTION_MODES, "discrete"])
 @pytest.mark.parametrize(
     "keywords",
     [{}, {"on_target": "finish", "features": ("goal_vector", "time")}, {"on_target": "restart"}],
@@ -244,6 +244,53 @@ def test_options_set_the_instance():
     assert env.env.positions.tolist() == TWO_STEPS.starts.tolist()
 
 
+# Discrete actions.
+
+
+def test_discrete_actions_are_those_of_the_agents():
+    matrix, discrete = make_two(), make_two(action_mode="discrete")
+    assert discrete.action_space == spaces.MultiDiscrete([4, 4])
+    for env in (matrix, discrete):
+        env.reset(seed=0)
+    for actions in ([Action.FORWARD, Action.ROTATE_LEFT], [Action.WAIT, Action.ROTATE_LEFT]):
+        observed, *rest, _ = matrix.step(rows(*actions))
+        same, *of_numbers, _ = discrete.step(np.array(actions))
+        np.testing.assert_array_equal(observed, same)
+        assert rest == of_numbers
+
+
+def test_masks_of_discrete_actions():
+    """Agent 0 faces the border, agent 1 a free cell; agent 0 disappears when it arrives."""
+    start = Scenario([(0, 0), (4, 0)], [(0, 1), (4, 4)])
+    env = make(
+        "discrete", map=CORRIDOR, scenario=start, num_agents=2, initial_heading=(3, 3), on_target="finish", max_steps=9
+    )
+    with pytest.raises(RuntimeError, match=r"action_masks\(\): expected action_mode='discrete', and reset\(\) before"):
+        env.action_masks()
+    _, info = env.reset(seed=0)
+    walled, free = [0, 1, 1, 1], [1, 1, 1, 1]
+    assert info["action_mask"].tolist() == [walled, free]
+    assert env.action_masks().tolist() == [*map(bool, walled), *map(bool, free)]
+    _, _, _, _, info = env.step([Action.ROTATE_RIGHT, Action.ROTATE_LEFT])
+    assert info["action_mask"].tolist() == [free, walled]
+    env.step([Action.FORWARD, Action.WAIT])
+    _, _, _, _, info = env.step([Action.WAIT, Action.WAIT])
+    assert info["action_mask"].tolist() == [free, walled]  # of an agent that has disappeared: ones
+    assert "action_mask" not in make().reset(seed=0)[1]
+    with pytest.raises(RuntimeError, match=r"expected action_mode='discrete'"):
+        make().action_masks()
+
+
+def test_masked_ppo_learns_with_discrete_actions():
+    masked = pytest.importorskip("sb3_contrib").MaskablePPO
+    env = make("discrete", features=("goal_vector",))
+    options = {"n_steps": 32, "batch_size": 16, "n_epochs": 1, "seed": 0, "device": "cpu"}
+    model = masked("MultiInputPolicy", env, **options).learn(64)
+    assert model.num_timesteps == 64
+    only = np.eye(4, dtype=np.bool_)[[3, 1, 2]]
+    assert model.predict(env.reset(seed=0)[0], action_masks=only.reshape(-1))[0].tolist() == [3, 1, 2]
+
+
 # Arguments.
 
 
@@ -262,14 +309,32 @@ def test_wrong_actions_are_refused(action, message):
         env.step(action)
 
 
+@pytest.mark.parametrize(
+    ("action", "message"),
+    [
+        ([0, 1], r"action: expected the shape \(3,\), got \(2,\)"),
+        ([0, 1, 4], "action .*4.* of 'agent_2': expected a whole number from 0 to 3"),
+        ([0.0, 1.0, 2.0], "action .*0.0.* of 'agent_0': expected a whole number from 0 to 3"),
+    ],
+)
+def test_wrong_discrete_actions_are_refused(action, message):
+    env = make("discrete")
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=message):
+        env.step(action)
+
+
 def test_wrong_arguments_are_refused():
     env = mapf_pz.parallel_env()
     with pytest.raises(RuntimeError, match=r"call reset\(\) before step\(\)"):
         CentralizedEnv(env).step(np.zeros((4, 4)))
     with pytest.raises(ValueError, match="team_reward='max': expected one of 'sum', 'mean'"):
         CentralizedEnv(env, team_reward="max")
-    with pytest.raises(ValueError, match="action_mode='max'"):
+    with pytest.raises(ValueError, match=r"action_mode='max': expected one of 'argmax', .*, 'discrete'"):
         CentralizedEnv(env, "max")
+    for mode in ("argmax", "discrete"):
+        with pytest.raises(TypeError, match="expected observations without action masks"):
+            CentralizedEnv(MaskedObservations(env), mode)
     for wrong in (None, True, aec_env(), CentralizedEnv(env)):
         with pytest.raises(TypeError, match="env: expected a MapfEnv or a wrapper of one"):
             CentralizedEnv(wrong)

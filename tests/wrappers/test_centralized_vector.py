@@ -15,10 +15,16 @@ def assert_same(ours, theirs):
         if isinstance(mine, dict):
             assert mine.keys() == other.keys()
             assert_same([mine[name] for name in other], other.values())
+        elif isinstance(mine, np.ndarray) and mine.dtype == object:  # observations of those that have ended
+            assert [one is None for one in mine] == [one is None for one in other]
+            for one, same in zip(mine, other, strict=True):
+                if one is not None:
+                    assert_same([one], [same])
         else:
             np.testing.assert_array_equal(mine, other)
 
 
+@pytest.mark.parametrize("autoreset_mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 @pytest.mark.parametrize("on_target", ["nothing", "finish", "restart"])
 @pytest.mark.parametrize(
     ("action_mode", "team_reward", "keywords"),
@@ -26,12 +32,13 @@ def assert_same(ours, theirs):
         ("argmax", "sum", {}),
         ("softmax", "mean", {"features": ("goal_vector", "time"), "reward": "progress"}),
         ("affine", "sum", {"action_model": "cardinal", "view": "centered"}),
+        ("discrete", "sum", {"features": ("time",)}),
     ],
 )
-def test_parallel_episodes_equal_sequential_ones(on_target, action_mode, team_reward, keywords):
+def test_parallel_episodes_equal_sequential_ones(autoreset_mode, on_target, action_mode, team_reward, keywords):
     options = {**SMALL, "on_target": on_target, "action_mode": action_mode, "team_reward": team_reward, **keywords}
-    ours = CentralizedVectorEnv(num_envs=4, **options)
-    theirs = SyncVectorEnv([lambda: centralized_env(**options)] * 4)
+    ours = CentralizedVectorEnv(num_envs=4, autoreset_mode=autoreset_mode, **options)
+    theirs = SyncVectorEnv([lambda: centralized_env(**options)] * 4, autoreset_mode=autoreset_mode)
     assert ours.single_observation_space == theirs.single_observation_space
     assert ours.observation_space == theirs.observation_space
     assert ours.action_space == theirs.action_space
@@ -100,3 +107,11 @@ def test_invalid_arguments_are_refused():
         envs.step(np.zeros((3, 4)))
     with pytest.raises(ValueError, match="actions contain NaN"):
         envs.step(np.full((2, 3, 4), np.nan))
+    envs = CentralizedVectorEnv(2, action_mode="discrete", **SMALL)
+    envs.reset(seed=0)
+    with pytest.raises(
+        ValueError, match=r"actions: expected integers of shape \(2, 3\), got float64 of shape \(2, 3\)"
+    ):
+        envs.step(np.zeros((2, 3)))
+    with pytest.raises(ValueError, match="actions: expected numbers from 0 to 3, got 0 to 4"):
+        envs.step(np.array([[0, 0, 0], [0, 0, 4]]))
