@@ -70,15 +70,15 @@ class SimulatorVecEnv(VecEnv):
                 infos[i] |= {"terminal_observation": given["final_obs"][i], "TimeLimit.truncated": bool(truncated[i])}
         return observations, rewards.astype(np.float32), terminated | truncated, infos
 
-    def action_masks(self) -> list[Ints]:
-        """Return the mask of each environment's discrete actions, int8, 1 for actions that the map allows.
+    def action_masks(self) -> Ints:
+        """Return the masks of discrete actions, int8, 1 for actions that the map allows.
 
-        It has the shape (A,) for an agent and (N * A,) for a team. Raises `RuntimeError` before `reset()`, and for the
+        Their shape is (B * N, A) for agents and (B, N * A) for teams. Raises `RuntimeError` before `reset()`, and for the
         matrix of a team, which has no masks.
         """
         if self._action_masks is None:
             raise RuntimeError("action_masks(): expected discrete actions, and reset() before")
-        return list(self._action_masks)
+        return self._action_masks
 
     def _keep_masks(self, infos: VectorInfos) -> None:
         masks = infos.get("action_mask")
