@@ -14,7 +14,13 @@ from mapf_pz._internal.arrays import Bools, Floats
 from mapf_pz._internal.signatures import init_with_fields_of
 from mapf_pz.render.rgb import Picture
 from mapf_pz.simulator.simulator import Observation
-from mapf_pz.wrappers.simulator_vector import SimulatorVectorEnv, VectorConfig, VectorInfos, VectorObservation, final_infos
+from mapf_pz.wrappers.simulator_vector import (
+    SimulatorVectorEnv,
+    VectorConfig,
+    VectorInfos,
+    VectorObservation,
+    final_infos,
+)
 
 
 class AgentVectorEnv(SimulatorVectorEnv):
@@ -138,4 +144,3 @@ class AgentVectorEnv(SimulatorVectorEnv):
 def refuse_single(**_keywords: Any) -> NoReturn:
     """Raise `ValueError` for `gymnasium.make`: the environment is a vector of agents."""
     raise ValueError("Mapf-Agents-v0 is a vector environment: use gymnasium.make_vec instead of gymnasium.make")
-

@@ -164,7 +164,9 @@ class CentralizedEnv(gymnasium.Env[TeamObservation, ArrayLike]):
         return stacked([observations.get(name, self._zeros) for name in self._names])
 
 
-def team_action_space(action_mode: TeamActionMode, num_agents: int, num_actions: int) -> spaces.Box | spaces.MultiDiscrete:
+def team_action_space(
+    action_mode: TeamActionMode, num_agents: int, num_actions: int
+) -> spaces.Box | spaces.MultiDiscrete:
     """Return the action space of a team: a matrix of values, or an integer per agent."""
     if action_mode == "discrete":
         return spaces.MultiDiscrete([num_actions] * num_agents)

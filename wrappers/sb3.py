@@ -73,8 +73,8 @@ class SimulatorVecEnv(VecEnv):
     def action_masks(self) -> Ints:
         """Return the masks of discrete actions, int8, 1 for actions that the map allows.
 
-        Their shape is (B * N, A) for agents and (B, N * A) for teams. Raises `RuntimeError` before `reset()`, and for the
-        matrix of a team, which has no masks.
+        Their shape is (B * N, A) for agents and (B, N * A) for teams. Raises `RuntimeError` before `reset()`, and for
+        the matrix of a team, which has no masks.
         """
         if self._action_masks is None:
             raise RuntimeError("action_masks(): expected discrete actions, and reset() before")

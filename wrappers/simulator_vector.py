@@ -106,7 +106,8 @@ class SimulatorVectorEnv(VectorEnv[VectorObservation, ArrayLike, NDArray[Any]]):
         """Return the actions as (B, N) int64; raises `ValueError` for wrong ones, or another shape."""
         numbers, last = np.asarray(actions), self.simulator.num_actions - 1
         if numbers.shape != shape or numbers.dtype.kind not in "iu":
-            raise ValueError(f"actions: expected integers of shape {shape}, got {numbers.dtype} of shape {numbers.shape}")
+            got = f"{numbers.dtype} of shape {numbers.shape}"
+            raise ValueError(f"actions: expected integers of shape {shape}, got {got}")
         numbers = np.ascontiguousarray(numbers, np.int64)
         if numbers.view(np.uint64).max() > last:  # negative numbers are large ones then
             raise ValueError(f"actions: expected numbers from 0 to {last}, got {numbers.min()} to {numbers.max()}")
