@@ -4,30 +4,36 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Generator, Sequence
+import re
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import tyro
 from rich.console import Console
 from rich.logging import RichHandler
-from tyro.conf import Positional, subcommand
+from tyro.conf import OmitArgPrefixes, Positional, subcommand
 from tyro.constructors import StructConstructorSpec, StructTypeInfo
 from tyro.extras import subcommand_type_from_defaults
 
+from mapf_pz._internal.atomic import write_whole
 from mapf_pz._internal.interrupts import interruptible
 from mapf_pz._internal.lock import locked
 from mapf_pz.commands.env_flags import ENV_FLAGS, MixtureKeywords, default_of, flags_of, mixture_flag
-from mapf_pz.commands.evaluate import report
+from mapf_pz.commands.evaluate import TABLE_FILE, report
 from mapf_pz.commands.progress import progress_bar
 from mapf_pz.commands.render import save_episode
 from mapf_pz.evaluation import EvaluationTask, load_suite
 from mapf_pz.evaluation.policies import SHIELD_SUFFIX, policy_factory
-from mapf_pz.evaluation.results import EPISODES_FILE, discard
+from mapf_pz.evaluation.reports.formats import markdown
+from mapf_pz.evaluation.reports.report import summaries
+from mapf_pz.evaluation.results import EPISODES_FILE, discard, read_episodes
 from mapf_pz.planners.named import import_code
 from mapf_pz.rl.config import DeviceName, TaskConfig, TrainConfig
 from mapf_pz.rl.config_file import CONFIG, load_config
+from mapf_pz.rl.policies.folder import WEIGHTS
 from mapf_pz.rl.presets import PRESETS, SUMMARIES
 from mapf_pz.simulator.config import EnvConfig
 
@@ -63,7 +69,11 @@ class TrainOptions:
     overwrite: bool = False
     """Replace the run that the folder holds."""
     seeds: tuple[int, ...] = ()
-    """Train a run with each of these seeds, in subfolders of the output, and draw their learning curves."""
+    """Train a run with each of these seeds, in subfolders of the output."""
+    sweep: tuple[str, ...] = ()
+    """Train a run with each of these settings, in subfolders of the output: options of this command without dashes,
+    such as `learning-rate=0.001,conv-channels=16 32`, with each of the `seeds`. Runs that the output holds already are
+    continued, and finished ones are kept."""
     trust_remote_code: bool = False
     """Read a configuration, an initial policy or a suite that is a file and names code outside this package
     (`package.module:name`), and run that code."""
@@ -116,8 +126,8 @@ else:
 def train(run: Run) -> None:
     """Train a policy or continue its training, evaluate it on instances that it never saw, and draw an episode."""
     with interruptible():
-        if isinstance(run, TrainOptions) and run.seeds:
-            _train_seeds(run)
+        if isinstance(run, TrainOptions) and (run.seeds or run.sweep):
+            _train_runs(run)
         else:
             _train(run)
 
@@ -137,24 +147,79 @@ def train_from(file: Path, trust_remote_code: bool = False) -> Callable[[TrainOp
     return train_with
 
 
-def _train_seeds(run: TrainOptions) -> None:
-    """Train with several seeds, in sequence."""
+def _train_runs(run: TrainOptions) -> None:
+    """Train with several seeds and settings, in sequence; draw the learning curves, and print a table of all runs."""
     from mapf_pz.rl.training import curves
     from mapf_pz.rl.training.launch import is_first
     from mapf_pz.rl.training.run import CURVE, CURVES
 
     if (run.output / CONFIG).exists():
-        raise FileExistsError(f"output {str(run.output)!r} holds a run: choose another output for the runs of --seeds")
-    folders = [run.output / f"seed-{seed}" for seed in run.seeds]
-    for seed, folder in zip(run.seeds, folders, strict=True):
-        print(f"seed {seed}")
-        _train(replace(run, config=replace(run.config, seed=seed), output=folder, seeds=()))
-    if is_first():
-        curves.draw_curves([curves.Run.read(folder) for folder in folders], CURVES, run.output / CURVE)
-        print(f"learning curves written to {run.output / CURVE}")
+        raise FileExistsError(f"output {str(run.output)!r} holds a run: choose another output for several runs")
+    settings = {_folder_name(text): _with_options(run, text) for text in run.sweep} or {"": run}
+    if len(settings) < len(run.sweep):
+        raise ValueError(f"sweep {' '.join(run.sweep)!r}: expected settings that differ")
+    runs = {
+        str(name): replace(setting, config=config, output=run.output / name, seeds=(), sweep=())
+        for folder, setting in settings.items()
+        for name, config in _by_seed(folder, setting)
+    }
+    rest = {name: _rest_of(each) for name, each in runs.items()}
+    for name, each in rest.items():
+        print(name)
+        _train(each, name)
+    if not is_first():
+        return
+    folders = [each.output for each in runs.values()]
+    curves.draw_curves([curves.Run.read(folder) for folder in folders], CURVES, run.output / CURVE)
+    print(f"learning curves written to {run.output / CURVE}")
+    if run.evaluate != "none":
+        episodes = [episode for folder in folders for episode in read_episodes(folder)]
+        methods = {folder or run.output.name: str(Path(folder, "seed-*")) for folder in settings if run.seeds}
+        table = markdown(summaries(episodes, methods=methods))
+        write_whole(run.output / TABLE_FILE, table.encode())
+        print(f"\n{table}\ntable written to {run.output / TABLE_FILE}")
 
 
-def _train(run: Run) -> None:
+def _with_options(run: TrainOptions, text: str) -> TrainOptions:
+    """Return the options with others in `text`, such as `learning-rate=0.001,conv-channels=16 32`."""
+    words: list[str] = []
+    for part in text.split(","):
+        name, _, values = part.partition("=")
+        words += [f"--{name.strip()}", *values.split()]
+    return tyro.cli(
+        TrainOptions, default=run, args=words, prog="mapf-pz train", config=(OmitArgPrefixes,), registry=ENV_FLAGS
+    )
+
+
+def _folder_name(text: str) -> str:
+    """Return the name of a setting's folder."""
+    return re.sub(r"[^\w.,=+-]+", "-", text.strip())
+
+
+def _by_seed(folder: str, run: TrainOptions) -> Iterator[tuple[Path, TrainConfig]]:
+    """Yield the folder of each run of a setting, and its configuration, which names it for loggers."""
+    tracking = run.config.tracking
+    for seed in run.seeds or (None,):
+        name = Path(folder) if seed is None else Path(folder, f"seed-{seed}")
+        shown = replace(
+            tracking, group=tracking.group or run.output.name, run_name=f"{tracking.run_name or run.output.name}/{name}"
+        )
+        yield name, replace(run.config, seed=run.config.seed if seed is None else seed, tracking=shown)
+
+
+def _rest_of(run: TrainOptions) -> Run:
+    """Return what is left of a run; raises `FileExistsError` if its folder holds one with other options."""
+    file = run.output / CONFIG
+    if run.overwrite or not file.exists():
+        return run
+    found = load_config(file, run.trust_remote_code)
+    if replace(run.config, num_learners=found.num_learners) != found:
+        raise FileExistsError(f"output {str(run.output)!r} holds a run with other options: choose another output")
+    return ResumeOptions(run.output, evaluate=run.evaluate, trust_remote_code=run.trust_remote_code)
+
+
+def _train(run: Run, name: str | None = None) -> None:
+    """Train or continue a run, and evaluate its policy under a name, by default that of the folder."""
     from mapf_pz.rl.training.launch import is_first  # torch is loaded here, so that `--help` is quick
 
     config = _config_of(run)
@@ -167,22 +232,30 @@ def _train(run: Run) -> None:
         _train_policy(run, lambda _: None)
         return
     with locked(run.output):
-        _train_and_evaluate(run, config, tasks)
+        _train_and_evaluate(run, config, tasks, name or run.output.name)
 
 
-def _train_and_evaluate(run: Run, config: TrainConfig, tasks: Sequence[EvaluationTask]) -> None:
+def _train_and_evaluate(run: Run, config: TrainConfig, tasks: Sequence[EvaluationTask], name: str) -> None:
     if isinstance(run, TrainOptions) and not run.overwrite:
         _check_unused(run.output)
+    before = _weights(run.output)
     _learn(run, config)
     print(f"policy, configuration and progress written to {run.output}")
     if not tasks:
         return
-    discard(run.output)  # of the policy as it was before
+    if _weights(run.output) != before:
+        discard(run.output)  # of the policy as it was before
     policy = f"{run.output}{SHIELD_SUFFIX if config.task.shield else ''}"
     factory = policy_factory(policy, trust_remote_code=True)  # this command has run the code already
-    report({run.output.name: factory}, tasks, run.output)
+    report({name: factory}, tasks, run.output)
     env, policy = factory(tasks[-1].env_keywords(0))
-    save_episode(env, policy, tasks[-1].seed, run.output / EPISODE_FILE, fps=8, policy_name=run.output.name)
+    save_episode(env, policy, tasks[-1].seed, run.output / EPISODE_FILE, fps=8, policy_name=name)
+
+
+def _weights(output: Path) -> bytes:
+    """Return the weights of the policy in a folder; none if there is no policy."""
+    file = output / WEIGHTS
+    return file.read_bytes() if file.exists() else b""
 
 
 def _config_of(run: Run) -> TrainConfig:

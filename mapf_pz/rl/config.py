@@ -34,7 +34,7 @@ from mapf_pz.simulator.source import make_source
 AlgorithmName = Literal["mappo", "ippo", "central-ppo", "dagger", "bc"]
 EncoderName = Literal["conv", "report", "residual"]
 CollectorName = Literal["single", "processes", "ray"]
-LoggerName = Literal["tensorboard", "wandb"]
+LoggerName = Literal["tensorboard", "wandb", "mlflow"]
 DeviceName = Literal["auto", "cpu", "cuda"]
 PrecisionName = Literal["float32", "bfloat16", "auto"]
 Credit = Literal["team", "agent"]
@@ -213,6 +213,22 @@ class ModelConfig:
 
 @checked
 @dataclass(frozen=True)
+class TrackingConfig:
+    """How Weights & Biases and MLflow show a run; `tensorboard` ignores it."""
+
+    project: str | None = None
+    """Project of Weights & Biases, or experiment of MLflow. None: that of their environment variables
+    (`WANDB_PROJECT`, `MLFLOW_EXPERIMENT_NAME`)."""
+    group: str | None = None
+    """Group of the run: a group of Weights & Biases, a tag of MLflow."""
+    run_name: str | None = None
+    """Name of the run. None: the name of its folder."""
+    tags: Items[str] = ()
+    """Tags of the run."""
+
+
+@checked
+@dataclass(frozen=True)
 class TrainConfig:
     """One training run."""
 
@@ -275,7 +291,10 @@ class TrainConfig:
     the collector `processes` or `ray`."""
     loggers: Items[LoggerName] = ("tensorboard",)
     """Where progress is logged in addition to `progress.csv`: `tensorboard` (files in the run's folder), `wandb`
-    (Weights & Biases, which its environment variables configure, such as `WANDB_PROJECT` and `WANDB_MODE`)."""
+    (Weights & Biases) or `mlflow`, which their environment variables configure, too, such as `WANDB_MODE` and
+    `MLFLOW_TRACKING_URI`."""
+    tracking: TrackingConfig = field(default_factory=TrackingConfig)
+    """How Weights & Biases and MLflow show the run."""
 
     def __post_init__(self) -> None:
         """Check fields that depend on each other, and that the environments divide evenly among the workers."""

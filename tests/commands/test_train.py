@@ -12,6 +12,7 @@ from mapf_pz.simulator.config import REWARDS
 
 pytest.importorskip("torchrl")
 
+from mapf_pz.rl.config import TrackingConfig
 from mapf_pz.rl.config_file import load_config
 
 pytestmark = pytest.mark.usefixtures("without_figures")
@@ -170,9 +171,58 @@ def test_several_seeds_are_runs_in_subfolders(capsys, tmp_path):
     assert {file.name for file in (tmp_path / "runs").iterdir()} == {"seed-3", "seed-5", "learning_curve.png"}
     for seed in (3, 5):
         assert load_config(tmp_path / "runs" / f"seed-{seed}" / "config.json").seed == seed
-    status, [line] = train(capsys, *words)
+    before = contents(tmp_path)
+    assert train(capsys, *words) == (0, [])  # finished runs are kept
+    after = contents(tmp_path)
+    weights = [file for file in before if file.suffix in (".safetensors", ".csv")]
+    assert len(weights) == 4
+    assert all(before[file] == after[file] for file in weights)
+    status, [line] = train(capsys, *words, "--gamma", "0.5")
     assert status == 1
-    assert "holds a run" in line
+    assert f"output {str(tmp_path / 'runs' / 'seed-3')!r} holds a run with other options" in line
+    assert contents(tmp_path) == after
+
+
+def test_a_sweep_is_a_run_for_each_setting_and_seed(capsys, tmp_path, suite):
+    output = tmp_path / "runs"
+    words = ["quickstart", *SMALL.split(), "--num-agents", 2, "--hidden", 8, "--seeds", 3, 5, "--evaluate", suite]
+    sweep = ["--sweep", "learning-rate=0.002,conv-channels=4 8", "no-shield", "--output", output, "--tags", "small"]
+    assert main(["train", *map(str, [*words, *sweep])]) == 0
+    names = ["learning-rate=0.002,conv-channels=4-8", "no-shield"]
+    assert {file.name for file in output.iterdir()} == {*names, "learning_curve.png", "evaluation.md"}
+    for name, channels in zip(names, [(4, 8), (16,)], strict=True):
+        for seed in (3, 5):
+            config = load_config(output / name / f"seed-{seed}" / "config.json")
+            assert (config.seed, config.model.conv_channels, config.model.hidden) == (seed, channels, 8)
+            tracking = TrackingConfig(group="runs", run_name=f"runs/{name}/seed-{seed}", tags=("small",))
+            assert config.tracking == tracking
+    rows = [line.split(" | ") for line in (output / "evaluation.md").read_text().splitlines() if "7 x 7" in line]
+    assert [(row[2], row[3], row[4]) for row in rows] == [(name, "2", "2") for name in names]
+    capsys.readouterr()
+    (output / names[1] / "seed-5" / "episodes.csv").unlink()
+    (output / "evaluation.md").unlink()
+    assert train(capsys, *words, *sweep) == (0, [])  # what is missing is made
+    assert (output / names[1] / "seed-5" / "episodes.csv").exists()
+    assert (output / "evaluation.md").exists()
+
+
+@pytest.mark.parametrize(
+    ("sweep", "status", "told"),
+    [
+        (["hidden=8", "hidden=8"], 1, "expected settings that differ"),
+        (["hidden=0"], 2, "hidden"),
+        (["size=8"], 2, "size"),
+    ],
+)
+def test_a_wrong_sweep_is_refused_before_it_begins(capsys, tmp_path, sweep, status, told):
+    words = ["quickstart", *SMALL.split(), "--evaluate", "none", "--output", str(tmp_path / "runs"), "--sweep", *sweep]
+    try:
+        found = main(["train", *words])
+    except SystemExit as end:
+        found = end.code
+    assert found == status
+    assert told in capsys.readouterr().err
+    assert not (tmp_path / "runs").exists()
 
 
 def test_a_run_starts_from_a_configuration_file(capsys, tmp_path):

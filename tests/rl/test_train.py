@@ -2,6 +2,7 @@ import dataclasses
 import json
 import math
 import re
+import sys
 import time
 
 import pytest
@@ -15,7 +16,7 @@ from mapf_pz.instances import RandomObstacles, SourceMixture
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.algorithms.named import ALGORITHMS
 from mapf_pz.rl.algorithms.ppo import MAPPO
-from mapf_pz.rl.config import CuriosityConfig
+from mapf_pz.rl.config import CuriosityConfig, TrackingConfig
 from mapf_pz.rl.networks.observation_shape import ObservationShape
 from mapf_pz.rl.training.train import Progress, resume
 from tests.helpers.small_run import TINY, changed, rows, untimed
@@ -269,9 +270,9 @@ import json
 import math
 from pathlib import Path
 
-def init(id, resume, name, dir, config):
+def init(id, resume, dir, config, **shown):
     assert resume == "allow"
-    return Run(Path(dir).parent / f"logged-{id}.jsonl", {"name": name, "seed": config["seed"]})
+    return Run(Path(dir).parent / f"logged-{id}.jsonl", {**shown, "seed": config["seed"]})
 
 class Run:
     def __init__(self, file, first):
@@ -290,19 +291,35 @@ class Run:
 """
 
 
-def test_weights_and_biases_gets_all_rows_also_of_a_resumed_run(tmp_path, monkeypatch):
-    config = dataclasses.replace(TINY, loggers=("wandb",))
-    with pytest.raises(ImportError, match="pip install wandb"):
-        train(config, tmp_path / "run")
+@pytest.fixture
+def packages(tmp_path, monkeypatch):
+    """A folder of modules that stand for services' clients, and what they were told."""
+    folder = tmp_path / "packages"
+    folder.mkdir()
+    monkeypatch.syspath_prepend(folder)
+    yield folder
+    for name in [name for name in sys.modules if name.partition(".")[0] in ("wandb", "mlflow")]:
+        del sys.modules[name]
+
+
+@pytest.mark.parametrize("name", ["wandb", "mlflow"])
+def test_a_logger_that_is_not_installed_is_refused(name, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / name).mkdir()  # such a folder is no package
+    with pytest.raises(ImportError, match=f"loggers: '{name}' is not installed: pip install {name}"):
+        train(dataclasses.replace(TINY, loggers=(name,)), tmp_path / "run")
     assert not (tmp_path / "run").exists()
-    (tmp_path / "packages" / "wandb-0.dist-info").mkdir(parents=True)
-    (tmp_path / "packages" / "wandb.py").write_text(WANDB)
-    monkeypatch.syspath_prepend(tmp_path / "packages")
+
+
+def test_weights_and_biases_gets_all_rows_also_of_a_resumed_run(tmp_path, packages):
+    config = dataclasses.replace(TINY, loggers=("wandb",))
+    (packages / "wandb.py").write_text(WANDB)
     resume(train(config, tmp_path / "run"), agent_steps=768)
     train(config, tmp_path / "run", overwrite=True)
     files = sorted(tmp_path.glob("logged-*.jsonl"), key=lambda file: file.stat().st_mtime)
     first, second = ([json.loads(line) for line in file.read_text().splitlines()] for file in files)
-    start = [{"name": "run", "seed": TINY.seed}, ["*", "agent_steps"]]
+    shown = {"name": "run", "project": None, "group": None, "tags": []}
+    start = [shown | {"seed": TINY.seed}, ["*", "agent_steps"]]
     assert [row.get("agent_steps") if isinstance(row, dict) else row for row in first[2:]] == [
         *(192, 384, 576, "finished"),
         *(None, start[1], 768, "finished"),
@@ -311,6 +328,103 @@ def test_weights_and_biases_gets_all_rows_also_of_a_resumed_run(tmp_path, monkey
     assert [row["agent_steps"] for row in second[2:-1]] == [192, 384, 576]
     assert all(not math.isnan(value) for row in second[2:-1] for value in row.values())
     assert not (tmp_path / "run" / "tensorboard").exists()
+
+
+def test_weights_and_biases_shows_a_run_as_it_is_told(tmp_path, packages):
+    (packages / "wandb.py").write_text(WANDB)
+    tracking = TrackingConfig(project="mapf", group="sweep", run_name="first", tags=("small", "new"))
+    train(dataclasses.replace(TINY, loggers=("wandb",), tracking=tracking), tmp_path / "run")
+    [file] = tmp_path.glob("logged-*.jsonl")
+    assert json.loads(file.read_text().splitlines()[0]) == {
+        "project": "mapf",
+        "group": "sweep",
+        "name": "first",
+        "tags": ["small", "new"],
+        "seed": TINY.seed,
+    }
+
+
+MLFLOW = """
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+FILE = Path(__file__).parents[1] / "logged.jsonl"
+
+def tell(*told):
+    with FILE.open("a") as stream:
+        print(json.dumps(told), file=stream)
+
+class MlflowClient:
+    def get_experiment_by_name(self, name):
+        return SimpleNamespace(experiment_id="7") if name == "known" else None
+
+    def create_experiment(self, name):
+        tell("experiment", name)
+        return "8"
+
+    def create_run(self, experiment_id, run_name, tags):
+        tell("run", experiment_id, run_name, tags)
+        return SimpleNamespace(info=SimpleNamespace(run_id="r1"))
+
+    def log_param(self, run_id, key, value):
+        tell("param", run_id, key, value)
+
+    def log_batch(self, run_id, metrics):
+        tell("rows", run_id, metrics[0].step, {metric.key: metric.value for metric in metrics})
+
+    def set_terminated(self, run_id):
+        tell("end", run_id)
+"""
+MLFLOW_ENTITIES = """
+from dataclasses import dataclass
+
+@dataclass
+class Metric:
+    key: str
+    value: float
+    timestamp: int
+    step: int
+"""
+
+
+def test_mlflow_gets_all_rows_also_of_a_resumed_run(tmp_path, packages, monkeypatch):
+    monkeypatch.delenv("MLFLOW_EXPERIMENT_NAME", raising=False)
+    (packages / "mlflow").mkdir()
+    (packages / "mlflow" / "__init__.py").write_text(MLFLOW)
+    (packages / "mlflow" / "entities.py").write_text(MLFLOW_ENTITIES)
+    told = packages / "logged.jsonl"
+    config = dataclasses.replace(TINY, loggers=("mlflow",))
+    folder = train(config, tmp_path / "run")
+    resume(folder, agent_steps=768)
+    lines = [json.loads(line) for line in told.read_text().splitlines()]
+    assert lines[:2] == [["experiment", "Default"], ["run", "8", "run", {}]]
+    parameters = {line[2]: line[3] for line in lines if line[0] == "param"}
+    assert (parameters["seed"], parameters["optimization.num_envs"]) == (TINY.seed, TINY.optimization.num_envs)
+    rest = [line for line in lines[2:] if line[0] != "param"]
+    assert [line[2] if line[0] == "rows" else line[0] for line in rest] == [192, 384, 576, "end", 768, "end"]
+    assert {line[1] for line in rest} == {"r1"}
+    assert all(not math.isnan(value) for line in rest if line[0] == "rows" for value in line[3].values())
+    told.unlink()
+    tracking = TrackingConfig(project="known", group="sweep", run_name="first", tags=("small",))
+    train(dataclasses.replace(config, tracking=tracking), folder, overwrite=True)
+    assert json.loads(told.read_text().splitlines()[0]) == ["run", "7", "first", {"small": "true", "group": "sweep"}]
+
+
+def test_a_logger_that_fails_keeps_the_run_that_was_to_be_overwritten(tmp_path, packages):
+    folder = train(TINY, tmp_path / "run")
+    before = {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+    (packages / "wandb.py").write_text("def init(**_):\n    raise RuntimeError('no network')\n")
+    config = dataclasses.replace(TINY, seed=5, loggers=("wandb",))
+    for output, overwrite in ((folder, True), (tmp_path / "other", False)):
+        with pytest.raises(RuntimeError, match="no network"):
+            train(config, output, overwrite=overwrite)
+    after = {file: file.read_bytes() for file in folder.rglob("*") if file.is_file() and "wandb" not in file.parts}
+    assert load_policy(folder).act({}) == {}
+    assert {file: content for file, content in after.items() if file.name != ".lock"} == {
+        file: content for file, content in before.items() if file.name != ".lock"
+    }
+    assert not (tmp_path / "other" / "config.json").exists()
 
 
 def test_interrupt_saves_the_policy(tmp_path):

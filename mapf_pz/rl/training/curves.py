@@ -28,7 +28,7 @@ MEANS = {
 EPISODES = 100
 """Minimum number of episodes that a point of a curve is the mean of."""
 
-_OF_ONE_RUN = ("seed", "agent_steps")
+_OF_ONE_RUN = ("seed", "agent_steps", "tracking")
 """Fields of a configuration in which the runs of a curve may differ."""
 
 Points = tuple[np.ndarray, np.ndarray]
@@ -42,7 +42,7 @@ class Run:
     name: str
     """Its name in the legend."""
     settings: Mapping[str, object]
-    """What its configuration's files contain, by name, without the seed and the length."""
+    """What its configuration's files contain, by name, without the seed, the length, and the name for loggers."""
     rows: Sequence[Row]
     """Its progress, one row or more."""
 

@@ -1,15 +1,17 @@
-"""Loggers of a run's progress in other formats than `progress.csv`: TensorBoard and Weights & Biases."""
+"""Loggers of a run's progress beside `progress.csv`: TensorBoard, Weights & Biases, MLflow."""
 
 from __future__ import annotations
 
 import math
+import os
 import secrets
 import shutil
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, distribution
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 from torchrl.record.loggers.tensorboard import TensorboardLogger
 
@@ -18,8 +20,10 @@ from mapf_pz.rl.config import LoggerName, TrainConfig
 from mapf_pz.rl.config_file import config_values
 from mapf_pz.rl.progress import Row
 
-TENSORBOARD, WANDB = "tensorboard", "wandb"
-LOGGER_FOLDERS = (TENSORBOARD, WANDB)
+TENSORBOARD: Final = "tensorboard"
+WANDB: Final = "wandb"
+MLFLOW: Final = "mlflow"
+LOGGER_FOLDERS = (TENSORBOARD, WANDB, MLFLOW)
 """Folders that loggers write into a run's folder."""
 _RUN_ID = "run-id.txt"
 
@@ -55,7 +59,7 @@ class TensorBoard:
 
 
 class WeightsAndBiases:
-    """Logs to Weights & Biases, which its environment variables configure, such as `WANDB_PROJECT` and `WANDB_MODE`.
+    """Logs to Weights & Biases.
 
     A resumed run continues its run there. Rows after the checkpoint, which cannot be removed there, are logged twice.
     """
@@ -63,13 +67,17 @@ class WeightsAndBiases:
     def __init__(self, folder: Path, config: TrainConfig, rows: Sequence[Row]) -> None:
         """Start a run, or continue it if there are rows already."""
         wandb: Any = import_module(WANDB)
-        file = folder / WANDB / _RUN_ID
-        if not (rows and file.exists()):
-            shutil.rmtree(folder / WANDB, ignore_errors=True)
-            file.parent.mkdir()
-            write_whole(file, secrets.token_hex(4).encode())
-        values = config_values(config)
-        self._run: Any = wandb.init(id=file.read_text(), resume="allow", name=folder.name, dir=folder, config=values)
+        tracking = config.tracking
+        self._run: Any = wandb.init(
+            id=_run_id(folder / WANDB, rows) or _save_run_id(folder / WANDB, secrets.token_hex(4)),
+            resume="allow",
+            project=tracking.project,
+            group=tracking.group,
+            name=tracking.run_name or folder.name,
+            tags=list(tracking.tags),
+            dir=folder,
+            config=config_values(config),
+        )
         self._run.define_metric("*", step_metric="agent_steps")
 
     def log(self, row: Row) -> None:
@@ -81,24 +89,86 @@ class WeightsAndBiases:
         self._run.finish()
 
 
+class MLflow:
+    """Logs to MLflow, a step of which is an agent step.
+
+    A resumed run continues its run there. Rows after the checkpoint, which cannot be removed there, are logged twice.
+    """
+
+    def __init__(self, folder: Path, config: TrainConfig, rows: Sequence[Row]) -> None:
+        """Start a run, or continue it if there are rows already."""
+        self._entities: Any = import_module("mlflow.entities")
+        self._client: Any = import_module(MLFLOW).MlflowClient()
+        self._id = _run_id(folder / MLFLOW, rows) or _save_run_id(folder / MLFLOW, self._start(folder.name, config))
+
+    def _start(self, folder_name: str, config: TrainConfig) -> str:
+        """Start a run with the configuration as its parameters, and return its ID."""
+        client, tracking = self._client, config.tracking
+        name = tracking.project or os.environ.get("MLFLOW_EXPERIMENT_NAME", "Default")
+        experiment = client.get_experiment_by_name(name)
+        tags = dict.fromkeys(tracking.tags, "true") | ({} if tracking.group is None else {"group": tracking.group})
+        run = client.create_run(
+            client.create_experiment(name) if experiment is None else experiment.experiment_id,
+            run_name=tracking.run_name or folder_name,
+            tags=tags,
+        )
+        for key, value in _flat(config_values(config)):
+            client.log_param(run.info.run_id, key, value)
+        return run.info.run_id
+
+    def log(self, row: Row) -> None:
+        """Log one row."""
+        step, now = int(row["agent_steps"]), time.time_ns() // 1_000_000
+        metrics = [self._entities.Metric(name, value, now, step) for name, value in _numbers(row).items()]
+        self._client.log_batch(self._id, metrics)
+
+    def close(self) -> None:
+        """Finish the run."""
+        self._client.set_terminated(self._id)
+
+
 _LOGGERS: dict[LoggerName, Callable[[Path, TrainConfig, Sequence[Row]], ProgressLogger]] = {
-    "tensorboard": TensorBoard,
-    "wandb": WeightsAndBiases,
+    TENSORBOARD: TensorBoard,
+    WANDB: WeightsAndBiases,
+    MLFLOW: MLflow,
 }
 
 
 def check_loggers(config: TrainConfig) -> None:
     """Raise `ImportError` if a logger's package is not installed."""
-    if "wandb" in config.loggers:
-        try:
-            distribution("wandb")
-        except PackageNotFoundError:
-            raise ImportError("loggers: 'wandb' is not installed: pip install wandb") from None
+    for name in config.loggers:
+        spec = find_spec(name)  # a folder of this name is found, too, without an origin
+        if spec is None or spec.origin is None:
+            raise ImportError(f"loggers: {name!r} is not installed: pip install {name}")
 
 
 def make_loggers(folder: Path, config: TrainConfig, rows: Sequence[Row]) -> list[ProgressLogger]:
     """Create the loggers of a run whose progress so far are `rows`."""
     return [_LOGGERS[name](folder, config, rows) for name in config.loggers]
+
+
+def _run_id(folder: Path, rows: Sequence[Row]) -> str | None:
+    """Return the ID that a run with these rows has in a service; otherwise, remove that of an earlier one."""
+    file = folder / _RUN_ID
+    if rows and file.exists():
+        return file.read_text()
+    shutil.rmtree(folder, ignore_errors=True)
+    return None
+
+
+def _save_run_id(folder: Path, run_id: str) -> str:
+    folder.mkdir()
+    write_whole(folder / _RUN_ID, run_id.encode())
+    return run_id
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield nested values with names such as `optimization.learning_rate`."""
+    for name, value in values.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{name}.")
+        else:
+            yield prefix + name, value
 
 
 def _numbers(row: Row) -> dict[str, float]:

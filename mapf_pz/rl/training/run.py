@@ -70,6 +70,7 @@ class RunFolder:
         """Prepare the folder: remove files that are newer than the restored checkpoint, or all if none was restored."""
         self._inputs = inputs_digest(config)
         self.path.mkdir(parents=True, exist_ok=True)
+        self._loggers = make_loggers(self.path, config, self._rows)  # first: their services may be out of reach
         if self._rows:
             self.checkpoints.sweep()
             write_progress(self.path, self._rows)
@@ -78,7 +79,6 @@ class RunFolder:
             for name in (PROGRESS, CURVE, WEIGHTS):
                 (self.path / name).unlink(missing_ok=True)
         save_config(self.path, config)
-        self._loggers = make_loggers(self.path, config, self._rows)
 
     @property
     def seconds(self) -> float:
