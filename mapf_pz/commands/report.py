@@ -13,6 +13,7 @@ from mapf_pz._internal.atomic import write_whole
 from mapf_pz.evaluation.reports.aggregates import improvements, interquartile_means
 from mapf_pz.evaluation.reports.figures import FigureFormat, draw_figures
 from mapf_pz.evaluation.reports.formats import FORMATS, TableFormat
+from mapf_pz.evaluation.reports.overview import draw_overview
 from mapf_pz.evaluation.reports.published import published_episodes
 from mapf_pz.evaluation.reports.report import (
     COLUMNS,
@@ -50,7 +51,8 @@ class ReportOptions:
     output: Path | None = None
     """File of the table. Default: the table is printed."""
     figures: Path | None = None
-    """Folder for a figure of each task with several numbers of agents."""
+    """Folder for a figure of each task with several numbers of agents, the performance profiles over all tasks, and
+    the mean scores in each suite."""
     figure_format: FigureFormat = "pdf"
     """Format of the figures."""
     published: bool = True
@@ -69,14 +71,16 @@ def report(options: ReportOptions) -> None:
     else:
         write_whole(options.output, text.encode())
     if options.figures is not None:
-        for file in draw_figures(episodes, options.figures, options.figure_format, published):
+        files = draw_figures(episodes, options.figures, options.figure_format, published)
+        files += draw_overview(episodes, options.figures, options.figure_format, _methods(options))
+        for file in files:
             print(f"figure written to {file}", file=sys.stderr)
 
 
 def _table(options: ReportOptions, episodes: list[Episode]) -> SummaryTable:
     """Return the table of the chosen statistic."""
     statistic = options.statistic or ("mean" if options.baseline is None else "difference")
-    methods = dict(map(_named_pattern, options.method))
+    methods = _methods(options)
     check_methods(episodes, methods)
     if (options.baseline is None) != (statistic in ("mean", "iqm")):
         raise ValueError(f"statistic={statistic!r}: expected {'no' if options.baseline else 'a'} baseline")
@@ -85,6 +89,10 @@ def _table(options: ReportOptions, episodes: list[Episode]) -> SummaryTable:
     if statistic == "improvement":
         return improvements(episodes, str(options.baseline), options.columns, methods)
     return (summaries if statistic == "mean" else interquartile_means)(episodes, options.columns, methods)
+
+
+def _methods(options: ReportOptions) -> dict[str, str]:
+    return dict(map(_named_pattern, options.method))
 
 
 def _named_pattern(text: str) -> tuple[str, str]:

@@ -31,7 +31,8 @@ def test_a_table_on_the_screen_and_in_a_file(folder, tmp_path, capsys):
 def test_figures(folder, tmp_path, capsys):
     pytest.importorskip("matplotlib")
     assert main(["report", str(folder), "--figures", str(tmp_path / "new" / "figures")]) == 0
-    assert (tmp_path / "new" / "figures" / "empty-8-8.pdf").exists()
+    files = {file.name for file in (tmp_path / "new" / "figures").iterdir()}
+    assert files == {"empty-8-8.pdf", "performance-profiles.pdf"}
     assert "figure written to " in capsys.readouterr().err
 
 

@@ -1,9 +1,15 @@
 """Several runs of a method, interquartile means, and probabilities of improvement."""
 
+import numpy as np
 import pytest
 
 from mapf_pz.evaluation import Episode
-from mapf_pz.evaluation.reports.aggregates import improvements, interquartile_means
+from mapf_pz.evaluation.reports.aggregates import (
+    improvements,
+    interquartile_means,
+    mean_scores,
+    performance_profiles,
+)
 from mapf_pz.evaluation.reports.formats import cells
 from mapf_pz.evaluation.reports.intervals import interval, mean_interval
 from mapf_pz.evaluation.reports.report import check_methods, differences, summaries
@@ -78,6 +84,31 @@ def test_interquartile_means_of_several_runs():
     (row,) = interquartile_means(episodes, ["SoC"], MINE).rows
     assert (row.policy, row.estimates["SoC"].mean) == ("mine", (2 + 3 + 3 + 4) / 4)
     assert row.estimates["SoC"].low < 3 < row.estimates["SoC"].high
+
+
+def test_performance_profiles_of_several_runs():
+    """As `rliable`'s run-score distributions: the share of the 8 scores of all runs in all tasks above a threshold."""
+    scores = [(0, 0.25, 0.5, 1), (1, 0.75, 0.5, 0.5)]
+    episodes = episodes_of(
+        "CSR", {(f"s/{r}", t): [value] for r, row in enumerate(scores) for t, value in enumerate(row)}
+    )
+    thresholds = np.array([0, 0.25, 0.5, 0.9, 1])
+    profile = performance_profiles(episodes, "CSR", thresholds, MINE)["mine"]
+    assert profile.shares.tolist() == [7 / 8, 6 / 8, 3 / 8, 2 / 8, 0]
+    assert (profile.low <= profile.shares).all()
+    assert (profile.shares <= profile.high).all()
+    assert (profile.low[-1], profile.high[0]) == (0, 1)
+    estimate = mean_scores(episodes, "CSR", MINE)["mine"]
+    assert estimate.mean == 4.5 / 8
+    assert estimate.low < estimate.mean < estimate.high
+
+
+def test_performance_profiles_of_costs_are_of_scores_below():
+    episodes = episodes_of("SoC", {("a", 1): [2, 4], ("a", 2): [9, 9]})  # scores of 3 and 9
+    profile = performance_profiles(episodes, "SoC", np.array([3, 3.5, 10]))["a"]
+    assert profile.shares.tolist() == [0, 0.5, 1]
+    assert (profile.low.tolist(), profile.high.tolist()) == ([0, 0, 1], [0.5, 0.5, 1])  # the first varies from 2 to 4
+    assert performance_profiles(episodes, "CSR", np.zeros(1)) == {}
 
 
 def test_the_probability_of_improvement():

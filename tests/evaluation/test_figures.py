@@ -11,6 +11,7 @@ Image = pytest.importorskip("PIL.Image")
 from matplotlib.figure import Figure  # noqa: E402
 
 from mapf_pz.evaluation.reports.figures import draw_figures  # noqa: E402
+from mapf_pz.evaluation.reports.overview import THRESHOLDS, draw_overview  # noqa: E402
 
 
 def episodes(task_name, counts, *names, **metrics):
@@ -146,3 +147,33 @@ def test_figures_state_the_suite(tmp_path):
     tried[0] = replace(tried[0], suite="mine/1 0123456789abcdef")
     with pytest.raises(ValueError, match="task '4 agents on maze': its results belong to 'mine/1"):
         draw_figures(tried, tmp_path, "svg")
+
+
+def test_performance_profiles_of_methods(tmp_path, drawings):
+    """Policies of one method are its runs; scores are 1, 0.5 and 0.25 times 0.611, the mean of 1, 1/2 and 1/3."""
+    tried = [one for k in range(2) for one in episodes("maze", [4, 8], f"s/{k}", CSR=1.0 / (1 + k))]
+    tried += episodes("maze", [4, 8], "pibt", CSR=0.25)
+    assert draw_overview(tried, tmp_path, methods={"mine": "s/*"}) == [tmp_path / "performance-profiles.png"]
+    [panel] = drawings[0].axes
+    lines = {line.get_label(): line.get_ydata() for line in panel.get_lines()}
+    mean = (1 + 1 / 2 + 1 / 3) / 3
+    assert lines["mine"].tolist() == ((mean > THRESHOLDS) / 2 + (mean / 2 > THRESHOLDS) / 2).tolist()
+    assert lines["pibt"].tolist() == (mean / 4 > THRESHOLDS).astype(float).tolist()
+
+
+def test_scores_by_suite(tmp_path, drawings):
+    mazes = [replace(one, suite="mazes/1 ab") for one in episodes("maze", [4], "pibt", "mine", CSR=0.5)]
+    halls = [replace(one, suite="halls/2 cd") for one in episodes("hall", [4, 8], "pibt", CSR=1.0)]
+    lifelong = episodes("yard", [4], "pibt", avg_throughput=3.0)
+    files = draw_overview([*mazes, *halls, *lifelong], tmp_path / "new", format="svg")
+    assert files == [tmp_path / "new" / f"{name}.svg" for name in ("performance-profiles", "suites")]
+    shares, throughput = drawings[1].axes
+    assert [text.get_text() for text in shares.get_xticklabels()] == ["mazes", "halls"]
+    assert [text.get_text() for text in throughput.get_xticklabels()] == ["yard"]
+    points = {line.get_label(): line.get_xydata().round(3).tolist() for line in shares.get_lines()}
+    assert points == {"pibt": [[-0.15, 0.306], [0.85, 0.611]], "mine": [[0.15, 0.306]]}
+
+
+def test_no_overview_of_one_task(tmp_path, drawings):
+    assert draw_overview(episodes("maze", [4], "pibt", CSR=0.5), tmp_path) == []
+    assert drawings == []

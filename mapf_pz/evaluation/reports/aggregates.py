@@ -1,4 +1,4 @@
-"""Statistics over all tasks of an evaluation: interquartile means and probabilities of improvement.
+"""Statistics over all tasks of an evaluation: interquartile means, probabilities of improvement, performance profiles.
 
 Agarwal et al., *Deep Reinforcement Learning at the Edge of the Statistical Precipice*, NeurIPS 2021, whose library is
 rliable. The score of a run, a policy of one training seed, in a task is the mean over its episodes. A method has one or
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import trim_mean
@@ -40,6 +41,17 @@ Cell = tuple[str, int]
 """A task's name and its number of agents."""
 Run = Mapping[Cell, Mapping[int, float]]
 """The values of a column in a run, by task and number of the episode."""
+
+
+class Profile(NamedTuple):
+    """A performance profile: the share of the scores above each of T thresholds."""
+
+    shares: Floats
+    """(T,)."""
+    low: Floats
+    """Lower ends of the intervals (T,)."""
+    high: Floats
+    """Upper ends of the intervals (T,)."""
 
 
 def interquartile_means(
@@ -103,8 +115,47 @@ def _runs(episodes: Sequence[Episode], column: str, methods: Methods) -> dict[st
     return {method: list(runs.values()) for method, runs in found.items()}
 
 
+def performance_profiles(
+    episodes: Sequence[Episode], column: str, thresholds: Floats, methods: Methods = NO_METHODS
+) -> dict[str, Profile]:
+    """Return for each method the share of the scores, of all runs in all tasks, above each of the `thresholds` (T,).
+
+    The interval is that of `interquartile_means`. Of a column of which less is better, scores are those below. Methods
+    without values of the column have no profile.
+    """
+    sign = _direction(column)
+    return {method: _profile(runs, thresholds, sign) for method, runs in _runs(episodes, column, methods).items()}
+
+
+def mean_scores(episodes: Sequence[Episode], column: str, methods: Methods = NO_METHODS) -> dict[str, Estimate]:
+    """Return the mean of the scores of each method, with the interval of `interquartile_means`."""
+    means: dict[str, Estimate] = {}
+    for method, runs in _runs(episodes, column, methods).items():
+        scores, resampled = _scores(runs)
+        low, high = np.quantile(resampled.mean(axis=1), LEVELS)
+        means[method] = Estimate(float(scores.mean()), float(low), float(high))
+    return means
+
+
+def _profile(runs: Sequence[Run], thresholds: Floats, sign: int) -> Profile:
+    scores, resampled = _scores(runs)
+    shares = [np.mean(sign * resampled > sign * threshold, axis=1) for threshold in thresholds]
+    low, high = np.quantile(np.array(shares), LEVELS, axis=1)
+    return Profile((sign * scores > sign * thresholds[:, None]).mean(axis=1), low, high)
+
+
 def _interquartile_mean(runs: Sequence[Run]) -> Estimate:
     """Return the interquartile mean of the scores of one or more runs."""
+    scores, resampled = _scores(runs)
+    low, high = np.quantile(_trimmed(resampled), LEVELS)
+    return Estimate(float(_trimmed(scores[None])[0]), float(low), float(high))
+
+
+def _scores(runs: Sequence[Run]) -> tuple[Floats, Floats]:
+    """Return the scores (S,) of all runs in all tasks, and `RESAMPLES` samples of them (R, S).
+
+    Samples are of runs within each task; of a single run, they are of the episodes within each task.
+    """
     rng = np.random.default_rng(0)
     scores: dict[Cell, list[float]] = defaultdict(list)
     for run in runs:
@@ -115,9 +166,7 @@ def _interquartile_mean(runs: Sequence[Run]) -> Estimate:
     else:
         values_of = [np.array(list(values.values())) for values in runs[0].values()]
         resampled = [rng.choice(each, (RESAMPLES, len(each))).mean(axis=1, keepdims=True) for each in values_of]
-    low, high = np.quantile(_trimmed(np.concatenate(resampled, axis=1)), LEVELS)
-    point = _trimmed(np.concatenate(list(scores.values()))[None])[0]
-    return Estimate(float(point), float(low), float(high))
+    return np.concatenate(list(scores.values())), np.concatenate(resampled, axis=1)
 
 
 def _trimmed(scores: Floats) -> Floats:
@@ -127,12 +176,17 @@ def _trimmed(scores: Floats) -> Floats:
 
 def _improvement(column: str, runs: Sequence[Run], baselines: Sequence[Run]) -> Estimate | None:
     """Return the probability that runs are better than those of the baseline; None if they share no episode."""
-    sign = 1 if column.partition(" ")[0] in HIGHER_IS_BETTER else -1
+    sign = _direction(column)
     compared = [shares for run in runs if (shares := _compared(run, baselines, sign))]
     if not compared:
         return None
     samples = [float(np.mean(shares)) for shares in compared] if len(compared) > 1 else compared[0]
     return Estimate(float(np.mean(samples)), *mean_interval(samples, 0, 1))
+
+
+def _direction(column: str) -> int:
+    """Return 1 if more is better, -1 if less is."""
+    return 1 if column.partition(" ")[0] in HIGHER_IS_BETTER else -1
 
 
 def _compared(run: Run, baselines: Sequence[Run], sign: int) -> list[float]:

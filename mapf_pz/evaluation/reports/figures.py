@@ -147,9 +147,9 @@ def _draw(
             _draw_panel(panel, metric, {policy: lines[policy] for policy in lines if policy in named}, styles)
         legends = [panel.get_legend_handles_labels() for panel in figure.axes]
         handles = {label: line for lines, labels in legends for line, label in zip(lines, labels, strict=True)}
-        ordered = {label: handles[label] for label in (*map(_escaped, styles), _BAND) if label in handles}
+        ordered = {label: handles[label] for label in (*map(escaped, styles), _BAND) if label in handles}
         figure.legend(ordered.values(), ordered, fontsize=8, loc="outside lower center", ncols=2 * columns)
-        figure.suptitle(_escaped(f"{task_name} ({suites[task_name]})" if suites[task_name] else task_name))
+        figure.suptitle(escaped(f"{task_name} ({suites[task_name]})" if suites[task_name] else task_name))
         file = folder / f"{names[task_name]}.{format}"
         with replacing(file) as temporary:
             figure.savefig(temporary, format=format, dpi=110)
@@ -166,7 +166,7 @@ def _file_names(tasks: Iterable[str]) -> dict[str, str]:
     return names
 
 
-def _escaped(name: str) -> str:
+def escaped(name: str) -> str:
     """Escape text for matplotlib, which shows text between two `$` as a formula, and repeats it in comments of SVG."""
     return printable(name).replace("$", r"\$")
 
@@ -219,7 +219,7 @@ def _draw_panel(panel: Axes, metric: str, lines: dict[str, Points], styles: Mapp
         if not style.published:
             agents += SHIFT * (counts[-1] - counts[0]) * (own.index(policy) - (len(own) - 1) / 2)
             panel.vlines(agents, low, high, colors=style.keywords["color"], linewidth=1.5, alpha=0.7)
-        panel.plot(agents, means, label=_escaped(policy), **style.keywords)
+        panel.plot(agents, means, label=escaped(policy), **style.keywords)
     panel.set(xlabel="agents", ylabel=LABELS[metric])
     if len(counts) <= MOST_TICKS:
         panel.set_xticks(counts)
