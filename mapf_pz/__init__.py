@@ -10,8 +10,9 @@ import pettingzoo
 # The names are those of `__init__.pyi`.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
-pettingzoo.register("parallel", "mapf_pz/Mapf-v0", entry_point="mapf_pz.environment:parallel_env")
-pettingzoo.register("aec", "mapf_pz/Mapf-v0", entry_point="mapf_pz.environment:env")
+if hasattr(pettingzoo, "register"):  # since PettingZoo 1.27
+    pettingzoo.register("parallel", "mapf_pz/Mapf-v0", entry_point="mapf_pz.environment:parallel_env")
+    pettingzoo.register("aec", "mapf_pz/Mapf-v0", entry_point="mapf_pz.environment:env")
 gymnasium.register(
     "Mapf-Centralized-v0",
     entry_point="mapf_pz.wrappers.centralized:centralized_env",

@@ -4,6 +4,7 @@ They import the environment and the simulator. Read `centralized.py` first.
 """
 
 from mapf_pz.simulator.actions import ACTION_MODES, ActionMode
+from mapf_pz.wrappers.aec import to_aec
 from mapf_pz.wrappers.agent_vector import AgentVectorEnv
 from mapf_pz.wrappers.centralized import CentralizedEnv, TeamReward, centralized_env
 from mapf_pz.wrappers.centralized_vector import CentralizedVectorEnv
@@ -24,4 +25,5 @@ __all__ = [
     "RecordEpisode",
     "TeamReward",
     "centralized_env",
+    "to_aec",
 ]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, SupportsIndex, TypeAlias
+from collections.abc import Callable, Mapping
+from typing import Any, SupportsIndex, TypeAlias, cast
 
 import numpy as np
 from gymnasium import spaces
@@ -317,20 +317,22 @@ def parallel_env(**keywords: Any) -> MapfEnv:
 class MapfAecEnv(parallel_to_aec_wrapper[str, AgentObservation, SupportsIndex]):
     """The environment in PettingZoo's AEC form, in which agents act sequentially."""
 
-    def __init__(self, parallel: MapfEnv) -> None:
-        """Take turns in `parallel`, which steps when all agents have acted."""
-        # The annotation expects an environment that accepts None as an action, but only the AEC form does.
-        super().__init__(parallel)  # pyright: ignore[reportArgumentType]
-        self.metrics = parallel.metrics
+    def __init__(self, parallel: ParallelEnv[str, Any, Any]) -> None:
+        """Take turns in `parallel`, a `MapfEnv` or a wrapper of one, which steps when all agents have acted."""
+        super().__init__(parallel)
+        self.metrics: Callable[[], dict[str, float]] = cast("MapfEnv", parallel.unwrapped).metrics
         """Method that returns the metrics of the episode up to the last complete step; see `MapfEnv.metrics`."""
 
     def __repr__(self) -> str:
         """Return the environment in one line."""
-        return f"{type(self).__name__}({self.unwrapped!r})"
+        return f"{type(self).__name__}({self.env!r})"
 
 
-class _OrderEnforced(OrderEnforcingWrapper[str, AgentObservation, SupportsIndex | None]):
+class OrderEnforced(OrderEnforcingWrapper[str, Any, Any]):
+    """Refuses calls in the wrong order."""
+
     def __repr__(self) -> str:
+        """Return the environment in one line."""
         return repr(self.env)
 
 
@@ -340,7 +342,7 @@ def env(**keywords: Any) -> AECEnv[str, AgentObservation, SupportsIndex | None]:
 
     `metrics()` and the members of `unwrapped`, the `MapfEnv`, describe the last complete step.
     """
-    return _OrderEnforced(MapfAecEnv(parallel_env(**keywords)))
+    return OrderEnforced(MapfAecEnv(parallel_env(**keywords)))
 
 
 def agent_infos(names: list[str], agents: NDArray[np.void], action_mask: Ints) -> dict[str, AgentInfo]:

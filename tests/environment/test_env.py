@@ -145,6 +145,7 @@ def test_state_space(keywords):
     state_test(mapf_pz.env(**keywords), mapf_pz.parallel_env(**keywords), num_cycles=20)
 
 
+@pytest.mark.skipif(not hasattr(pettingzoo, "register"), reason="PettingZoo before 1.27 has no registry")
 @pytest.mark.parametrize("kind", ["parallel", "aec"])
 def test_registries(kind):
     env = pettingzoo.make(kind, "mapf_pz/Mapf-v0", num_agents=3, max_steps=7)

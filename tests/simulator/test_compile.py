@@ -111,3 +111,20 @@ assert large <= small, large - small
         [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=ROOT, env=environment
     )
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(("given", "expected"), [("NOTSET", "WARNING"), ("INFO", "INFO")])
+def test_numba_does_not_report_what_it_compiles(given, expected):
+    """Where the root logger is at DEBUG; a level that Numba's logger has is kept."""
+    code = f"""
+import logging
+
+logging.basicConfig(level=logging.DEBUG)
+logging.getLogger("numba").setLevel("{given}")
+import mapf_pz
+mapf_pz.parallel_env(num_agents=2).reset(seed=0)
+print(logging.getLevelName(logging.getLogger("numba").level))
+"""
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert result.stdout.strip() == expected
+    assert "numba.core" not in result.stderr

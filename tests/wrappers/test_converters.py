@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from pettingzoo.test import api_test
 
 import mapf_pz
-from mapf_pz.wrappers import ContinuousActions, FlatObservations, MaskedObservations, RecordEpisode
+from mapf_pz.wrappers import ContinuousActions, FlatObservations, MaskedObservations, RecordEpisode, to_aec
 
 WRAPPERS = {
     "none": lambda env: env,
@@ -95,3 +96,53 @@ def test_wrappers_that_do_not_fit_each_other_are_refused():
         ContinuousActions(made("MaskedObservations"))
     with pytest.raises(TypeError, match=r"^env: expected observations of an image and features, got Dict"):
         FlatObservations(made("MaskedObservations"))
+
+
+@pytest.mark.filterwarnings("ignore:Observation is not a NumPy array")
+@pytest.mark.filterwarnings("ignore:Observation space for each agent probably should be")
+@pytest.mark.parametrize("wrapper", WRAPPERS)
+def test_aec(wrapper, keywords, on_target):
+    env = to_aec(made(wrapper, on_target=on_target, **keywords))
+    api_test(env, num_cycles=30)
+    env.reset(seed=0)
+    for agent in env.agent_iter():
+        last = env.terminations[agent] or env.truncations[agent]
+        env.step(None if last else env.action_space(agent).sample())
+    assert env.unwrapped.step_count > 0
+    assert env.metrics() == env.unwrapped.metrics()
+    assert repr(env).startswith("MapfAecEnv(")
+
+
+def test_aec_observes_masks():
+    """Tianshou looks for the mask in the observation: without it, all actions are allowed."""
+    env = to_aec(MaskedObservations(FlatObservations(mapf_pz.parallel_env(map="...\n.@.\n...", num_agents=2))))
+    env.reset(seed=0)
+    observed, *_ = env.last()
+    assert set(observed) == {"observation", "action_mask"}
+    assert observed["action_mask"].tolist() == env.unwrapped.simulator.observe().action_mask[0, 0].tolist()
+
+
+def test_aec_of_another_environment_is_refused():
+    for wrong in (None, mapf_pz.env(num_agents=2)):
+        with pytest.raises(TypeError, match="env: expected a MapfEnv or a wrapper of one"):
+            to_aec(wrong)
+
+
+def test_black_death_misses_the_end():
+    """SuperSuit's wrapper pads agents that have disappeared, but waits for agents that are terminated and truncated."""
+    supersuit = pytest.importorskip("supersuit")
+    instance = mapf_pz.Scenario([(0, 0), (2, 0)], [(0, 1), (2, 2)])
+    env = supersuit.black_death_v3(
+        mapf_pz.parallel_env(
+            map="...\n...\n...", scenario=instance, action_model="cardinal", on_target="finish", max_steps=6
+        )
+    )
+    env.reset(seed=0)
+    for _ in range(2):
+        observations, _, terminations, _, _ = env.step(dict.fromkeys(env.agents, 4))
+    assert list(observations) == ["agent_0", "agent_1"]
+    assert not observations["agent_0"].any()
+    assert env.unwrapped.agents == []
+    assert not any(terminations.values())
+    with pytest.raises(RuntimeError, match="the episode is over"):
+        env.step(dict.fromkeys(env.agents, 4))

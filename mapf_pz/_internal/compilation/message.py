@@ -76,5 +76,10 @@ class CompileMessage(event.Listener):
             print(ERASE_LINE, end="", file=sys.stderr, flush=True)
 
 
+# With a root logger at DEBUG, as EPyMARL sets it, Numba reports every instruction of a kernel.
+numba_logger = logging.getLogger("numba")
+if numba_logger.level == logging.NOTSET:
+    numba_logger.setLevel(logging.WARNING)
+
 compile_message = CompileMessage()
 event.register("numba:compile", compile_message)
