@@ -17,6 +17,7 @@ BIN := $(VENV)/bin
 OUTSIDE_TESTS := tests/environment/test_env.py tests/wrappers tests/instances/test_library.py tests/render
 KERNEL_TESTS := $(addprefix tests/simulator/test_, properties.py symmetry.py collision_table.py cost_to_go.py)
 
+LIBRARIES := rllib benchmarl skrl tianshou xuance
 PEER_rware := rware==2.0.0
 PEER_jumanji := jumanji==1.1.0 requests
 
@@ -73,12 +74,15 @@ bench: $(VENV)/developed .venv-peers/installed .venv-rware/installed .venv-juman
 	touch $@
 
 # With small budgets: these show that the examples run, not what they learn.
-examples: $(VENV)/developed .venv-rllib/installed .venv-benchmarl/installed .venv-peers/installed
+examples: $(VENV)/developed .venv-peers/installed $(LIBRARIES:%=.venv-%/installed)
 	.venv-rllib/bin/python examples/rllib_ppo.py --iterations 1 --episodes 2
 	.venv-benchmarl/bin/python examples/benchmarl_task.py --iterations 1 --output runs/example-benchmarl
+	.venv-skrl/bin/python examples/skrl_mappo.py 512
+	.venv-tianshou/bin/python examples/tianshou_dqn.py 512
+	.venv-xuance/bin/python examples/xuance_ippo.py 4096
 	.venv-peers/bin/python examples/in_pogema.py $(BIN)/mapf-pz mappo-cardinal
 
-.venv-rllib/installed .venv-benchmarl/installed: .venv-%/installed: examples/%-requirements.txt
+$(LIBRARIES:%=.venv-%/installed): .venv-%/installed: examples/%-requirements.txt
 	$(PYTHON) -m venv .venv-$*
 	.venv-$*/bin/pip install --quiet --disable-pip-version-check --requirement $< --editable .
 	touch $@

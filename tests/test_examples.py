@@ -143,3 +143,32 @@ def test_gymnasium_vector(run, mode):
     assert episodes >= 4
     assert 0 <= csr <= isr <= 1
     assert 1 <= length <= 100
+
+
+def test_the_environment_for_epymarl(monkeypatch):
+    """Gymnasium's environment with tuples, as EPyMARL makes and steps it."""
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    gymnasium = pytest.importorskip("gymnasium")
+    env = gymnasium.wrappers.TimeLimit(gymnasium.make("epymarl_env:Mapf-EPyMARL-v0", max_steps=8), 8)
+    assert env.unwrapped.n_agents == len(env.action_space) == len(env.observation_space) == 4
+    env.action_space.seed(0)
+    observations, _ = env.reset(seed=0)
+    steps = 0
+    over = False
+    while not over:
+        assert observations in env.observation_space
+        observations, rewards, terminated, truncated, info = env.step(env.action_space.sample())
+        assert len(rewards) == 4
+        steps, over = steps + 1, terminated or truncated
+        assert ("CSR" in info) == over
+    assert steps <= 8
+
+
+@pytest.mark.parametrize("name", ["skrl", "tianshou", "xuance"])
+def test_the_page_names_the_versions_of_other_libraries(name):
+    requirements = (EXAMPLES / f"{name}-requirements.txt").read_text()
+    [version] = re.findall(rf"^{name}==(.*)$", requirements, re.MULTILINE)
+    page = EXAMPLES.parent / "docs" / "how-to" / "other-libraries.md"
+    assert f"| {name} {version}," in page.read_text().lower()
+    makefile = (EXAMPLES.parent / "Makefile").read_text()
+    assert f".venv-{name}/bin/python examples/{name}_" in makefile

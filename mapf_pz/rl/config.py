@@ -133,6 +133,9 @@ class ImitationConfig:
     """Whether states are turned and mirrored at random each time they are learned from (data augmentation); egocentric
     views are only mirrored. It needs a view of odd width, and users' channels and features that state their `symmetry`.
     """
+    history_dropout: Share = 0.0
+    """Fraction of the observations that are learned from with waits in place of the last actions, so that the policy
+    does not learn that waits follow waits, as they do in plans (cf. past motion dropout: Bansal et al., 2018)."""
     buffer_size: Count = 400_000
     """Number of agent steps in the replay buffer, which replaces the oldest ones."""
     dataset: str | None = None

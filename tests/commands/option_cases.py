@@ -294,6 +294,7 @@ CASES = {
             "--temperature": "--temperature 0.7",
             "--wait-share": "--wait-share 0.7",
             "--augment": "--augment",
+            "--history-dropout": "--history-dropout 0.5",
             "--buffer-size": "--buffer-size 5000",
             "--dataset": "--dataset data",
         }

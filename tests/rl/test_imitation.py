@@ -18,7 +18,7 @@ from mapf_pz.rl.config import ImitationConfig
 from mapf_pz.rl.environments.collect import MakeEnv
 from mapf_pz.rl.environments.execution import ExecutePreferences, OrderActions, SamplePreferences
 from mapf_pz.rl.training.train import resume
-from mapf_pz.simulator.actions import CardinalAction
+from mapf_pz.simulator.actions import CardinalAction, wait_action
 from tests.helpers.small_run import TINY, changed, rows, untimed
 
 DAGGER = dataclasses.replace(
@@ -153,6 +153,43 @@ def test_steps_without_a_label_or_an_agent_are_not_learned_from():
     batch["agents", "observation", "image"] = torch.zeros(10, 3, *shape.image)
     batch["agents", "active"][:, 1] = False
     assert learner.learn(batch, 0)["buffer"] == 10
+
+
+@pytest.mark.parametrize(("share", "low", "high"), [(0.0, 0, 0), (0.25, 0.15, 0.35), (1.0, 1, 1)])
+@pytest.mark.parametrize("action_model", ["cardinal", "rotate"])
+def test_history_dropout_puts_waits_in_place_of_the_last_actions(action_model, share, low, high):
+    """The waits are those that agents observe which have waited."""
+    features = ("goal_vector", "last_actions", "time")
+    task = changed(DAGGER.task, action_model=action_model, features=features, num_last_actions=2, shield=False)
+    config = imitating(dataclasses.replace(DAGGER, task=task), history_dropout=share, wait_share=1.0)
+    _, learner = learner_of(config)
+    env = BatchedMapfEnv(64, **config.task.env_keywords())
+    env.set_seed(0)
+    wait = wait_action(action_model)
+    state = env.reset()
+    for _ in range(2):
+        state["agents", "action"] = torch.full((64, 3), wait)
+        state = env.step(state)["next"]
+    waited = state["agents", "observation", "features"]
+    moved = waited.clone()
+    moved[..., 4:-1] = 0.5  # the goal's vector is four numbers, the time one
+    seen = []
+    learner.modules["policy"].register_forward_pre_hook(lambda _, inputs: seen.append(inputs[1]))
+    batch = batch_of(torch.full((64, 3), wait), torch.zeros(64, 3, dtype=torch.bool), moved)
+    batch["agents", "observation", "image"] = state["agents", "observation", "image"]
+    torch.manual_seed(0)
+    learner.learn(batch, 0)
+    rows = torch.cat(seen).flatten(0, -2)
+    dropped = (rows[:, 4:-1] != 0.5).any(-1)
+    assert low <= dropped.float().mean() <= high
+    assert torch.equal(rows[dropped, 4:-1], waited.flatten(0, -2)[:1, 4:-1].expand(int(dropped.sum()), -1))
+    assert (rows[:, -1] == waited[0, 0, -1]).all()
+
+
+def test_history_dropout_needs_the_last_actions():
+    task = changed(DAGGER.task, features=("goal_vector",))
+    with pytest.raises(ValueError, match="history_dropout: expected the feature 'last_actions'"):
+        learner_of(imitating(dataclasses.replace(DAGGER, task=task), history_dropout=0.5))
 
 
 @pytest.mark.parametrize("shield", [False, True])

@@ -20,6 +20,8 @@ from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.environments.execution import ExecutePreferences, SamplePreferences
 from mapf_pz.rl.environments.transfer import to_device
 from mapf_pz.simulator.actions import wait_action
+from mapf_pz.simulator.config import EnvConfig
+from mapf_pz.simulator.observation import ObservationLayout
 
 
 class ImitationLearner(Learner):
@@ -46,6 +48,7 @@ class ImitationLearner(Learner):
         self._symmetries = None
         if config.imitation.augment:
             self._symmetries = Symmetries.of_env(config.task.env, config.task.source.shape).to(self.device)
+        self._history = _History(config.task.env, self.device) if config.imitation.history_dropout else None
         self._buffer = TensorDictReplayBuffer(
             storage=LazyTensorStorage(config.imitation.buffer_size // self._sample_size, device=self.device),
             batch_size=self._minibatch_size // self._sample_size,
@@ -97,11 +100,34 @@ class ImitationLearner(Learner):
         if self._symmetries is not None:
             which = torch.randint(self._symmetries.number, (len(label),)).to(self.device)
             inputs, label = self._symmetries.transform(which, *inputs), self._symmetries.transform_actions(which, label)
+        if self._history is not None:
+            inputs[1] = self._history.dropped(inputs[1], self.config.imitation.history_dropout)
         with self.autocast():
             (logits,) = self._network(*inputs)
             loss = cross_entropy(logits.flatten(0, -2), label.flatten(), ignore_index=NO_LABEL)
         self.step(loss, self.config.optimization.max_grad_norm)
         return loss.detach()
+
+
+class _History:
+    """The last actions in the features of observations."""
+
+    def __init__(self, config: EnvConfig, device: torch.device) -> None:
+        """Find them; raises `ValueError` if they are not observed."""
+        layout = ObservationLayout(config)
+        place = layout.own_feature("last_actions")
+        if place is None:
+            raise ValueError("history_dropout: expected the feature 'last_actions'")
+        one = torch.zeros(layout.num_actions + 1, device=device)  # which action it was, and whether the agent moved
+        one[wait_action(config.action_model)] = 1
+        self._place, self._waits = place, one.repeat(config.num_last_actions)
+
+    def dropped(self, features: Tensor, share: float) -> Tensor:
+        """Return features (..., F) in which a share of the agents, chosen at random, have only waited."""
+        chosen = torch.rand((*features.shape[:-1], 1), device=features.device) < share
+        waited = features.clone()
+        waited[..., self._place] = self._waits.to(features.dtype)
+        return torch.where(chosen, waited, features)
 
 
 class Imitation(Algorithm):
