@@ -60,9 +60,9 @@ def serve(
 
     Raises `OSError` if the port is not available.
     """
-    start_fork_server()
     token, runs = secrets.token_urlsafe(32), Runs()
     with socket.create_server((HOST, port)) as listening:
+        start_fork_server()  # not before, since a process that ends waits until this one has loaded its modules
         port = listening.getsockname()[1]
         config = uvicorn.Config(
             create_app(Editor(folders, runs, solvers), token, port, start),

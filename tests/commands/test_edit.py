@@ -132,7 +132,8 @@ def running(folder, *words):
             yield process, urlsplit(address)
         finally:
             process.kill()
-            process.communicate()
+            process.wait()  # not for the end of its output, which the process that loads modules holds open
+            process.stdout.close()
 
 
 def request(address, method, path, body=None):
