@@ -106,22 +106,30 @@ def learn(setting: Variation, seed: int, options: Options) -> list[Mapping[str, 
 
 
 def write() -> None:
-    """Write the table from the results."""
-    last = {(row["setting"], row["seed"]): row for row in STUDY.rows()}  # of each run, the last validation
+    """Write the table from the results: of each run the last validation; changes without results are omitted."""
+    last = {(row["setting"], row["seed"]): row for row in STUDY.rows()}
+    found: dict[str, list[Mapping[str, str]]] = {}
+    for (setting, _), row in last.items():
+        found.setdefault(setting, []).append(row)
 
-    def cell(name: str) -> str:
-        rows = [row for (setting, _), row in last.items() if setting == name]
-        values = {metric: np.array([float(row[metric]) for row in rows]) for metric in ("CSR", "ISR")}
+    def cells(name: str) -> str:
+        values = {metric: np.array([float(row[metric]) for row in found.get(name, [])]) for metric in ("CSR", "ISR")}
         return " | ".join(spread(each, 2) if len(each) else "" for each in values.values())
 
-    lines = [
-        "| | with the rest: CSR | ISR | alone: CSR | ISR |",
-        "| --- | --- | --- | --- | --- |",
-        f"| all of it, none of it | {cell('report-repaired')} | {cell('report')} |",
-        f"| actions sampled as in the report | {cell('report-repaired, actions sampled')} | | |",
-    ]
+    def mean_isr(name: str) -> float:
+        return float(np.mean([float(row["ISR"]) for row in found[f"report-repaired without {name}"]]))
+
+    changes = sorted((name for name in CHANGES if f"report-repaired without {name}" in found), key=mean_isr)
+    sampled = "report-repaired, actions sampled"
+    rows = {"all of it": ("report-repaired", "report"), "the most likely action instead of a sample": (sampled, "")}
+    rows |= {name: (f"report-repaired without {name}", f"report with {name}") for name in changes}
+    alone = any(name in found for _, name in rows.values())
+    lines = ["| change | taken back: CSR | ISR |" + (" made alone: CSR | ISR |" if alone else "")]
+    lines += ["| --- | --- | --- |" + (" --- | --- |" if alone else "")]
     lines += [
-        f"| {name} | {cell(f'report-repaired without {name}')} | {cell(f'report with {name}')} |" for name in CHANGES
+        f"| {name} | {cells(without)} |" + (f" {cells(single)} |" if alone else "")
+        for name, (without, single) in rows.items()
+        if without in found
     ]
     write_table(PAGE, "repair", lines)
 
