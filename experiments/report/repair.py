@@ -106,7 +106,10 @@ def learn(setting: Variation, seed: int, options: Options) -> list[Mapping[str, 
 
 
 def write() -> None:
-    """Write the table from the results: of each run the last validation; changes without results are omitted."""
+    """Write the table from the results: of each run the last validation.
+
+    Changes are sorted by the ISR without them; those without results are omitted, and so is a column without any.
+    """
     last = {(row["setting"], row["seed"]): row for row in STUDY.rows()}
     found: dict[str, list[Mapping[str, str]]] = {}
     for (setting, _), row in last.items():
@@ -117,9 +120,10 @@ def write() -> None:
         return " | ".join(spread(each, 2) if len(each) else "" for each in values.values())
 
     def mean_isr(name: str) -> float:
-        return float(np.mean([float(row["ISR"]) for row in found[f"report-repaired without {name}"]]))
+        values = [float(row["ISR"]) for row in found.get(f"report-repaired without {name}", [])]
+        return float(np.mean(values)) if values else np.inf
 
-    changes = sorted((name for name in CHANGES if f"report-repaired without {name}" in found), key=mean_isr)
+    changes = sorted(CHANGES, key=mean_isr)
     sampled = "report-repaired, actions sampled"
     rows = {"all of it": ("report-repaired", "report"), "the most likely action instead of a sample": (sampled, "")}
     rows |= {name: (f"report-repaired without {name}", f"report with {name}") for name in changes}
@@ -129,7 +133,7 @@ def write() -> None:
     lines += [
         f"| {name} | {cells(without)} |" + (f" {cells(single)} |" if alone else "")
         for name, (without, single) in rows.items()
-        if without in found
+        if without in found or single in found
     ]
     write_table(PAGE, "repair", lines)
 

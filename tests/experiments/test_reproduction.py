@@ -99,3 +99,28 @@ def test_the_table_of_the_repair_is_made_from_the_results(tmp_path, monkeypatch)
     monkeypatch.setattr(repair, "STUDY", study)
     repair.write()
     assert "| GELU |  |  | 0.25 | 0.20 (0.10 to 0.30) |" in page.read_text()
+
+
+def test_the_table_of_the_repair_has_what_is_most_necessary_first(tmp_path, monkeypatch):
+    page, study = tmp_path / "report.md", replace(repair.STUDY, file=tmp_path / "repair.csv")
+    page.write_text("<!-- repair -->\n<!-- end of repair -->\n")
+    without = {"GELU": "0.75", "reward for progress": "0.00", "centered view": "0.50"}
+    names = {"report-repaired": "1.00"} | {f"report-repaired without {name}": isr for name, isr in without.items()}
+    study.write(
+        [
+            {"setting": name, "seed": "0", "agent_steps": steps, "CSR": "0", "ISR": isr}
+            for name, last in names.items()
+            for steps, isr in (("4", "0.9"), ("8", last))
+        ]
+    )
+    monkeypatch.setattr(repair, "PAGE", page)
+    monkeypatch.setattr(repair, "STUDY", study)
+    repair.write()
+    assert [line for line in page.read_text().splitlines() if line.startswith("|")] == [
+        "| change | taken back: CSR | ISR |",
+        "| --- | --- | --- |",
+        "| all of it | 0.00 | 1.00 |",
+        "| reward for progress | 0.00 | 0.00 |",
+        "| centered view | 0.00 | 0.50 |",
+        "| GELU | 0.00 | 0.75 |",
+    ]
