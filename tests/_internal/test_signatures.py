@@ -21,7 +21,7 @@ FIRST = {
     mapf_pz.parallel_env: [],
     mapf_pz.env: [],
     centralized_env: ["action_mode", "team_reward"],
-    CentralizedVectorEnv: ["num_envs", "num_threads", "action_mode", "team_reward"],
+    CentralizedVectorEnv: ["num_envs", "num_threads", "autoreset_mode", "action_mode", "team_reward"],
 }
 
 
