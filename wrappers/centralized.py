@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, cast
 
@@ -15,6 +15,7 @@ from pettingzoo import ParallelEnv
 from mapf_pz._internal.arrays import Bools, Ints
 from mapf_pz._internal.config import checked
 from mapf_pz._internal.signatures import with_fields_of
+from mapf_pz._internal.suggest import entry_of
 from mapf_pz.environment.mapf_env import AgentInfo, AgentObservation, MapfEnv, parallel_env
 from mapf_pz.simulator.actions import ACTION_MODES, ActionMode, Decoder
 from mapf_pz.simulator.config import EnvConfig
@@ -89,8 +90,8 @@ class CentralizedEnv(gymnasium.Env[TeamObservation, ArrayLike]):
             TypeError: `env` is not such an environment.
             ValueError: the mode or team reward is unknown.
         """
-        self._team_reward = _look_up("team_reward", team_reward, TEAM_REWARDS)
-        _look_up("action_mode", action_mode, TEAM_ACTION_MODES)
+        self._team_reward = entry_of("team_reward", team_reward, TEAM_REWARDS)
+        entry_of("action_mode", action_mode, TEAM_ACTION_MODES)
         num_actions = int(unmasked_space(env).n)
         self.env = cast("MapfEnv", env) if action_mode == "discrete" else ContinuousActions(env, action_mode)
         self.render_mode = self.env.render_mode
@@ -171,13 +172,6 @@ def team_action_space(
     if action_mode == "discrete":
         return spaces.MultiDiscrete([num_actions] * num_agents)
     return spaces.Box(-1, 1, (num_agents, num_actions), np.float32)
-
-
-def _look_up(option: str, name: Any, table: Mapping[Any, Any]) -> Any:
-    """Return the entry of this name; raises `ValueError` if it is unknown."""
-    if name not in table:
-        raise ValueError(f"{option}={name!r}: expected one of {', '.join(map(repr, table))}")
-    return table[name]
 
 
 @with_fields_of(CentralizedConfig)

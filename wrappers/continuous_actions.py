@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 from pettingzoo import ParallelEnv
 
 from mapf_pz._internal.arrays import Floats
+from mapf_pz._internal.suggest import entry_of
 from mapf_pz.environment.mapf_env import AgentInfo, AgentObservation, StepResult
-from mapf_pz.simulator.actions import ACTION_MODES, ActionMode, Decoder, check_dictionary
+from mapf_pz.simulator.actions import ACTION_MODES, ActionMode, check_dictionary
 from mapf_pz.wrappers.wrapped import MapfWrapper, unmasked_space, without_masks
 
 
@@ -36,7 +37,7 @@ class ContinuousActions(MapfWrapper):
             ValueError: the mode is unknown.
         """
         discrete = unmasked_space(env)
-        self._decode = decoder(action_mode)
+        self._decode = entry_of("action_mode", action_mode, ACTION_MODES)
         super().__init__(env)
         self._rng = np.random.default_rng()
         self.num_actions = int(discrete.n)  # A
@@ -75,13 +76,6 @@ class ContinuousActions(MapfWrapper):
         if np.isnan(values).any():
             raise ValueError(f"action of {agent!r}: expected numbers, got {values.tolist()}")
         return values.clip(-1, 1)
-
-
-def decoder(action_mode: ActionMode) -> Decoder:
-    """Return the decoder of this name; raises `ValueError` if it is unknown."""
-    if action_mode not in ACTION_MODES:
-        raise ValueError(f"action_mode={action_mode!r}: expected one of {', '.join(map(repr, ACTION_MODES))}")
-    return ACTION_MODES[action_mode]
 
 
 def generator(seed: int) -> np.random.Generator:

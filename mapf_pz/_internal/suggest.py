@@ -1,9 +1,19 @@
-"""Suggestions for misspelled names in error messages."""
+"""Names that users give: the entries that they mean, and suggestions for misspelled ones in error messages."""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any, TypeVar
+
+Entry = TypeVar("Entry")
+
+
+def entry_of(option: str, name: str, table: Mapping[Any, Entry]) -> Entry:
+    """Return the entry of a table that an option names; raises `ValueError` for an unknown name."""
+    if name not in table:
+        raise ValueError(f"{option}={name!r}: expected one of {', '.join(map(repr, table))}")
+    return table[name]
 
 
 def expected_names(name: str, known: Iterable[str]) -> str:

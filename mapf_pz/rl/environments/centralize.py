@@ -12,6 +12,7 @@ from torchrl.data import Bounded, Categorical, Composite, TensorSpec, Unbounded
 from torchrl.data.tensor_specs import ContinuousBox
 from torchrl.envs import Transform
 
+from mapf_pz._internal.suggest import entry_of
 from mapf_pz.simulator.actions import ACTION_MODES, ActionMode
 
 
@@ -35,8 +36,7 @@ class Centralize(Transform):
             action_mode: how the values are turned into actions; see `mapf_pz.simulator.action_modes`.
             seed: random seed of the modes that sample.
         """
-        if action_mode not in ACTION_MODES:
-            raise ValueError(f"action_mode={action_mode!r}: expected one of {', '.join(map(repr, ACTION_MODES))}")
+        decode = entry_of("action_mode", action_mode, ACTION_MODES)
         super().__init__(
             in_keys=[("agents", "observation"), ("agents", "reward")],
             out_keys=[("team", "image"), ("team", "reward")],
@@ -44,7 +44,7 @@ class Centralize(Transform):
             out_keys_inv=[("team", "action")],
         )
         self._num_actions = num_actions
-        self._decode = ACTION_MODES[action_mode]
+        self._decode = decode
         self._rng = np.random.default_rng(seed)
 
     def _stack(self, tensordict: TensorDictBase) -> TensorDictBase:
