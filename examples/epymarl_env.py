@@ -3,7 +3,7 @@ r"""The environment for EPyMARL, a clone of github.com/uoe-agents/epymarl, which
 In the clone, with this folder in `PYTHONPATH`:
 
     python src/main.py --config=ippo --env-config=gymma with env_args.key=epymarl_env:Mapf-EPyMARL-v0 \
-        env_args.time_limit=32 t_max=200000
+        env_args.time_limit=32 t_max=40000 lr=0.0007 gamma=0.98 use_cuda=False seed=0
 
 EPyMARL sums the agents' rewards. Its `time_limit` must be `max_steps`.
 """
