@@ -105,7 +105,13 @@ def test_published_episodes_are_those_of_the_same_tasks():
     assert first.metrics["CSR"] == first.metrics["ISR"] == 1
     bound = least_costs(load_pogema("pogema-mazes", 32)[0]).sum()
     assert first.metrics["SoC_ratio"] == first.metrics["SoC"] / bound > 1
-    assert len(published_episodes(own("pogema-mazes", 8, 16))) == 2 * len(published)
+    assert len(published_episodes(own("pogema-mazes", 8, 16))) == 2 * len(published_episodes(own("pogema-mazes", 8)))
+
+
+def test_a_metric_that_only_solved_episodes_state_is_left_out():
+    published = [one for one in published_episodes(own("pogema-mazes", 64)) if one.policy == "DMM-08M (published)"]
+    assert (len(published), {frozenset(one.metrics) for one in published}) == (128, {frozenset({"CSR", "ISR"})})
+    assert sum(one.metrics["CSR"] for one in published) == 117
 
 
 def test_episodes_without_a_stated_instance_are_not_paired():

@@ -139,7 +139,7 @@ def test_instances_equal_pogemas(pogema_benchmark):
 
 def test_published_results_equal_pogemas(pogema_benchmark):
     for pack, own in pogema.SETS.items():
-        files = (pogema_benchmark / f"{own}.{name}.csv" for name in ("results", "results-2026"))
+        files = (pogema_benchmark / f"{own}.{name}.csv" for name in ("results", "results-2026", "results-dmm"))
         texts = [file.read_text() for file in files if file.exists()]
         rows = [row for text in texts for row in csv.DictReader(text.splitlines())]
         counts = sorted({int(row["num_agents"]) for row in rows})

@@ -16,6 +16,7 @@ from mapf_pz.evaluation.results import Episode
 from mapf_pz.evaluation.suite import suite_label
 from mapf_pz.instances import load_pogema
 from mapf_pz.instances.benchmarks import pogema
+from mapf_pz.instances.benchmarks.pogema import PublishedResult
 from mapf_pz.instances.instance import Instance
 
 PUBLISHED = " (published)"
@@ -49,13 +50,25 @@ def _of_task(suite: str, name: str, task: str, num_agents: int, measured: Set[in
     shown = measured | {-1} if len(measured) == len(instances) else measured
     rows = [row for row in pogema.read_results(name, num_agents) if row.instance in shown]
     bounds = [] if name.endswith(pogema.LIFELONG) else [int(least_costs(instance).sum()) for instance in instances]
+    stated = _stated(rows)
     for position, row in enumerate(rows, 1):
         number = row.instance if row.instance >= 0 else -position
         map = instances[row.instance].grid.name if row.instance >= 0 else ""
-        metrics = dict(row.metrics)
+        metrics = {name: value for name, value in row.metrics.items() if name in stated[row.algorithm]}
         if bounds and row.instance >= 0 and "SoC" in metrics:
             metrics["SoC_ratio"] = metrics["SoC"] / bounds[row.instance]
         yield Episode(f"{row.algorithm}{PUBLISHED}", task, num_agents, number, metrics, map, suite=suite)
+
+
+def _stated(rows: Iterable[PublishedResult]) -> dict[str, set[str]]:
+    """Return the metrics of each algorithm that all its episodes have: the mean of others would be that of a part.
+
+    Some sources state the sum of costs of solved episodes only.
+    """
+    stated: dict[str, set[str]] = {}
+    for row in rows:
+        stated.setdefault(row.algorithm, set(row.metrics)).intersection_update(row.metrics)
+    return stated
 
 
 def impossible_episodes(episodes: Iterable[Episode], instances: Sequence[Instance], max_steps: int) -> list[Episode]:
