@@ -127,7 +127,10 @@ class AgentVectorEnv(SimulatorVectorEnv):
         """Return the infos of a step, each with a mask."""
         active = (self.simulator.agents["active"] & ~self._over[:, None]).reshape(-1)
         action_mask = seen.action_mask.reshape(self.num_envs, -1)
-        return {"action_mask": action_mask, "_action_mask": self._all, "active": active, "_active": self._all}
+        infos: VectorInfos = {"action_mask": action_mask, "active": active}
+        if self.simulator.config.delays is not None:
+            infos["delayed"] = self.simulator.agents["delayed"].flatten()
+        return infos | dict.fromkeys((f"_{name}" for name in infos), self._all)
 
     def _metric_infos(self) -> VectorInfos:
         """Return the metrics of the environments whose episodes are over, each with a mask."""

@@ -114,7 +114,7 @@ class CentralizedEnv(gymnasium.Env[TeamObservation, ArrayLike]):
         super().reset(seed=seed)
         observations, infos = self.env.reset(seed=seed, options=options)
         self._no_metrics = self._no_metrics or dict.fromkeys(self.env.metrics(), 0.0)
-        return self._join(observations), {"is_success": False, **self._no_metrics, **self._masked(infos)}
+        return self._join(observations), {"is_success": False, **self._no_metrics, **self._team_infos(infos)}
 
     def step(self, action: ArrayLike) -> tuple[TeamObservation, float, bool, bool, Info]:
         """Take one step with values (N, A), or with integers (N,) if `action_mode="discrete"`.
@@ -129,7 +129,7 @@ class CentralizedEnv(gymnasium.Env[TeamObservation, ArrayLike]):
         over = not self.env.agents
         terminated = over and all(terminations.values())
         metrics = self.env.metrics() if over else self._no_metrics
-        info = {"is_success": terminated, **metrics, **self._masked(infos)}
+        info = {"is_success": terminated, **metrics, **self._team_infos(infos)}
         return self._join(observations), self._reward(rewards), terminated, over and not terminated, info
 
     def action_masks(self) -> Bools:
@@ -141,13 +141,15 @@ class CentralizedEnv(gymnasium.Env[TeamObservation, ArrayLike]):
             raise RuntimeError("action_masks(): expected action_mode='discrete', and reset() before")
         return self._masks.reshape(-1) > 0
 
-    def _masked(self, infos: dict[str, AgentInfo]) -> Info:
-        """Return the masks of discrete actions by their name."""
-        if isinstance(self.action_space, spaces.Box):
-            return {}
-        rows = [infos[name]["action_mask"] if name in infos else self._all_allowed for name in self._names]
-        self._masks = np.array(rows)
-        return {"action_mask": self._masks}
+    def _team_infos(self, infos: dict[str, AgentInfo]) -> Info:
+        """Return the masks of discrete actions (N, A) and, with delays, which agents were delayed (N,), by name."""
+        found: Info = {}
+        if not isinstance(self.action_space, spaces.Box):
+            rows = [infos[name]["action_mask"] if name in infos else self._all_allowed for name in self._names]
+            found["action_mask"] = self._masks = np.array(rows)
+        if any("delayed" in info for info in infos.values()):
+            found["delayed"] = np.array([name in infos and infos[name]["delayed"] > 0 for name in self._names])
+        return found
 
     def render(self) -> Any:
         """Return an image or a text, as `MapfEnv.render` does."""

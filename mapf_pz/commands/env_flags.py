@@ -22,6 +22,7 @@ _TYPED: dict[str, Any] = {
     "scenario": Annotated[tuple[tuple[str, ...], ...], UseAppendAction],  # `--scenario a b --scenario c`
     "edge_weights": str,
     "initial_heading": HeadingName | tuple[int, ...],
+    "delays": str | None,
     "reward": RewardConfig,
     "source": str | None,
     "view_size": tuple[int, int],
@@ -68,7 +69,7 @@ class EpisodeKeywords(EnvKeywords):
 
     FIELDS: ClassVar[tuple[str, ...]] = (
         *("map", "scenario", "max_steps", "action_model", "collision_system", "on_target", "goals"),
-        *("initial_heading", "edge_weights", "distance_bytes"),
+        *("initial_heading", "edge_weights", "delays", "distance_bytes"),
     )
 
 

@@ -48,6 +48,7 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
     | Actions | `Discrete(4)`: forward, rotate left, rotate right, wait; or the 5 of `CardinalAction` |
     | Observations | `Box(-1, 1, (K, h, w), float32)`; with `features`, `Dict(image=Box, features=Box(-1, 1, (F,)))` |
     | Infos | `action_mask` (A,) int8, `at_goal`, `arrived`, `blocked`, `moved` (0 or 1), `arrivals` (a count) |
+    | | with `delays`, also `delayed` (0 or 1): the agent was delayed in the last step |
     | State | `(7, H, W)` float32: obstacle, agent, heading (sine, cosine), goal, distance to go, time |
 
     Version history: v0, the first.
@@ -215,6 +216,9 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
             pairs = zip(observations, batch.features[0][rows], strict=True)
             observations = ({"image": image, "features": features} for image, features in pairs)
         infos = agent_infos(self.agents, self._agents[rows], batch.action_mask[0][rows])
+        if self.config.delays is not None:
+            for name, delayed in zip(self.agents, self._agents["delayed"][rows].tolist(), strict=True):
+                infos[name]["delayed"] = int(delayed)
         return dict(zip(self.agents, observations, strict=True)), infos
 
     def state(self) -> NDArray[np.float32]:

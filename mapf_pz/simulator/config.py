@@ -18,6 +18,7 @@ from mapf_pz._internal.config import UNCHECKED, Count, Natural, as_tuple, checke
 from mapf_pz._internal.plugins import import_object
 from mapf_pz.guidance.library import EdgeWeights, check_edge_weights
 from mapf_pz.instances.instance import ActionModel, Grid, HeadingName, InstanceSource, Scenario
+from mapf_pz.simulator.delays import Delays
 from mapf_pz.simulator.kernels.observation.channels import CHANNELS, Channel, channel_of
 from mapf_pz.simulator.kernels.observation.features import Feature, feature_of
 from mapf_pz.simulator.kernels.reward import REWARDS, RewardConfig
@@ -65,6 +66,14 @@ def _scenario(value: Any) -> str | Path | Scenario | tuple[str | Path, ...]:
     return several
 
 
+def _delays(value: Any) -> Delays:
+    if isinstance(value, str):
+        return Delays.from_text(value)
+    if not isinstance(value, Delays):
+        raise ValueError("expected a Delays, or its text such as '0.01:1-4'")
+    return value
+
+
 def _headings(value: Any) -> str | tuple[int, ...]:
     if isinstance(value, str) and value in get_args(HeadingName):
         return value
@@ -91,6 +100,8 @@ RewardLike = Annotated[str | RewardConfig | RewardFunction, UNCHECKED]
 """A reward."""
 HeadingsLike = Annotated[HeadingName | ArrayLike, PlainValidator(_headings)]
 """How headings are chosen, or N headings, which become a tuple."""
+DelaysLike = Annotated[str | Delays, PlainValidator(_delays)]
+"""Delays of agents; their text becomes a `Delays`."""
 SourceLike = Annotated[InstanceSource | str, UNCHECKED]
 """A source of episodes."""
 Parts = Annotated[
@@ -159,6 +170,9 @@ class EnvConfig:
     goals: Goals = "uniform"
     """Sampled goals: `uniform` on the free cells, or `alternating` between the workstations and the endpoints of a
     warehouse, whose map is a `.json` file of GGO or a `.map` file with `E` and `S`; with `on_target='restart'` only."""
+    delays: DelaysLike | None = None
+    """Delays of agents: a `Delays`, or its text `PROBABILITY:SMALLEST-LARGEST`, optionally with `:poisson` and
+    `:normal`, such as `0.01:1-4`: the probability that a delay begins, and its numbers of steps. Default: none."""
     view_size: ViewSize = (5, 5)
     """Height and width of each agent's view in cells, each at most 511; it may be larger than the map."""
     view: View | None = None

@@ -110,6 +110,8 @@ class EpisodeLoader:
         self.headings[b] = self._initial_headings(instance, rng)
         self.starts[b] = instance.start_cells
         self._state.goals[b], self.goal_counts[b] = self._goals(instance, rng)
+        if self._config.delays is not None:
+            self._state.delay_key[b] = rng.integers(2**64, dtype=np.uint64)
 
     def _set_map(self, m: int, grid: Grid, rng: np.random.Generator) -> None:
         if grid is self._grids[m] and self._graph is not None:

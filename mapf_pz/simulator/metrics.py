@@ -1,6 +1,6 @@
 """The metrics of one episode, with POGEMA's names and definitions (POGEMA 1.4.0, `wrappers/metrics.py`).
 
-Those of a guidance graph, `WEIGHTED_METRICS`, are not in POGEMA.
+Those of a guidance graph, `WEIGHTED_METRICS`, and of delays are not in POGEMA.
 """
 
 from __future__ import annotations
@@ -9,11 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mapf_pz._internal.arrays import Floats, Ints
+from mapf_pz._internal.arrays import Bools, Floats, Ints
 from mapf_pz.simulator.config import OnTarget
 
 WEIGHTED_METRICS = ("weighted_cost", "weighted_cost_ratio")
 """The metrics of episodes with one goal and other edge weights than `uniform`, with which they equal those of SoC."""
+
+DELAY_SHARE, DELAY_RATIO = "delay_share", "delayed_SoC_ratio"
+"""The metrics of episodes with delays; the ratio is only that of episodes with one goal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,18 +51,23 @@ class EpisodeRecord:
     """(N,): length in steps of each agent's shortest path to its goal; -1 if there is none. Not read with `restart`."""
     weighted: WeightedCosts | None = None
     """The costs in edge weights; None with `uniform` weights, and with `restart`."""
+    delayed: Bools | None = None
+    """(num_steps, N): in which steps which agents were delayed; None if there are no delays."""
 
 
-def metric_names(on_target: OnTarget, weighted: bool = False) -> tuple[str, ...]:
+def metric_names(on_target: OnTarget, weighted: bool = False, delayed: bool = False) -> tuple[str, ...]:
     """Return the names of the metrics that `episode_metrics` computes.
 
     Args:
         on_target: the behavior at the goal.
         weighted: whether the edge weights are other than `uniform`.
+        delayed: whether there are delays.
     """
+    share = (DELAY_SHARE,) if delayed else ()
     if on_target == "restart":
-        return "avg_throughput", "ep_length", "exhausted_agents"
-    return "CSR", "ISR", "SoC", "makespan", "ep_length", "SoC_ratio", *(WEIGHTED_METRICS if weighted else ())
+        return "avg_throughput", "ep_length", "exhausted_agents", *share
+    ratios = (*(WEIGHTED_METRICS if weighted else ()), *share, *((DELAY_RATIO,) if delayed else ()))
+    return "CSR", "ISR", "SoC", "makespan", "ep_length", "SoC_ratio", *ratios
 
 
 def episode_metrics(record: EpisodeRecord) -> dict[str, float]:
@@ -77,14 +85,20 @@ def episode_metrics(record: EpisodeRecord) -> dict[str, float]:
     and stays costs one wait. The lower bound is the sum of the cheapest costs of agents that are alone. A move along an
     edge of infinite weight makes both infinite.
 
+    `delay_share` (with `EpisodeRecord.delayed`): the fraction of the steps of agents that had not disappeared in which
+    they were delayed. `delayed_SoC_ratio`: SoC divided by its value if each agent were alone, with its delays: the step
+    in which it has made as many steps without a delay as its shortest path has, or all steps if that is later.
+
     `exhausted_agents` (`restart` only; not in POGEMA): number of agents that reached the end of their instance's goal
     sequence and started it over. If it is not 0, the throughput is not that of the instance.
     """
+    share = {} if record.delayed is None else {DELAY_SHARE: _delay_share(record, record.delayed)}
     if record.on_target == "restart":
         return {
             "avg_throughput": float(record.arrivals.sum() / record.max_steps),
             "ep_length": float(record.num_steps),
             "exhausted_agents": float((record.arrivals >= record.goal_counts).sum()),
+            **share,
         }
     solved = record.resting_since >= 0
     costs = np.where(solved, record.resting_since, record.num_steps)
@@ -97,11 +111,34 @@ def episode_metrics(record: EpisodeRecord) -> dict[str, float]:
         "ep_length": float(costs.mean()) if record.on_target == "finish" else float(record.num_steps),
         "SoC_ratio": _ratio(costs, shortest),
     }
-    if record.weighted is None:
-        return metrics
-    costs, cheapest = record.weighted.costs, record.weighted.cheapest
-    ratio = _ratio(costs, cheapest[np.isfinite(cheapest)])
-    return metrics | dict(zip(WEIGHTED_METRICS, (float(costs.sum()), ratio), strict=True))
+    if record.weighted is not None:
+        weighted, cheapest = record.weighted.costs, record.weighted.cheapest
+        ratio = _ratio(weighted, cheapest[np.isfinite(cheapest)])
+        metrics |= dict(zip(WEIGHTED_METRICS, (float(weighted.sum()), ratio), strict=True))
+    if record.delayed is not None:
+        metrics |= share | {DELAY_RATIO: _ratio(costs, _costs_alone(record.shortest, record.delayed))}
+    return metrics
+
+
+def _delay_share(record: EpisodeRecord, delayed: Bools) -> float:
+    """Return the fraction of the agents' steps in which they were delayed; 0 before the first step."""
+    present = np.ones_like(delayed)
+    if record.on_target == "finish":  # an agent disappears after the step in which it arrives
+        ends = np.where(record.resting_since >= 0, record.resting_since, record.num_steps)
+        present = np.arange(len(delayed))[:, None] < ends
+    return float(delayed[present].mean()) if present.any() else 0.0
+
+
+def _costs_alone(shortest: Ints, delayed: Bools) -> Ints:
+    """Return the costs (N,) of agents that have a path, if each were alone with its delays.
+
+    Args:
+        shortest: (N,) length of the shortest path; -1 if there is none.
+        delayed: (T, N): in which steps which agents were delayed.
+    """
+    steps_made = np.cumsum(~delayed, axis=0, dtype=np.int64)
+    costs = np.minimum((steps_made < shortest).sum(axis=0) + 1, max(len(delayed), 1))
+    return costs[shortest >= 0]
 
 
 def _ratio(costs: Ints | Floats, least: Ints | Floats) -> float:

@@ -71,7 +71,12 @@ def dump_env(config: EnvConfig) -> dict[str, Any]:
     if is_guidance_file(config.edge_weights):
         fields["edge_weights"] = _guidance(config)
     stored = {name: _stored(name, fields[name]) for name in OBJECT_FIELDS}
-    return fields | stored
+    fields |= stored
+    if config.delays is None:
+        del fields["delays"]
+    else:
+        fields["delays"] = str(config.delays)
+    return fields
 
 
 def _check_savable(name: str, value: Any) -> None:
@@ -99,6 +104,7 @@ def load_env(stored: Any, info: ValidationInfo) -> EnvConfig:
         return stored
     if not isinstance(stored, dict):
         raise ValueError("expected an object")
+    stored = {"delays": None} | stored  # absent if there are none, as in files of earlier versions
     names = {field.name for field in dataclasses.fields(EnvConfig)}
     for name in sorted(names ^ stored.keys()):
         raise ValueError(f"{name}: {ABSENT if name in names else UNKNOWN}")

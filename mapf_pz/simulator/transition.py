@@ -19,7 +19,7 @@ class Transition:
     agents: Array
     """(B, N) records `AGENT` (`mapf_pz.simulator.kernels.state`) after the step."""
     actions: Ints
-    """(B, N) int64 actions that the agents chose."""
+    """(B, N) int64 actions that the agents chose; delayed agents waited."""
     steps: Ints
     """(B,) int32 steps taken in each episode, this one included."""
     shape: tuple[int, int]
@@ -60,6 +60,11 @@ class Transition:
     def blocked(self) -> Bools:
         """(B, N) bool: whether an obstacle or another agent prevented the agent's move."""
         return self.agents["blocked"]
+
+    @property
+    def delayed(self) -> Bools:
+        """(B, N) bool: whether the agent was delayed, and waited."""
+        return self.agents["delayed"]
 
     @property
     def at_goal(self) -> Bools:

@@ -179,6 +179,10 @@ class Reference(Rules):
         others = self.seen_others(agent)
         return [self._plane(agent, {self.positions[o]: 1.0 if self.at_goal[o] else -1.0 for o in others})]
 
+    def _others_delayed(self, agent: int) -> list[Plane]:
+        others = self.seen_others(agent)
+        return [self._plane(agent, {self.positions[o]: 1.0 if self.delayed[o] else -1.0 for o in others})]
+
     def next_cell(self, agent: int) -> Cell | None:
         """The cell that the agent enters next on its own cheapest path; None if there is no path."""
         cell, heading, best, chosen = self.positions[agent], self.headings[agent], inf, None
@@ -245,3 +249,9 @@ class Reference(Rules):
 
     def _time(self, agent: int) -> list[float]:
         return [self.step_count / self.max_steps]
+
+    def _delayed(self, agent: int) -> list[float]:
+        return [float(self.delayed[agent])]
+
+    def _remaining_delay(self, agent: int) -> list[float]:
+        return [0.0 if self.delays is None else self.delays.left[agent] / self.delays.delays.duration[1]]

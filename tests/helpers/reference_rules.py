@@ -9,6 +9,8 @@ from math import inf, isfinite
 from mapf_pz.instances.heading import Heading
 from mapf_pz.simulator.actions import Action, CardinalAction
 from mapf_pz.simulator.config import RewardConfig
+from mapf_pz.simulator.delays import Delays
+from tests.helpers.reference_delays import ReferenceDelays
 
 Cell = tuple[int, int]
 STEP: dict[int, Cell] = {Heading.EAST: (0, 1), Heading.SOUTH: (1, 0), Heading.WEST: (0, -1), Heading.NORTH: (-1, 0)}
@@ -70,7 +72,7 @@ class Rules:
 
     Readable after every step, by agent: `positions`, `headings`, `active` (not yet gone), `goals` (the current ones),
     `at_goal` (stands on its current goal), `arrived` (in this step, as the goal reward counts it), `moved`, `blocked`,
-    `rewards`, `terminated` (stays True); and `truncated` (of all that are left), `step_count`.
+    `delayed`, `rewards`, `terminated` (stays True); and `truncated` (of all that are left), `step_count`.
     """
 
     def __init__(
@@ -87,6 +89,8 @@ class Rules:
         rewards: RewardConfig | None = None,
         move: list[list[list[float]]] | None = None,
         wait: list[list[float]] | None = None,
+        delays: Delays | None = None,
+        delay_key: int = 0,
     ) -> None:
         self.free = free
         self.height, self.width = len(free), len(free[0])
@@ -113,6 +117,9 @@ class Rules:
         self.start_headings = [int(Heading.NORTH) if self.cardinal else int(heading) for heading in headings]
         self.headings = list(self.start_headings)
         self.active = [True] * len(starts)
+        self.delays = None if delays is None else ReferenceDelays(delays, delay_key, len(starts))
+        self.delayed = [False] * len(starts)
+        self.delay_log: list[list[bool]] = []  # per step, by agent
         self.arrived = [False] * len(starts)
         self.moved = [False] * len(starts)
         self.blocked = [False] * len(starts)
@@ -200,6 +207,11 @@ class Rules:
 
     def step(self, actions: list[int]) -> None:
         playing = [agent for agent in self.agents if self.active[agent]]
+        if self.delays is not None:
+            self.delayed = self.delays.step()
+            self.delay_log.append(self.delayed)
+            wait = self.action_type.WAIT
+            actions = [wait if late else action for late, action in zip(self.delayed, actions, strict=True)]
         before = [
             self.cost_to_go(self.goals[agent], self.positions[agent], self.headings[agent]) for agent in self.agents
         ]
@@ -305,6 +317,7 @@ class Rules:
                 "avg_throughput": arrivals / self.max_steps,
                 "ep_length": float(self.step_count),
                 "exhausted_agents": float(sum(ends)),
+                **self._delay_share([self.step_count] * len(self.agents)),
             }
         if self.on_target == "finish":
             solved = [bool(steps) for steps in self.arrival_steps]
@@ -315,14 +328,40 @@ class Rules:
         shortest = [self.lower_bound(agent) for agent in self.agents]
         bound = sum(max(length, 1) for length in shortest if isfinite(length))
         weighted = self._weighted_metrics(times) if self.weighted else {}
-        return weighted | {
-            "CSR": float(all(solved)),
-            "ISR": sum(solved) / len(solved),
-            "SoC": float(sum(times)),
-            "makespan": float(max(times)),
-            "ep_length": sum(times) / len(times) if self.on_target == "finish" else float(self.step_count),
-            "SoC_ratio": sum(times) / bound if bound else 1.0,
-        }
+        delayed = self._delay_share(times if self.on_target == "finish" else [self.step_count] * len(times))
+        if self.delays is not None:
+            alone = sum(
+                self._cost_alone(agent, int(length)) for agent, length in enumerate(shortest) if isfinite(length)
+            )
+            delayed["delayed_SoC_ratio"] = sum(times) / alone if alone else 1.0
+        return (
+            weighted
+            | delayed
+            | {
+                "CSR": float(all(solved)),
+                "ISR": sum(solved) / len(solved),
+                "SoC": float(sum(times)),
+                "makespan": float(max(times)),
+                "ep_length": sum(times) / len(times) if self.on_target == "finish" else float(self.step_count),
+                "SoC_ratio": sum(times) / bound if bound else 1.0,
+            }
+        )
+
+    def _delay_share(self, ends: list[int]) -> dict[str, float]:
+        """The share of delayed steps up to each agent's last one."""
+        if self.delays is None:
+            return {}
+        steps = [self.delay_log[step][agent] for agent in self.agents for step in range(ends[agent])]
+        return {"delay_share": sum(steps) / len(steps) if steps else 0.0}
+
+    def _cost_alone(self, agent: int, length: int) -> int:
+        """The step in which an agent that never waits for others arrives with its delays, at most the last one."""
+        made = 0
+        for step, delayed in enumerate(self.delay_log, start=1):
+            made += not delayed[agent]
+            if made >= length:
+                return step
+        return max(self.step_count, 1)
 
     def _weighted_metrics(self, times: list[int]) -> dict[str, float]:
         cost = sum(sum(log[:time]) for log, time in zip(self.weight_log, times, strict=True))

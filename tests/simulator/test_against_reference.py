@@ -10,6 +10,7 @@ from mapf_pz.guidance import GuidanceGraph, open_edges
 from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.simulator import Simulator
 from mapf_pz.simulator.config import REWARDS, EnvConfig, RewardConfig
+from mapf_pz.simulator.delays import Delays
 from mapf_pz.simulator.kernels.observation import layers
 from mapf_pz.simulator.kernels.observation.channels import CHANNELS
 from mapf_pz.simulator.kernels.observation.features import FEATURES
@@ -56,7 +57,7 @@ class Lockstep:
         self.rng = np.random.default_rng(seed)
         self.tables = {}  # of the references, by map: they are slow to compute
         self.games = [None] * num_envs
-        self.counts = dict.fromkeys(("steps", "blocked", "arrived", "terminated", "truncated"), 0)
+        self.counts = dict.fromkeys(("steps", "blocked", "arrived", "terminated", "truncated", "delayed"), 0)
         self.reset(range(num_envs), {b: seed + b for b in range(num_envs)})
 
     def reset(self, envs, seeds=None):
@@ -81,7 +82,8 @@ class Lockstep:
             **{name: getattr(config, name) for name in ("view_size", "see_through_walls")},
             view=config.resolved_view,
             frame=config.resolved_frame,
-            **{name: getattr(config, name) for name in ("channels", "features")},
+            **{name: getattr(config, name) for name in ("channels", "features", "delays")},
+            delay_key=int(self.simulator.state.delay_key[b]),
         )
         if config.edge_weights != "random":
             game.tables = self.tables.setdefault(instance.grid, {})
@@ -141,6 +143,7 @@ class Lockstep:
         for name, expected in (
             ("arrived", game.arrived),
             ("blocked", game.blocked),
+            ("delayed", game.delayed),
             ("terminated", terminated),
             ("truncated", truncated),
             ("at_goal", at_goal),
@@ -152,7 +155,7 @@ class Lockstep:
         assert (agents["cell"] != agents["was_cell"]).tolist() == game.moved
         assert np.abs(agents["reward"] - game.rewards).max() < 1e-4
         self.counts["steps"] += 1
-        for name in ("blocked", "arrived", "terminated", "truncated"):
+        for name in ("blocked", "arrived", "terminated", "truncated", "delayed"):
             self.counts[name] += int(agents[name].sum())
 
     def _compare_metrics(self, b):
@@ -205,6 +208,15 @@ def any_weights(rng, shape):
     return GuidanceGraph(move, rng.uniform(0.1, 2, shape))
 
 
+def any_delays(rng):
+    """Draw delays, of some episodes' agents most of the time; or none."""
+    if rng.random() < 0.3:
+        return None
+    duration = sorted(rng.integers(1, 8, size=2).tolist())
+    events, durations = str(rng.choice(["bernoulli", "poisson"])), str(rng.choice(["uniform", "normal"]))
+    return Delays(float(rng.choice([0.02, 0.1, 0.9])), tuple(duration), events, durations)
+
+
 @pytest.mark.parametrize(COMBINATION_NAMES, COMBINATIONS)
 def test_ten_thousand_steps(action_model, collision_system, on_target):
     rng = np.random.default_rng(COMBINATIONS.index((action_model, collision_system, on_target)))
@@ -218,6 +230,7 @@ def test_ten_thousand_steps(action_model, collision_system, on_target):
             max_steps=max_steps,
             reward=any_reward(rng),
             edge_weights=str(rng.choice(["uniform", "crisscross"])),
+            delays=None if num_agents == 9 else any_delays(rng),
             view_size=(1, 1),
         )
         lockstep = Lockstep(config, num_envs=20, seed=int(rng.integers(2**32)))
@@ -256,6 +269,7 @@ def test_observations(action_model, collision_system, on_target):
             num_last_actions=int(rng.integers(1, 4)),
             edge_weights=edge_weights,
             reward=any_reward(rng, edge_weights),
+            delays=any_delays(rng),
         )
         lockstep = Lockstep(config, num_envs=2, seed=int(rng.integers(2**32)))
         lockstep.compare_observations()
@@ -304,7 +318,8 @@ def test_views_larger_than_the_map(shape, view_size, view, action_model):
 
 def observe_alone(**keywords):
     source = Disorder(np.random.default_rng(5), (5, 5), 8, num_maps=2)
-    lockstep = Lockstep(EnvConfig(source=source, max_steps=5, **keywords), num_envs=2, seed=5)
+    config = EnvConfig(source=source, max_steps=5, delays=Delays(0.3, (1, 3)), **keywords)
+    lockstep = Lockstep(config, num_envs=2, seed=5)
     for _ in range(8):
         lockstep.compare_observations()
         lockstep.step()

@@ -51,6 +51,7 @@ class BatchedMapfEnv(EnvBase):
     | `("agents", "at_goal")` | (B, N, 1) bool | the last step ended on the agent's goal |
     | `("agents", "arrivals")` | (B, N, 1) int64 | goals reached in this episode (with `nothing`: 0 or 1) |
     | `("agents", "active")` | (B, N, 1) bool | False for agents that have disappeared |
+    | `("agents", "delayed")` | (B, N, 1) bool | with `delays`: the agent was delayed in the last step |
     | `("agents", "position")` | (B, N, 2) int64 | [row, col]; -1 for agents that have disappeared |
     | `("agents", "goal")` | (B, N, 2) int64 | the current goal, [row, col] |
     | `("agents", "action")` | (B, N) int64 | |
@@ -102,6 +103,8 @@ class BatchedMapfEnv(EnvBase):
             goal=Bounded(0, max(self.simulator.shape) - 1, shape=torch.Size([*each, 2]), dtype=torch.int64),
             shape=each,
         )
+        if self.config.delays is not None:
+            observed["delayed"] = Binary(1, shape=one, dtype=torch.bool)
         spec = Composite(agents=observed, shape=batch)
         if self._has_state:
             size = torch.Size([*batch, len(STATE_PLANES), *self.simulator.shape])
@@ -164,6 +167,7 @@ class BatchedMapfEnv(EnvBase):
         if self.simulator.layout.num_features:
             parts = {"image": image, "features": torch.from_numpy(observation.features).to(self._dtype)}
             entry = TensorDict(parts, batch_size=image.shape[:2], device=image.device)
+        delayed = {} if self.config.delays is None else {"delayed": agents["delayed"].copy()}
         return {
             "observation": entry,
             "action_mask": torch.from_numpy(observation.action_mask.view(np.bool_)),
@@ -172,6 +176,7 @@ class BatchedMapfEnv(EnvBase):
             "active": torch.from_numpy(agents["active"].copy()).unsqueeze(-1),
             "position": torch.from_numpy(position),
             "goal": torch.from_numpy(self.simulator.coordinates(agents["goal"])),
+            **{name: torch.from_numpy(flags).unsqueeze(-1) for name, flags in delayed.items()},
         }
 
     def _metrics(self, ended: Tensor) -> TensorDict:

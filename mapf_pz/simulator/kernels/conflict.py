@@ -31,6 +31,12 @@ def direction(cardinal: bool, heading: int, action: int) -> int:
 
 
 @inlined
+def wait_of(cardinal: bool) -> int:
+    """Return the action that waits."""
+    return _CARDINAL_WAIT if cardinal else _WAIT
+
+
+@inlined
 def propose(cardinal: bool, leads_to: Array, m: int, agents: Array, actions: Array) -> None:
     """Set the cell that each agent wants: its own, if it does not move or an obstacle of map `m` is in the way."""
     for i in range(agents.size):
@@ -138,7 +144,7 @@ def write_masks(cardinal: bool, leads_to: Array, maps: Array, all_agents: Array,
 
     Other agents do not count.
     """
-    wait = _CARDINAL_WAIT if cardinal else _WAIT
+    wait = wait_of(cardinal)
     for b in prange(maps.size):
         m, agents = maps[b], all_agents[b]
         for i in range(agents.size):

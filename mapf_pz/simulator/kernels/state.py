@@ -34,6 +34,7 @@ AGENT = np.dtype(
         ("blocked", np.bool_),  # a move was wanted and did not happen
         ("terminated", np.bool_),
         ("truncated", np.bool_),
+        ("delayed", np.bool_),  # it was delayed, and waited
         ("step_weight", np.float32),  # of the edge that it took, or of waiting or turning; 0 once it has disappeared
         ("progress", np.float32),  # the fall of the cost to go, where the reward asks for it
         ("own_reward", np.float64),  # before sharing
@@ -43,6 +44,7 @@ AGENT = np.dtype(
         ("resting_since", np.int32),  # the step since which it is on its goal; -1: it is not
         ("path_weight", np.float64),  # the sum of `step_weight`
         ("weighted_cost", np.float64),  # that sum up to the step `resting_since`, or of all steps if it is -1
+        ("delay", np.int32),  # the number of following steps in which it is still delayed
         # Scratch:
         ("want", np.int32),  # the cell it wants, then the cell it gets
         ("next_cell", np.int32),  # the next cell on its own cheapest path; -1: none
@@ -111,6 +113,7 @@ class State(NamedTuple):
     history: Array  # (B, N, L, 2) int8: the last L actions, newest first, and whether they moved; action -1: none
     occupant: Array  # (B, C + 1) int32: the agent on each cell; -1: none
     claim: Array  # (B, C + 1) int32: scratch of the conflict kernels, -1 between steps
+    delay_key: Array  # (B,) uint64: what the delays of each episode depend on
 
 
 @register_jitable
@@ -141,6 +144,7 @@ def allocate_state(num_envs: int, num_agents: int, num_cells: int, num_goals: in
         history=np.zeros((num_envs, num_agents, remembered, 2), np.int8),
         occupant=np.full((num_envs, num_cells + 1), -1, np.int32),
         claim=np.full((num_envs, num_cells + 1), -1, np.int32),
+        delay_key=np.zeros(num_envs, np.uint64),
     )
 
 

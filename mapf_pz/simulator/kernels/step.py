@@ -1,12 +1,13 @@
-"""One step of the environment: propose, resolve, advance, update goals, compute rewards, finish."""
+"""One step of the environment: delay, propose, resolve, advance, update goals, compute rewards, finish."""
 
 from __future__ import annotations
 
 from numba import prange
 
 from mapf_pz._internal.jit import Array, BatchKernel, inlined, jit
-from mapf_pz.simulator.kernels.conflict import NO_MOVE, direction, propose, resolve
+from mapf_pz.simulator.kernels.conflict import NO_MOVE, direction, propose, resolve, wait_of
 from mapf_pz.simulator.kernels.cost_lookup import turned
+from mapf_pz.simulator.kernels.delay import NEVER, DelayRules, delay_agents
 from mapf_pz.simulator.kernels.reward import RewardTerms, compute_rewards, measure_progress
 from mapf_pz.simulator.kernels.state import WAIT_WEIGHT, CostToGo, Distances, Fields, Rules, State, World
 
@@ -16,20 +17,24 @@ ON_TARGET = {"nothing": NOTHING, "finish": FINISH, "restart": RESTART}
 
 @BatchKernel
 def step(
-    rule_fields: Fields, term_fields: Fields, world_fields: Fields, distance_fields: Fields, state_fields: Fields,
-    all_actions: Array
+    rule_fields: Fields, delay_fields: Fields, term_fields: Fields, world_fields: Fields, distance_fields: Fields,
+    state_fields: Fields, all_actions: Array
 ) -> None:  # fmt: skip
     """Advance all environments by one step.
 
-    `all_actions` (B, N) int64; the others are the fields of `Rules`, `RewardTerms`, `World`, `Distances`, `State`.
+    `all_actions` (B, N) int64, in which those of delayed agents are replaced; the others are the fields of `Rules`,
+    `DelayRules`, `RewardTerms`, `World`, `Distances`, `State`.
     """
-    rules, terms, world = Rules(*rule_fields), RewardTerms(*term_fields), World(*world_fields)
+    rules, delays = Rules(*rule_fields), DelayRules(*delay_fields)
+    terms, world = RewardTerms(*term_fields), World(*world_fields)
     distances, state = Distances(*distance_fields), State(*state_fields)
     to_go = CostToGo(distances.packed, distances.exact, distances.least)
     for b in prange(all_actions.shape[0]):
         m, agents, occupant, claim = state.map[b], state.agents[b], state.occupant[b], state.claim[b]
         time, actions = tick(state.time, b), all_actions[b]
 
+        if delays.events != NEVER:
+            delay_agents(delays, state.delay_key[b], time, wait_of(rules.cardinal), agents, actions)
         propose(rules.cardinal, world.leads_to, m, agents, actions)
         resolve(rules.collision, agents, occupant, claim)
         advance(rules.cardinal, world.weight, m, agents, actions, occupant, state.history[b])

@@ -81,6 +81,8 @@ CHANNELS: dict[str, Channel] = {
     "others_heuristic": Channel(lookup="others_heuristic", planes=4, needs_cost_to_go=True, symmetry="directions"),
     # on each other agent in view 1 if it is on its goal, otherwise -1
     "others_at_goal": Channel(lookup="others_at_goal", low=-1, symmetry="cells"),
+    # on each other agent in view 1 if it was delayed in the last step, otherwise -1
+    "others_delayed": Channel(lookup="others_delayed", low=-1, symmetry="cells"),
 }
 """The built-in channels by name."""
 

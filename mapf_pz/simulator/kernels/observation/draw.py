@@ -26,12 +26,14 @@ class LookupPlanes(NamedTuple):
     others_next: int
     others_heuristic: int
     others_at_goal: int
+    others_delayed: int
 
 
 def draw_lookups(inputs: ObservationInputs, planes: LookupPlanes, image: Array) -> None:
     """Draw the looked-up channels to `image` (B, N, K, V) float32."""
     shape, layers, world, state = inputs.view_shape, inputs.layers, inputs.world, inputs.state
-    shows_others = max(planes.other_goals, planes.others_next, planes.others_heuristic, planes.others_at_goal) >= 0
+    of_others = set(LookupPlanes._fields) - {"cost_to_go", "heuristic"}
+    shows_others = max(getattr(planes, name) for name in of_others) >= 0
     others = inputs.others if shows_others else NO_OTHERS
     # Single arrays, since a named tuple takes longer to pass to a kernel.
     geometry = (shape.height, shape.width, layers.place, layers.stride, *inputs.origins)
@@ -45,7 +47,8 @@ def _draw_lookups(
     height: int, width: int, place: Array, stride: Array, turn: Array, corner: Array, cells: Array,
     count: Array, spots: Array, others: Array, leads_to: Array, weight: Array, mean_weight: Array,
     packed: Array, exact: Array, least: Array, maps: Array, all_agents: Array, cost_to_go: int, heuristic: int,
-    other_goals: int, others_next: int, others_heuristic: int, others_at_goal: int, all_images: Array
+    other_goals: int, others_next: int, others_heuristic: int, others_at_goal: int, others_delayed: int,
+    all_images: Array
 ) -> None:  # fmt: skip
     to_go = CostToGo(packed, exact, least)
     for b in prange(maps.size):
@@ -66,6 +69,8 @@ def _draw_lookups(
             _draw_others_heuristic(turn[b], count[b], spots[b], others[b], agents, image, others_heuristic)
         if others_at_goal >= 0:
             _draw_others_at_goal(count[b], spots[b], others[b], agents, image, others_at_goal)
+        if others_delayed >= 0:
+            _draw_others_delayed(count[b], spots[b], others[b], agents, image, others_delayed)
 
 
 @jit
@@ -167,6 +172,15 @@ def _draw_others_at_goal(count: Array, spots: Array, others: Array, agents: Arra
         for k in range(count[i]):
             other = agents[others[i, k]]
             image[i, plane, spots[i, k]] = 1.0 if other.cell == other.goal else -1.0
+
+
+@jit
+def _draw_others_delayed(count: Array, spots: Array, others: Array, agents: Array, image: Array, plane: int) -> None:
+    """On each other agent in view 1 if it was delayed in the last step, otherwise -1."""
+    for i in range(image.shape[0]):
+        clear(image, i, plane)
+        for k in range(count[i]):
+            image[i, plane, spots[i, k]] = 1.0 if agents[others[i, k]].delayed else -1.0
 
 
 @inlined

@@ -167,6 +167,16 @@ def write_time(inputs: ObservationInputs, values: Array, at: int) -> None:
     values[:, :, at] = (inputs.state.time / inputs.max_steps)[:, None]
 
 
+def write_delayed(inputs: ObservationInputs, values: Array, at: int) -> None:
+    """1 if the agent was delayed in the last step."""
+    values[:, :, at] = inputs.delayed
+
+
+def write_remaining_delay(inputs: ObservationInputs, values: Array, at: int) -> None:
+    """Steps in which the agent is still delayed, over the largest number of a delay; 0 without delays."""
+    values[:, :, at] = inputs.state.agents["delay"] / max(inputs.longest_delay, 1)
+
+
 LengthOf = Callable[[int, int], int]
 """A function that returns a length for A actions and `num_last_actions`."""
 
@@ -206,6 +216,8 @@ FEATURES: dict[str, Feature] = {
     "action_advantage": Feature(write_action_advantage, _each_action, needs_cost_to_go=True, symmetry=_action_symmetry),
     "last_actions": Feature(write_last_actions, _each_last_action, symmetry=_last_actions_symmetry),
     "time": Feature(write_time, symmetry=unchanged),
+    "delayed": Feature(write_delayed, symmetry=unchanged),
+    "remaining_delay": Feature(write_remaining_delay, symmetry=unchanged),
 }
 """The built-in features by name."""
 

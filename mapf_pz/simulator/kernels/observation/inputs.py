@@ -52,6 +52,7 @@ class ObservationInputs:
         has_distances: bool,
         cardinal: bool,
         max_steps: int,
+        longest_delay: int,
         num_threads: int,
     ) -> None:
         """Keep references to the simulator's arrays."""
@@ -67,6 +68,8 @@ class ObservationInputs:
         self.state = state
         self.cardinal = cardinal
         self.max_steps = max_steps
+        self.longest_delay = longest_delay
+        """Largest number of steps of a delay; 0: there are none."""
         self.num_threads = num_threads
         num_envs, num_agents = state.agents.shape
         num_cells = view_shape.height * view_shape.width
@@ -106,6 +109,11 @@ class ObservationInputs:
     def last_actions(self) -> Array:
         """(B, N, L) int8: the last L actions of each agent, newest first; -1 before the first step."""
         return self.state.history[..., 0]
+
+    @property
+    def delayed(self) -> Array:
+        """(B, N) bool: which agents were delayed in the last step."""
+        return self.state.agents["delayed"]
 
     @property
     def steps(self) -> Array:
