@@ -229,12 +229,12 @@ def test_the_metrics_of_agents_that_are_alone():
 
 
 def test_all_interfaces_tell_who_is_delayed():
-    torchrl = pytest.importorskip("mapf_pz.rl.environments")
+    rl = pytest.importorskip("mapf_pz.rl")
     keywords = {"source": SOURCE, "delays": "0.4:1-2", "max_steps": 9}
     simulator = Simulator(EnvConfig(**keywords), 2)
     simulator.reset(seeds={0: 5, 1: 6})
     agents = mapf_pz.wrappers.AgentVectorEnv(2, **keywords)
-    batched = torchrl.BatchedMapfEnv(num_envs=2, seed=5, **keywords)
+    batched = rl.BatchedMapfEnv(num_envs=2, seed=5, **keywords)
     team = mapf_pz.wrappers.CentralizedVectorEnv(2, **keywords)
     single = mapf_pz.wrappers.CentralizedEnv(mapf_pz.parallel_env(**keywords))
     _, infos = agents.reset(seed=5)
