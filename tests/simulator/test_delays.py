@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 
 import mapf_pz
 from mapf_pz.instances import RandomObstacles
+from mapf_pz.instances.delays import Delays
 from mapf_pz.simulator import Simulator
 from mapf_pz.simulator.actions import Action, CardinalAction
 from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.simulator.delays import Delays, delay_rules
-from mapf_pz.simulator.kernels.delay import delayed_agents
+from mapf_pz.simulator.kernels.delay import delay_rules, delayed_agents
 
 ALWAYS = Delays(1.0, (1, 1))
 SOURCE = RandomObstacles(6, 6, 0.1, 8)
