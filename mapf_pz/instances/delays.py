@@ -33,7 +33,7 @@ Duration = Annotated[
 class Delays:
     """Delays of agents. In a step in which it is delayed, an agent waits, whatever its action.
 
-    A delay begins in a step in which its agent was told to act: nobody knows of it before. Delays depend on the seed of
+    A delay begins in a step whose actions are already chosen: no agent knows of it before. Delays depend on the seed of
     the episode, the agent and the step alone, not on actions. The models are those of the Start-Kit 3.1 of the League
     of Robot Runners.
 

@@ -17,7 +17,7 @@ from mapf_pz.instances.delays import NORMAL_DEVIATION, Delays
 NEVER, BERNOULLI, POISSON = 0, 1, 2
 EVENTS = {"bernoulli": BERNOULLI, "poisson": POISSON}
 _COUNT, _CHOICE = 2**32 - 1, 2**32 - 2
-"""What has random numbers of its own, beside the agents: how many delays begin, and which agents they have."""
+"""Numbers in place of an agent's, for the random numbers of a step: how many delays begin, and of which agents."""
 
 
 class DelayRules(NamedTuple):
