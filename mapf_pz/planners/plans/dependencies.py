@@ -204,9 +204,9 @@ class Execution:
 
     Ask `permitted` which agents may act, and tell `advance` which of them have acted.
 
-    Delays may be unknown before a step. If all agents that are permitted without delays try to act, the collision
-    system `soft` stops those behind a delayed agent: each agent that moves to the cell of one that stays, and so on. The
-    others are exactly those that are permitted with these delays.
+    Delays may be unknown before a step. If all agents try to act that are permitted without delays, the collision
+    system `soft` stops each agent that moves to the cell of one that stays, then those behind it. So exactly the agents
+    act that are permitted with these delays.
     """
 
     def __init__(self, graph: DependencyGraph) -> None:
