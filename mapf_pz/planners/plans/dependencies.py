@@ -139,11 +139,11 @@ class DependencyGraph(EqualByValue):
         delayed = np.asarray(delayed, np.bool_)
         if delayed.shape[1:] != (self.num_agents,):
             raise ValueError(f"delayed: expected the shape (T', {self.num_agents}), got {delayed.shape}")
-        execution, none = Execution(self), np.zeros(self.num_agents, np.bool_)
+        execution = Execution(self)
         done = [execution.done.copy()]
         while not execution.is_finished:
             step = len(done) - 1
-            execution.advance(execution.permitted(delayed[step] if step < len(delayed) else none))
+            execution.advance(execution.permitted(delayed[step] if step < len(delayed) else None))
             done.append(execution.done.copy())
         return self._plan_of(np.stack(done))
 
@@ -200,9 +200,7 @@ class DependencyGraph(EqualByValue):
 
 
 class Execution:
-    """The execution of a dependency graph, step by step.
-
-    Ask `permitted` which agents may act, and tell `advance` which of them have acted.
+    """The execution of a dependency graph, step by step: `permitted` agents act, then `advance` counts their actions.
 
     Delays may be unknown before a step. If all agents try to act that are permitted without delays, the collision
     system `soft` stops each agent that moves to the cell of one that stays, then those behind it. So exactly the agents
