@@ -174,7 +174,7 @@ class PlanFollower(Planner):
         anytime: bool = True,
         clock: str = "wall",
         execution: str = "replan",
-        max_lateness: int = 10,
+        max_lateness: int = 5,
     ) -> None:
         """Create the planner.
 

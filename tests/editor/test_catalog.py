@@ -33,7 +33,7 @@ def test_names(server, tmp_path, monkeypatch):
         "anytime": True,
         "clock": "wall",
         "execution": "replan",
-        "max_lateness": 10,
+        "max_lateness": 5,
     }
     assert planners["pibt"]["priority"] == "late"
     models = {policy["name"]: policy["action_model"] for policy in names["policies"]}
