@@ -51,6 +51,7 @@ COMMANDS: dict[str, Command] = {
     "evaluate": Command(
         "mapf_pz.commands.evaluate:evaluate_policies", "compare policies and planners on the same instances"
     ),
+    "execute": Command("mapf_pz.commands.execute:execute_plan", "execute a plan while agents are delayed"),
     "guidance": Command("mapf_pz.commands.guidance:guidance", "draw, generate, evaluate and optimize guidance graphs"),
     "maps": Command("mapf_pz.commands.maps:maps", "list, write, generate or download maps"),
     "play": Command("mapf_pz.commands.play:play", "control an agent with the keyboard"),

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from itertools import cycle
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from tyro.conf import Positional
 
 from mapf_pz._internal.arrays import Ints
 from mapf_pz.instances import load_instance, load_map
@@ -28,6 +30,26 @@ class LoadedPlan(NamedTuple):
     """Number of finished tasks if agents have several goals and the number is known."""
     has_goals: bool
     """Whether the instance contains the goals; otherwise they are in the schedule."""
+
+
+@dataclass(frozen=True)
+class PlanSource:
+    """A plan file, and its map and scenario or its problem."""
+
+    plan: Positional[Path]
+    """Plan file: League of Robot Runners JSON, MAPF tracker CSV, or text of the PIBT and LaCAM tools."""
+    map: str | None = None
+    """Name of a map, or path of a `.map` file. None: the map that the scenario names."""
+    scenario: str | None = None
+    """Name or `.scen` file of a scenario. None: starts, goals and tasks are those of the plan file."""
+    num_agents: int | None = None
+    """Number of agents, the first ones of the scenario. None: that of the plan."""
+    problem: str | None = None
+    """League of Robot Runners problem, by name or `.json` file, instead of a map."""
+
+    def load(self) -> LoadedPlan:
+        """Read the files; raises as `load_plan` does."""
+        return load_plan(self.plan, self.map, self.scenario, self.num_agents, self.problem)
 
 
 def load_plan(
@@ -74,7 +96,8 @@ def _of_problem(file: PlanFile, problem: LorrProblem) -> LoadedPlan:
         if finished is None or finished <= in_turn:
             return LoadedPlan(file, instance, in_turn, True)
     headings = np.full(problem.team_size, Heading.EAST)
-    return LoadedPlan(file, _without_goals(problem.grid, problem.starts, headings), finished, False)
+    instance = replace(_without_goals(problem.grid, problem.starts, headings), delays=problem.delays)
+    return LoadedPlan(file, instance, finished, False)
 
 
 def _of_map(path: Path, name: str, scenario: str | None, num_agents: int | None) -> LoadedPlan:

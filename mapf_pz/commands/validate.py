@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
-from tyro.conf import Positional
-
-from mapf_pz.commands.planfile import load_plan
+from mapf_pz.commands.planfile import PlanSource
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.guidance.library import guidance_graph, random_share
 from mapf_pz.instances.instance import Instance
@@ -16,19 +13,9 @@ from mapf_pz.planners.plans.plan import Plan, validate, violations
 
 
 @dataclass(frozen=True)
-class ValidateOptions:
+class ValidateOptions(PlanSource):
     """Options of `mapf-pz validate`: a plan file, and its map and scenario or its problem."""
 
-    plan: Positional[Path]
-    """Plan file: League of Robot Runners JSON, MAPF tracker CSV, or text of the PIBT and LaCAM tools."""
-    map: str | None = None
-    """Name of a map, or path of a `.map` file. None: the map that the scenario names."""
-    scenario: str | None = None
-    """Name or `.scen` file of a scenario. None: starts, goals and tasks are those of the plan file."""
-    num_agents: int | None = None
-    """Number of agents, the first ones of the scenario. None: that of the plan."""
-    problem: str | None = None
-    """League of Robot Runners problem, by name or `.json` file, instead of a map."""
     edge_weights: str | None = None
     """Guidance graph, by name or file, in whose weights the cost of a plan with one goal for each agent is also
     printed. `random` differs between episodes, and cannot be given."""
@@ -46,9 +33,7 @@ def validate_plan(options: ValidateOptions) -> None:
     Costs and finished tasks are counted in a replay of the plan, and compared with the values in the file. In lifelong
     plans, every step of every agent counts as cost, as in the League of Robot Runners.
     """
-    file, instance, finished, _ = load_plan(
-        options.plan, options.map, options.scenario, options.num_agents, options.problem
-    )
+    file, instance, finished, _ = options.load()
     graph = _graph(options.edge_weights, instance)
     if options.all and (found := violations(instance, file.plan)):
         print("\n".join(map(str, found)))

@@ -9,6 +9,7 @@ from mapf_pz.planners.epibt.planner import EPIBT
 from mapf_pz.planners.lacam.planner import LaCAM
 from mapf_pz.planners.named import PLANNERS, planner_of
 from mapf_pz.planners.pibt.planner import PIBT
+from mapf_pz.planners.plans.delayed import DelayedExecution, execute_delayed
 from mapf_pz.planners.plans.dependencies import DependencyGraph, Execution
 from mapf_pz.planners.plans.plan import Plan, Violation, validate, violations
 from mapf_pz.planners.plans.record import record_plan
@@ -23,6 +24,7 @@ __all__ = [
     "PIBT",
     "PLANNERS",
     "BatchShield",
+    "DelayedExecution",
     "DependencyGraph",
     "Execution",
     "LaCAM",
@@ -36,6 +38,7 @@ __all__ = [
     "Trace",
     "Violation",
     "WindowedLNS",
+    "execute_delayed",
     "planner_of",
     "record_plan",
     "validate",

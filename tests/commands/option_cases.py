@@ -178,6 +178,19 @@ CASES = {
         {"--planner": "--planner pibt"},
         replaced=("mapf_pz.commands.compile.compile_all",),
     ),
+    "execute": Case(
+        "execute plan.txt --map empty-8-8",
+        {
+            "--map": "!--map nowhere",
+            "--scenario": "!--scenario a.scen",
+            "--num-agents": "!--num-agents 7",
+            "--problem": "!--problem suite.json",
+            "--delays": "--delays 0.5:3-3",
+            "--seeds": "--seeds 1 2",
+            "--output": "--output new.txt",
+            "--graph": "--graph new.json",
+        },
+    ),
     "validate": Case(
         "validate plan.txt --map empty-8-8",
         {

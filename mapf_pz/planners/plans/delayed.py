@@ -1,0 +1,54 @@
+"""The execution of plans under delays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mapf_pz._internal.arrays import Bools, Ints
+from mapf_pz.instances.delays import Delays
+from mapf_pz.planners.plans.dependencies import DependencyGraph
+from mapf_pz.planners.plans.plan import Plan
+from mapf_pz.simulator.kernels.delay import delay_rules, delayed_agents
+
+MAX_STEPS = 50_000
+"""Number of steps after which an execution is given up."""
+
+
+@dataclass(frozen=True, eq=False)
+class DelayedExecution:
+    """A plan that was executed by its dependency graph while agents were delayed."""
+
+    plan: Plan
+    """The steps that were taken."""
+    costs_alone: Ints
+    """(N,) int64: the costs with these delays of agents that never wait for others: the step after which each of them
+    has executed all actions, at least 1."""
+
+
+def execute_delayed(graph: DependencyGraph, delays: Delays, seed: int) -> DelayedExecution:
+    """Execute a plan by its dependency graph under delays, which the seed determines.
+
+    Raises `ValueError` if it takes more than `MAX_STEPS` steps, such as with agents that are always delayed.
+    """
+    key = int(np.random.default_rng(seed).integers(2**64, dtype=np.uint64))
+    num_steps = 2 * int(graph.steps.max(initial=0)) + 1
+    while num_steps < 2 * MAX_STEPS:
+        delayed = delayed_agents(delay_rules(delays), key, num_steps, graph.num_agents)
+        plan = graph.execute(delayed)
+        if plan.num_steps <= num_steps:
+            return DelayedExecution(plan, costs_alone(graph.num_actions, delayed))
+        num_steps *= 2  # the delays of the first steps stay the same
+    raise ValueError(f"delays={delays}: the execution has not ended after {num_steps // 2} steps")
+
+
+def costs_alone(num_actions: Ints, delayed: Bools) -> Ints:
+    """Return the step (N,) int64 after which each agent has acted `num_actions` (N,) times, at least 1.
+
+    Args:
+        num_actions: the number of actions.
+        delayed: (T, N): in which steps which agents do not act. T steps suffice.
+    """
+    acted = np.cumsum(~delayed, axis=0, dtype=np.int64)
+    return (acted < num_actions).sum(axis=0) + 1
