@@ -51,7 +51,7 @@ COMMANDS: dict[str, Command] = {
     "evaluate": Command(
         "mapf_pz.commands.evaluate:evaluate_policies", "compare policies and planners on the same instances"
     ),
-    "execute": Command("mapf_pz.commands.execute:execute_plan", "execute a plan while agents are delayed"),
+    "execute": Command("mapf_pz.commands.plans.execute:execute_plan", "execute a plan while agents are delayed"),
     "guidance": Command("mapf_pz.commands.guidance:guidance", "draw, generate, evaluate and optimize guidance graphs"),
     "maps": Command("mapf_pz.commands.maps:maps", "list, write, generate or download maps"),
     "play": Command("mapf_pz.commands.play:play", "control an agent with the keyboard"),
@@ -60,12 +60,14 @@ COMMANDS: dict[str, Command] = {
     "render": Command("mapf_pz.commands.render:render", "save an episode or a plan as a web page, video or image"),
     "report": Command("mapf_pz.commands.report:report", "make tables and figures of evaluations, for papers"),
     "schedule": Command(
-        "mapf_pz.commands.solve:schedule", "run a League of Robot Runners problem, tasks assigned by a scheduler"
+        "mapf_pz.commands.plans.solve:schedule", "run a League of Robot Runners problem, tasks assigned by a scheduler"
     ),
     "serve": Command("mapf_pz.commands.serve:serve", "act in POGEMA's environment, from a separate Python"),
-    "solve": Command("mapf_pz.commands.solve:solve", "solve an instance with a planner or policy, and write the plan"),
+    "solve": Command(
+        "mapf_pz.commands.plans.solve:solve", "solve an instance with a planner or policy, and write the plan"
+    ),
     "train": Command("mapf_pz.commands.train:train", "train a policy, and evaluate it"),
-    "validate": Command("mapf_pz.commands.validate:validate_plan", "validate a plan file, and compute its costs"),
+    "validate": Command("mapf_pz.commands.plans.validate:validate_plan", "validate a plan file, and compute its costs"),
 }
 """The commands by name."""
 

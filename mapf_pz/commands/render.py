@@ -9,7 +9,7 @@ from typing import Annotated
 from tyro.conf import Positional, UseAppendAction
 
 from mapf_pz._internal.parallel import use_one_thread
-from mapf_pz.commands.planfile import LoadedPlan, load_plan
+from mapf_pz.commands.plans.planfile import LoadedPlan, load_plan
 from mapf_pz.commands.progress import progress_bar
 from mapf_pz.environment.policy import AnyEnv, Policy
 from mapf_pz.evaluation.episodes import rollout

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from mapf_pz._internal.atomic import write_whole
-from mapf_pz.commands.planfile import PlanSource
+from mapf_pz.commands.plans.planfile import PlanSource
 from mapf_pz.instances.delays import Delays
 from mapf_pz.planners.plans.delayed import execute_delayed
 from mapf_pz.planners.plans.dependencies import DependencyGraph

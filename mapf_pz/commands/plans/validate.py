@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mapf_pz.commands.planfile import PlanSource
+from mapf_pz.commands.plans.planfile import PlanSource
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.guidance.library import guidance_graph, random_share
 from mapf_pz.instances.instance import Instance
