@@ -12,7 +12,7 @@ class Case(NamedTuple):
     """A command, and a use of each of its options."""
 
     words: str
-    """The command with its arguments, in a folder with `a.scen`, `suite.json` and `plan.txt`."""
+    """The command with its arguments, in a folder with `a.scen`, `suite.json`, `plan.txt` and `legal.txt`."""
     options: dict[str, str]
     """Uses by option: words that are added to the command. `!` at the front: the use is refused by the command. Words
     before `|` are added without the option, too."""
@@ -179,7 +179,7 @@ CASES = {
         replaced=("mapf_pz.commands.compile.compile_all",),
     ),
     "execute": Case(
-        "execute plan.txt --map empty-8-8",
+        "execute legal.txt --map empty-8-8",
         {
             "--map": "!--map nowhere",
             "--scenario": "!--scenario a.scen",

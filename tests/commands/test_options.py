@@ -90,6 +90,7 @@ def material(tmp_path_factory):
     write_scenario(place(grid, 4, np.random.default_rng(7)), grid, folder / "a.scen")
     for name, text in SEVERAL.items():
         (folder / name).write_text(text)
+    (folder / "legal.txt").write_text("solution=\n0:(0,0),(5,5),\n1:(1,0),(5,6),\n2:(2,0),(5,7),\n")
     (folder / "plan.txt").write_text("solution=\n0:(0,0),(2,0),\n1:(1,0),(1,0),\n2:(2,0),(0,0),\n")
     policies = ["--policy", "pibt", "--policy", "random", "--num-agents", "2", "3"]
     words = ["--suite", "pogema-puzzles", "--episodes", "2", "--output", str(folder / "results")]

@@ -60,6 +60,8 @@ class DatasetConfig:
         weights = self.env.edge_weights
         if isinstance(weights, GuidanceGraph) or random_share(weights):
             raise ValueError("edge_weights: expected a name or a file, since guidance graphs are not stored")
+        if self.env.delays is not None:
+            raise ValueError("delays: expected none, since demonstrations do not have them")
 
     @cached_property
     def agent_counts(self) -> tuple[int, ...]:
