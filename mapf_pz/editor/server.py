@@ -35,6 +35,7 @@ from mapf_pz.guidance.library import is_guidance_file
 from mapf_pz.planners.named import own_code
 from mapf_pz.rl.policies.folder import FILES, policy_folder
 from mapf_pz.rl.policies.hub import is_address
+from mapf_pz.simulator.delays import Delays
 
 HOST = "127.0.0.1"
 """The address of the server, which only this machine can reach."""
@@ -140,11 +141,12 @@ class Editor:
         instance = instance_of(request.instance, request.lifelong)
         weights = request.instance.weights
         graph = None if weights is None else graph_of(weights, instance.grid)
+        delays = _delays_of(request.delays)
         tasks: list[Task] = []
         for solver in request.solvers:
             self._check_solver(solver, request.lifelong)
             limits = (request.time_limit, request.max_steps, request.seed)
-            tasks.append(Task(instance, solver, request.lifelong, *limits, graph))
+            tasks.append(Task(instance, solver, request.lifelong, *limits, graph, delays))
         return {"run": self._runs.start(tasks)}
 
     def _check_solver(self, solver: str, lifelong: bool) -> None:
@@ -184,6 +186,14 @@ class Editor:
         """End the processes of a run."""
         self._runs.stop(request.run)
         return {}
+
+
+def _delays_of(text: str) -> Delays | None:
+    """Return the delays of a text, None for an empty one; raises `ValueError` if it is malformed."""
+    try:
+        return Delays.from_text(text) if text else None
+    except ValueError as error:
+        raise ValueError(f"delays {text!r}: {error}") from None
 
 
 def create_app(editor: Editor, token: str, port: int, start: dict[str, Any]) -> Starlette:

@@ -15,6 +15,7 @@ from mapf_pz.instances import Instance
 from mapf_pz.planners import Plan
 from mapf_pz.planners.base import PlanFollower
 from mapf_pz.planners.named import planner_class
+from mapf_pz.simulator.delays import Delays
 from mapf_pz.simulator.kernels.cost_tables import default_bytes, table_bytes
 
 OnStep: TypeAlias = "Callable[[int], object]"
@@ -39,12 +40,18 @@ class Task:
     """Random seed."""
     edge_weights: EdgeWeights | None
     """The guidance graph. None: uniform for planners, and that of its training for a policy."""
+    delays: Delays | None = None
+    """Delays of agents. None: there are none."""
 
     @property
     def plans_paths(self) -> bool:
-        """Whether the solver plans whole paths, before the first step, instead of single steps."""
+        """Whether the solver plans whole paths, before the first step, instead of single steps.
+
+        With delays, which nobody knows beforehand, every solver acts in an episode.
+        """
         planner = planner_class(self.solver)
-        return not self.lifelong and planner is not None and issubclass(planner, PlanFollower)
+        has_episode = self.lifelong or self.delays is not None
+        return not has_episode and planner is not None and issubclass(planner, PlanFollower)
 
     @property
     def table_bytes(self) -> int:
