@@ -141,7 +141,7 @@ class Editor:
         instance = instance_of(request.instance, request.lifelong)
         weights = request.instance.weights
         graph = None if weights is None else graph_of(weights, instance.grid)
-        delays = _delays_of(request.delays)
+        delays = None if request.delays is None else _delays_of(request.delays)
         tasks: list[Task] = []
         for solver in request.solvers:
             self._check_solver(solver, request.lifelong)
@@ -188,10 +188,10 @@ class Editor:
         return {}
 
 
-def _delays_of(text: str) -> Delays | None:
-    """Return the delays of a text, None for an empty one; raises `ValueError` if it is malformed."""
+def _delays_of(text: str) -> Delays:
+    """Return the delays that a text states; raises `ValueError` with the name of the member if it is malformed."""
     try:
-        return Delays.from_text(text) if text else None
+        return Delays.from_text(text)
     except ValueError as error:
         raise ValueError(f"delays {text!r}: {error}") from None
 

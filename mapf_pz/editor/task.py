@@ -47,7 +47,7 @@ class Task:
     def plans_paths(self) -> bool:
         """Whether the solver plans whole paths, before the first step, instead of single steps.
 
-        With delays, which nobody knows beforehand, every solver acts in an episode.
+        With delays, which are not known beforehand, every solver acts in an episode.
         """
         planner = planner_class(self.solver)
         has_episode = self.lifelong or self.delays is not None

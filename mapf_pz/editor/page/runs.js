@@ -78,7 +78,7 @@ function progressText({ name, state, step, steps, seconds, message, unfinished }
 
 // The limits, the seed and the delays of solvers, as the server reads them.
 function solveLimits() {
-  const delays = $("delays").value.trim();
+  const delays = $("delays").value.trim() || null; // empty: none
   return { time_limit: number("time-limit"), max_steps: number("max-steps"), seed: number("solve-seed"), delays };
 }
 
