@@ -13,6 +13,7 @@ from .environment.mapf_env import env as env
 from .environment.mapf_env import parallel_env as parallel_env
 from .errors import FormatError as FormatError
 from .guidance import GuidanceGraph as GuidanceGraph
+from .instances.delays import Delays as Delays
 from .instances.heading import Heading as Heading
 from .instances.instance import Grid as Grid
 from .instances.instance import Instance as Instance

@@ -128,7 +128,7 @@ class AgentVectorEnv(SimulatorVectorEnv):
         active = (self.simulator.agents["active"] & ~self._over[:, None]).reshape(-1)
         action_mask = seen.action_mask.reshape(self.num_envs, -1)
         infos: VectorInfos = {"action_mask": action_mask, "active": active}
-        if self.simulator.config.delays is not None:
+        if self.simulator.delays is not None:
             infos["delayed"] = self.simulator.agents["delayed"].flatten()
         return infos | dict.fromkeys((f"_{name}" for name in infos), self._all)
 

@@ -127,7 +127,7 @@ class CentralizedVectorEnv(SimulatorVectorEnv):
             agents = self.simulator.agents
             gone = ~(agents["active"] | agents["was_active"])
             infos["action_mask"] = np.where(gone[:, :, None], np.int8(1), seen.action_mask)
-        if self.simulator.config.delays is not None:
+        if self.simulator.delays is not None:
             agents = self.simulator.agents
             infos["delayed"] = agents["delayed"] & agents["was_active"]
         mask = np.ones(self.num_envs, np.bool_) if shown is None else shown

@@ -216,7 +216,7 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
             pairs = zip(observations, batch.features[0][rows], strict=True)
             observations = ({"image": image, "features": features} for image, features in pairs)
         infos = agent_infos(self.agents, self._agents[rows], batch.action_mask[0][rows])
-        if self.config.delays is not None:
+        if self.simulator.delays is not None:
             for name, delayed in zip(self.agents, self._agents["delayed"][rows].tolist(), strict=True):
                 infos[name]["delayed"] = int(delayed)
         return dict(zip(self.agents, observations, strict=True)), infos

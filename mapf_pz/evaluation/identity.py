@@ -118,7 +118,10 @@ def _instances(task: EvaluationTask) -> object:
     """Return the arrays of the instances or, if they are generated, their source."""
     if task.instances:
         return [
-            (one.grid.free, one.scenario.starts, one.scenario.goals, one.scenario.goal_counts, one.headings)
+            (
+                *(one.grid.free, one.scenario.starts, one.scenario.goals, one.scenario.goal_counts, one.headings),
+                *((one.delays,) if one.delays else ()),  # so that instances without delays keep their digests
+            )
             for one in task.instances
         ]
     keywords = {name: task.keywords[name] for name in _SOURCE_FIELDS if name in task.keywords}

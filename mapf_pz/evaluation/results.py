@@ -20,7 +20,7 @@ from mapf_pz._internal.text import read_bytes
 from mapf_pz.errors import FormatError
 from mapf_pz.evaluation.identity import IDENTITIES_FILE, Identities
 from mapf_pz.evaluation.task import EvaluationTask, task_label
-from mapf_pz.simulator.metrics import WEIGHTED_METRICS, metric_names
+from mapf_pz.simulator.metrics import DELAY_METRICS, WEIGHTED_METRICS, metric_names
 
 METRICS = (
     "CSR",
@@ -28,6 +28,7 @@ METRICS = (
     "SoC",
     "SoC_ratio",
     *WEIGHTED_METRICS,
+    *DELAY_METRICS,
     "makespan",
     "avg_throughput",
     "exhausted_agents",
@@ -38,10 +39,11 @@ METRICS = (
     "step_ms",
     "agent_us",
 )
-"""All metrics, in the order of the file's columns. Which an episode has depends on its mode and edge weights."""
+"""All metrics, in the order of the file's columns. An episode's depend on its mode, edge weights and delays."""
 COLUMNS = ("policy", "task", "num_agents", "episode", "instance", "seed", "suite", *METRICS, "note")
-_UNWEIGHTED = tuple(name for name in COLUMNS if name not in WEIGHTED_METRICS)
-"""The columns of earlier versions, whose episodes have no weighted costs."""
+_UNDELAYED = tuple(name for name in COLUMNS if name not in DELAY_METRICS)
+_UNWEIGHTED = tuple(name for name in _UNDELAYED if name not in WEIGHTED_METRICS)
+"""The columns of earlier versions, whose episodes have no delays and no weighted costs."""
 _OLD_START = b"policy,task,num_agents,episode,instance,seed,CSR,"
 """Start of the files of earlier versions without suites."""
 _OUTDATED = "results of an earlier version, without suites: evaluate again in another folder, or with overwrite"
@@ -50,9 +52,9 @@ NOTHING = Identities()
 """No policies and no tasks, as for reading episodes."""
 MAX_BYTES = 2**30
 """Maximum size of the file of episodes (about ten million episodes)."""
-_SHARES = ("CSR", "ISR", "collisions")
+_SHARES = ("CSR", "ISR", "collisions", DELAY_METRICS[0])
 """The metrics that are at most 1."""
-_OPTIONAL = {*WEIGHTED_METRICS, "best_ratio", "runtime", "step_ms", "agent_us"}
+_OPTIONAL = {*WEIGHTED_METRICS, *DELAY_METRICS, "best_ratio", "runtime", "step_ms", "agent_us"}
 _ONE_SHOT, _LIFELONG = ((*metric_names(mode), "collisions") for mode in ("nothing", "restart"))
 """The other metrics of an episode, all of which it has."""
 _WHOLE = re.compile(r"[0-9]{1,18}")
@@ -199,7 +201,7 @@ def _read(file: Path) -> tuple[dict[int, Episode], int]:
     start, size = content.removeprefix(codecs.BOM_UTF8), content.rfind(b"\n") + 1
     if start.startswith(_OLD_START):
         raise FormatError(file, _OUTDATED, 1)
-    columns = next((names for names in (COLUMNS, _UNWEIGHTED) if _begins_with(start, names)), None)
+    columns = next((names for names in (COLUMNS, _UNDELAYED, _UNWEIGHTED) if _begins_with(start, names)), None)
     if columns is None:
         raise FormatError(file, f"expected the columns {', '.join(COLUMNS)}", 1)
     try:

@@ -274,7 +274,7 @@ def _of_lorr(entry: TaskEntry, _: int, folder: Path) -> EvaluationTask:
     source = _named(cast("str", entry.lorr), "lorr", folder)
     instance = load_problem(source).instance(entry.max_steps)  # no robot can reach more than one goal per step
     if entry.env.get("action_model") == "cardinal":
-        instance = Instance(instance.grid, instance.scenario)
+        instance = Instance(instance.grid, instance.scenario, delays=instance.delays)
     return _task(entry, Path(source).stem, instance.num_agents, {"on_target": "restart"}, [instance])
 
 

@@ -4,6 +4,7 @@ It imports only what is internal. Read `instance.py` first.
 """
 
 from mapf_pz.instances.bundled import map_names, write_bundled
+from mapf_pz.instances.delays import Delays
 from mapf_pz.instances.files.lorr import LorrProblem, read_problem
 from mapf_pz.instances.files.movingai import (
     format_map,
@@ -34,6 +35,7 @@ from mapf_pz.instances.sources import (
 from mapf_pz.instances.warehouse import Warehouse, WarehouseTasks, load_warehouse
 
 __all__ = [
+    "Delays",
     "FixedMap",
     "FixedScenario",
     "Grid",

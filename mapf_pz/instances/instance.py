@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mapf_pz._internal.arrays import Bools, EqualByValue, Ints, frozen
+from mapf_pz.instances.delays import Delays
 from mapf_pz.instances.heading import Heading
 
 ActionModel = Literal["rotate", "cardinal"]
@@ -116,6 +117,8 @@ class Instance(EqualByValue):
     """Starts and goals of the N agents."""
     headings: Ints | None = None
     """(N,) int8 initial headings; None leaves them to the environment's `initial_heading`."""
+    delays: Delays | None = None
+    """Delays of the agents, which an environment has unless its configuration states others."""
     start_cells: Ints = field(init=False, repr=False, compare=False)
     """(N,) int64, the numbers of the start cells, `row * W + col`."""
     goal_cells: Ints = field(init=False, repr=False, compare=False)

@@ -205,7 +205,7 @@ def _first(instance: Instance, count: int, grid: Grid) -> Instance:
     if count == instance.num_agents and grid is instance.grid:
         return instance
     headings = None if instance.headings is None else instance.headings[:count]
-    return Instance(grid, instance.scenario.first(count), headings)
+    return Instance(grid, instance.scenario.first(count), headings, instance.delays)
 
 
 def _name(scenario: str | Path | Scenario) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from mapf_pz._internal.arrays import Ints
 from mapf_pz.instances import generate
+from mapf_pz.instances.delays import Delays
 from mapf_pz.instances.instance import Grid, Instance, InstanceSource, Scenario
 from mapf_pz.instances.place import check_reachable, largest_component, place_on
 
@@ -196,6 +197,14 @@ class InstanceList:
         """The map that all instances share, or None."""
         grid = self.instances[0].grid
         return grid if all(instance.grid is grid for instance in self.instances) else None
+
+    @property
+    def delays(self) -> Delays | None:
+        """The delays of all instances; None if there are none. Raises `ValueError` if they differ."""
+        delays = self.instances[0].delays
+        if any(instance.delays != delays for instance in self.instances):
+            raise ValueError("delays: expected those of the environment, since the instances have different ones")
+        return delays
 
     def sample(self, rng: np.random.Generator) -> Instance:
         """Sample one of the instances."""

@@ -9,6 +9,7 @@ from mapf_pz.planners.epibt.planner import EPIBT
 from mapf_pz.planners.lacam.planner import LaCAM
 from mapf_pz.planners.named import PLANNERS, planner_of
 from mapf_pz.planners.pibt.planner import PIBT
+from mapf_pz.planners.plans.dependencies import DependencyGraph, Execution
 from mapf_pz.planners.plans.plan import Plan, Violation, validate, violations
 from mapf_pz.planners.plans.record import record_plan
 from mapf_pz.planners.shield.shield import BatchShield, Shield
@@ -22,6 +23,8 @@ __all__ = [
     "PIBT",
     "PLANNERS",
     "BatchShield",
+    "DependencyGraph",
+    "Execution",
     "LaCAM",
     "Plan",
     "PlanFollower",

@@ -19,16 +19,18 @@ from mapf_pz.guidance.library import EdgeWeights
 from mapf_pz.instances.instance import ActionModel, Grid, Instance, Scenario
 from mapf_pz.instances.sources import InstanceList
 from mapf_pz.planners.deadline import Clock, Deadline, WorkClock
+from mapf_pz.planners.following import GraphFollower, StepFollower
 from mapf_pz.planners.plans.plan import Plan
 from mapf_pz.planners.problem import Path, Problem, obstruction, problem_of
 from mapf_pz.planners.trace import Trace
-from mapf_pz.simulator.actions import wait_action
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.kernels.cost_tables import compile_tables
 from mapf_pz.simulator.simulator import Simulator
 
 CLOCKS = ("wall", "work")
 """The names of the clocks of planners of whole paths."""
+EXECUTIONS = ("replan", "graph", "both")
+"""What planners of whole paths do when agents are delayed, by name."""
 
 
 class Planner(ABC):
@@ -159,7 +161,10 @@ class StepPlanner(Planner):
 
 
 class PlanFollower(Planner):
-    """Base class of planners that plan whole paths, and replan when a goal changes or the state is not as planned."""
+    """Base class of planners that plan whole paths.
+
+    They plan again when a goal changes, and when agents are delayed: see `execution`.
+    """
 
     def __init__(
         self,
@@ -168,6 +173,8 @@ class PlanFollower(Planner):
         time_limit: float = 1.0,
         anytime: bool = True,
         clock: str = "wall",
+        execution: str = "replan",
+        max_lateness: int = 5,
     ) -> None:
         """Create the planner.
 
@@ -180,24 +187,34 @@ class PlanFollower(Planner):
             clock: what seconds of time limits are. `wall`: those that pass, so that results depend on the machine's
                 speed and load; `work`: the planner's work, counted in units of about one second on one core, so
                 that results depend only on the seed.
+            execution: what to do when agents are delayed. `replan`: make another plan whenever the state is not as
+                planned. `graph`: follow the plan's dependency graph (`mapf_pz.planners.DependencyGraph`), by which
+                agents wait for others that are late; make another plan only if agents leave their paths. `both`: as
+                `graph`, and make another plan when an agent is late.
+            max_lateness: with `both`, an agent is late if it executes an action at least this many steps later than in
+                the latest plan; 1 or more. If no plan is found in time, lateness is measured again from this step.
 
-        Raises `ValueError` for an unknown clock.
+        Raises `ValueError` for an unknown clock or execution, and a `max_lateness` below 1.
         """
         if clock not in CLOCKS:
             raise ValueError(f"clock={clock!r}: expected one of {', '.join(CLOCKS)}")
+        if execution not in EXECUTIONS:
+            raise ValueError(f"execution={execution!r}: expected one of {', '.join(EXECUTIONS)}")
+        if max_lateness < 1:
+            raise ValueError(f"max_lateness={max_lateness}: expected 1 or more")
         if clock == "work":
             self.clock = WorkClock()
         self._time_limit = time_limit
         self._anytime = anytime
+        self._follower_class = StepFollower if execution == "replan" else GraphFollower
+        self._max_lateness = max_lateness if execution == "both" else math.inf
         super().__init__(env, seed)
 
     def reset_states(self) -> None:
         """Reset all per-episode state. Call it before each episode."""
         super().reset_states()
         self._goals: Ints = np.zeros(0, np.int32)
-        self._cells: Ints = np.zeros((0, 0), np.int32)
-        self._actions: Ints = np.zeros((0, 0), np.int64)
-        self._step = 0
+        self._follower: StepFollower | GraphFollower | None = None
 
     @abstractmethod
     def plan(self, problem: Problem, time_limit: float) -> Path | None:
@@ -210,31 +227,31 @@ class PlanFollower(Planner):
     def decide(self, simulator: Simulator, b: int = 0) -> Ints:
         """Return the actions (N,) int64 of all agents. Without a plan, all agents wait."""
         agents = simulator.agents[b]
-        active = agents["active"]
-        expected = self._cells[min(self._step, len(self._cells) - 1)] if len(self._cells) else self._goals
-        as_planned = np.array_equal(self._goals, agents["goal"]) and (expected == agents["cell"])[active].all()
-        if not as_planned:
-            self._replan(simulator, b)
-        is_over = self._step >= len(self._actions)
-        wait = wait_action(simulator.config.action_model)
-        actions = np.full(len(agents), wait) if is_over else self._actions[self._step]
-        self._step += 1
-        return actions
+        follower = self._follower if np.array_equal(self._goals, agents["goal"]) else None
+        if follower is None or not follower.update(agents):
+            follower = self._follow(self._replan(simulator, b), simulator, b)
+        elif isinstance(follower, GraphFollower) and follower.lateness >= self._max_lateness:
+            path = self._replan(simulator, b)
+            if path is None:
+                follower.restart_clock()
+            else:
+                follower = self._follow(path, simulator, b)
+        return follower.actions()
 
-    def _replan(self, simulator: Simulator, b: int) -> None:
-        """Make a new plan from the current state."""
-        agents = simulator.agents[b]
-        active = agents["active"]
+    def _replan(self, simulator: Simulator, b: int) -> Path | None:
+        """Return paths from the current state, or None if none were found in time."""
         self.trace = Trace(self.clock)
-        path = self.plan(problem_of(simulator, b), self._time_limit)
-        self._step, self._goals = 0, agents["goal"].copy()
-        steps = 0 if path is None else len(path.cells) - 1
-        self._cells = np.tile(agents["cell"], (steps + 1, 1))
-        wait = wait_action(simulator.config.action_model)
-        self._actions = np.full((steps, len(agents)), wait, np.int64)
-        if path is not None:
-            self._cells[:, active] = path.cells
-            self._actions[:, active] = path.actions(simulator.leads_to(b))
+        return self.plan(problem_of(simulator, b), self._time_limit)
+
+    def _follow(self, path: Path | None, simulator: Simulator, b: int) -> StepFollower | GraphFollower:
+        """Follow the paths of the active agents from the current state; None: all agents wait."""
+        agents = simulator.agents[b]
+        if path is None:
+            here = agents[agents["active"]][None]
+            path = Path(here["cell"], here["heading"])
+        self._goals = agents["goal"].copy()
+        self._follower = self._follower_class(path, simulator, b)
+        return self._follower
 
     def _solve(self, simulator: Simulator, deadline: Deadline) -> Plan | None:
         if self.unsolvable:

@@ -17,8 +17,8 @@ from mapf_pz._internal.arrays import Bools
 from mapf_pz._internal.config import UNCHECKED, Count, Natural, as_tuple, checked, expecting, shown
 from mapf_pz._internal.plugins import import_object
 from mapf_pz.guidance.library import EdgeWeights, check_edge_weights
+from mapf_pz.instances.delays import Delays
 from mapf_pz.instances.instance import ActionModel, Grid, HeadingName, InstanceSource, Scenario
-from mapf_pz.simulator.delays import Delays
 from mapf_pz.simulator.kernels.observation.channels import CHANNELS, Channel, channel_of
 from mapf_pz.simulator.kernels.observation.features import Feature, feature_of
 from mapf_pz.simulator.kernels.reward import REWARDS, RewardConfig
@@ -172,7 +172,8 @@ class EnvConfig:
     warehouse, whose map is a `.json` file of GGO or a `.map` file with `E` and `S`; with `on_target='restart'` only."""
     delays: DelaysLike | None = None
     """Delays of agents: a `Delays`, or its text `PROBABILITY:SMALLEST-LARGEST`, optionally with `:poisson` and
-    `:normal`, such as `0.01:1-4`: the probability that a delay begins, and its numbers of steps. Default: none."""
+    `:normal`, such as `0.01:1-4`: the probability that a delay begins, and its numbers of steps. Default: those of the
+    problem that `scenario` names, otherwise none."""
     view_size: ViewSize = (5, 5)
     """Height and width of each agent's view in cells, each at most 511; it may be larger than the map."""
     view: View | None = None
@@ -274,6 +275,11 @@ class EnvConfig:
     def resolved_source(self) -> InstanceSource | None:
         """The source, imported if it is given as `package.module:name`; None if there is none."""
         return import_object("source", self.source) if isinstance(self.source, str) else self.source
+
+    def delays_of(self, source: InstanceSource) -> Delays | None:
+        """Return `delays`, or those that all instances of a source have; None if there are none."""
+        given = getattr(source, "delays", None) if self.delays is None else self.delays
+        return Delays.from_text(given) if isinstance(given, str) else given
 
     @property
     def resolved_view(self) -> View:

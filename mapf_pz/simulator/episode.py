@@ -47,6 +47,7 @@ class EpisodeLoader:
         self._layers = layers
         self._tables = tables
         self._state = state
+        self._delays = config.delays_of(source)
         self._shares_map = shares_map(config, source)
         self._graph = _common_graph(config.edge_weights, source)
         self._grids: list[Grid | None] = [None] * len(world.obstacle)
@@ -96,6 +97,8 @@ class EpisodeLoader:
                 f"instance of {instance.num_agents} agents on {instance.grid.shape} cells: this environment has "
                 f"{num_agents} agents on {self._source.shape} cells"
             )
+        if self._config.delays is None and instance.delays != self._delays:
+            raise ValueError(f"instance with delays={instance.delays}: this environment has delays={self._delays}")
         if self._shares_map and num_envs > 1 and instance.grid is not self._source.grid:
             raise ValueError("instance on another map: this batch shares one map, use a source of several maps")
         if self._config.reward_config.weighted_step_cost != 0 and self._graph is not None:
@@ -110,7 +113,7 @@ class EpisodeLoader:
         self.headings[b] = self._initial_headings(instance, rng)
         self.starts[b] = instance.start_cells
         self._state.goals[b], self.goal_counts[b] = self._goals(instance, rng)
-        if self._config.delays is not None:
+        if self._delays is not None:
             self._state.delay_key[b] = rng.integers(2**64, dtype=np.uint64)
 
     def _set_map(self, m: int, grid: Grid, rng: np.random.Generator) -> None:

@@ -15,8 +15,8 @@ from mapf_pz.simulator.config import OnTarget
 WEIGHTED_METRICS = ("weighted_cost", "weighted_cost_ratio")
 """The metrics of episodes with one goal and other edge weights than `uniform`, with which they equal those of SoC."""
 
-DELAY_SHARE, DELAY_RATIO = "delay_share", "delayed_SoC_ratio"
-"""The metrics of episodes with delays; the ratio is only that of episodes with one goal."""
+DELAY_METRICS = ("delay_share", "delayed_SoC_ratio")
+"""The metrics of episodes with delays; lifelong ones have only the first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,11 +63,11 @@ def metric_names(on_target: OnTarget, weighted: bool = False, delayed: bool = Fa
         weighted: whether the edge weights are other than `uniform`.
         delayed: whether there are delays.
     """
-    share = (DELAY_SHARE,) if delayed else ()
+    delays = DELAY_METRICS if delayed else ()
     if on_target == "restart":
-        return "avg_throughput", "ep_length", "exhausted_agents", *share
-    ratios = (*(WEIGHTED_METRICS if weighted else ()), *share, *((DELAY_RATIO,) if delayed else ()))
-    return "CSR", "ISR", "SoC", "makespan", "ep_length", "SoC_ratio", *ratios
+        return "avg_throughput", "ep_length", "exhausted_agents", *delays[:1]
+    weights = WEIGHTED_METRICS if weighted else ()
+    return "CSR", "ISR", "SoC", "makespan", "ep_length", "SoC_ratio", *weights, *delays
 
 
 def episode_metrics(record: EpisodeRecord) -> dict[str, float]:
@@ -92,7 +92,7 @@ def episode_metrics(record: EpisodeRecord) -> dict[str, float]:
     `exhausted_agents` (`restart` only; not in POGEMA): number of agents that reached the end of their instance's goal
     sequence and started it over. If it is not 0, the throughput is not that of the instance.
     """
-    share = {} if record.delayed is None else {DELAY_SHARE: _delay_share(record, record.delayed)}
+    share = {} if record.delayed is None else {DELAY_METRICS[0]: _delay_share(record, record.delayed)}
     if record.on_target == "restart":
         return {
             "avg_throughput": float(record.arrivals.sum() / record.max_steps),
@@ -116,7 +116,7 @@ def episode_metrics(record: EpisodeRecord) -> dict[str, float]:
         ratio = _ratio(weighted, cheapest[np.isfinite(cheapest)])
         metrics |= dict(zip(WEIGHTED_METRICS, (float(weighted.sum()), ratio), strict=True))
     if record.delayed is not None:
-        metrics |= share | {DELAY_RATIO: _ratio(costs, _costs_alone(record.shortest, record.delayed))}
+        metrics |= share | {DELAY_METRICS[1]: _ratio(costs, _costs_alone(record.shortest, record.delayed))}
     return metrics
 
 

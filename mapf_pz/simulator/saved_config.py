@@ -22,6 +22,7 @@ from mapf_pz._internal.text import read_bytes
 from mapf_pz.errors import FormatError
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.guidance.library import guidance_graph, is_guidance_file
+from mapf_pz.instances.delays import Delays
 from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.instances.sources import FixedMap, FixedScenario, InstanceList, SourceMixture
 from mapf_pz.instances.warehouse import WarehouseTasks
@@ -37,7 +38,7 @@ PART_FIELDS = ("channels", "features", "reward")
 _TYPES = {
     kind.__name__: kind
     for kind in (
-        *(GuidanceGraph, Grid, Scenario, Instance),
+        *(GuidanceGraph, Grid, Scenario, Delays, Instance),
         *(FixedMap, FixedScenario, InstanceList, SourceMixture, WarehouseTasks),
     )
 }
@@ -182,7 +183,7 @@ def _written(value: object) -> bytes:
     numbers: dict[int, int] = {}
 
     def write(part: Any) -> Any:
-        if part is None or isinstance(part, (str, int)):
+        if part is None or isinstance(part, (str, int, float)):
             return part
         if isinstance(part, np.ndarray):
             arrays[f"array_{len(arrays)}"] = np.ascontiguousarray(part)

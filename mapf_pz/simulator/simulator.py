@@ -16,7 +16,6 @@ from mapf_pz._internal.jit import numba_config
 from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances.instance import Grid, Instance
 from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.simulator.delays import delay_rules
 from mapf_pz.simulator.episode import EpisodeLoader, shares_map
 from mapf_pz.simulator.kernels import world
 from mapf_pz.simulator.kernels.conflict import COLLISION_SYSTEMS, write_masks
@@ -24,7 +23,7 @@ from mapf_pz.simulator.kernels.cost_around import CostAround
 from mapf_pz.simulator.kernels.cost_bfs import FEWEST_GOALS, LANES
 from mapf_pz.simulator.kernels.cost_lookup import costs_at
 from mapf_pz.simulator.kernels.cost_tables import CostTables
-from mapf_pz.simulator.kernels.delay import delayed_agents
+from mapf_pz.simulator.kernels.delay import delay_rules, delayed_agents
 from mapf_pz.simulator.kernels.observation.inputs import ObservationInputs
 from mapf_pz.simulator.kernels.observation.layers import allocate_layers, allocate_origins
 from mapf_pz.simulator.kernels.path_length import shortest_lengths
@@ -96,7 +95,9 @@ class Simulator:
         self._reward_function = config.reward_function
         self._num_threads = min(num_threads, numba_config.NUMBA_NUM_THREADS)
         self._num_headings = 1 if config.action_model == "cardinal" else 4
-        self.delay_rules = delay_rules(config.delays)
+        self.delays = config.delays_of(self.source)
+        """The delays of the agents; None if there are none."""
+        self._delay_rules = delay_rules(self.delays)
         self._allocate()
         rules = Rules(
             cardinal=config.action_model == "cardinal",
@@ -110,7 +111,7 @@ class Simulator:
         self._is_loaded = False
         """Whether the kernels of steps are loaded."""
         self._small_episode = partial(run_small_episode, config, num_envs, self.num_agents, self._num_threads)
-        fields = tuple(map(tuple, (rules, self.delay_rules, terms, self.world, self.tables.arrays, self.state)))
+        fields = tuple(map(tuple, (rules, self._delay_rules, terms, self.world, self.tables.arrays, self.state)))
         self._step = step.bind(self._num_threads, fields, (np.empty(each, np.int64),))
         shown = (rules.cardinal, self.world.leads_to, self.state.map, self.state.agents)
         self._write_masks = write_masks.bind(self._num_threads, shown, (np.empty(self._mask_shape, np.int8),))
@@ -157,7 +158,7 @@ class Simulator:
             has_distances=self.layout.needs_cost_to_go,
             cardinal=config.action_model == "cardinal",
             max_steps=config.max_steps,
-            longest_delay=self.delay_rules.largest,
+            longest_delay=self._delay_rules.largest,
             num_threads=self._num_threads,
         )
         self._observer = Observer(config, self.layout, self._inputs)
@@ -206,7 +207,7 @@ class Simulator:
             raise ValueError(f"actions: expected the shape {self.state.agents.shape}, got {actions.shape}")
         if not self._is_loaded:
             self._load()
-        if self.config.delays is not None:
+        if self.delays is not None:
             actions = actions.copy()  # since the kernel replaces those of delayed agents
         self._step(actions)
         if self._reward_function is not None:
@@ -349,7 +350,7 @@ class Simulator:
     @property
     def metric_names(self) -> tuple[str, ...]:
         """The names of the metrics of every episode."""
-        return metric_names(self.config.on_target, self._has_weights, self.config.delays is not None)
+        return metric_names(self.config.on_target, self._has_weights, self.delays is not None)
 
     def metrics(self, b: int) -> dict[str, float]:
         """Return the metrics of environment `b` as if its episode ended now: see `mapf_pz.simulator.metrics`.
@@ -374,10 +375,10 @@ class Simulator:
 
     def _delayed(self, b: int) -> Bools | None:
         """Return in which steps of its episode which agents of environment `b` were delayed; None without delays."""
-        if self.config.delays is None:
+        if self.delays is None:
             return None
         num_steps, key = int(self.state.time[b]), int(self.state.delay_key[b])
-        return delayed_agents(self.delay_rules, key, num_steps, self.num_agents)
+        return delayed_agents(self._delay_rules, key, num_steps, self.num_agents)
 
     def _weighted_costs(self, b: int) -> WeightedCosts:
         """Return the costs of the agents of environment `b` in edge weights."""

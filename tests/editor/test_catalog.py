@@ -28,7 +28,13 @@ def test_names(server, tmp_path, monkeypatch):
     assert "warehouse_small_100" in names["problems"]
     assert names["graphs"][:3] == ["uniform", "random", "crisscross"]
     planners = {planner["name"]: planner["options"] for planner in names["planners"]}
-    assert planners["lacam"] == {"time_limit": 1.0, "anytime": True, "clock": "wall"}
+    assert planners["lacam"] == {
+        "time_limit": 1.0,
+        "anytime": True,
+        "clock": "wall",
+        "execution": "replan",
+        "max_lateness": 5,
+    }
     assert planners["pibt"]["priority"] == "late"
     models = {policy["name"]: policy["action_model"] for policy in names["policies"]}
     assert (models["mappo"], models["oneshot-cardinal"]) == ("rotate", "cardinal")

@@ -13,7 +13,7 @@ from mapf_pz.evaluation import Episode, EvaluationTask, evaluate
 from mapf_pz.evaluation.identity import Identities
 from mapf_pz.evaluation.results import COLUMNS, METRICS, Results, read_episodes
 from mapf_pz.instances import RandomObstacles
-from mapf_pz.simulator.metrics import WEIGHTED_METRICS, metric_names
+from mapf_pz.simulator.metrics import DELAY_METRICS, WEIGHTED_METRICS, metric_names
 from tests.evaluation.test_episodes import TIMES, Right
 from tests.helpers.text_instances import drawn
 
@@ -136,17 +136,18 @@ def test_results_of_an_earlier_version_are_refused_or_replaced(tmp_path):
     assert len(rows(tmp_path)) == ALL
 
 
-def earlier(text):
-    """Return a file as it was before there were columns of weighted costs."""
-    kept = [column for column, name in enumerate(COLUMNS) if name not in WEIGHTED_METRICS]
+def earlier(text, later):
+    """Return a file as it was before there were the columns `later`."""
+    kept = [column for column, name in enumerate(COLUMNS) if name not in later]
     return "".join(",".join(line.split(",")[column] for column in kept) + "\n" for line in text.splitlines())
 
 
-def test_results_without_weighted_costs_are_read_and_completed(tmp_path):
+@pytest.mark.parametrize("later", [DELAY_METRICS, (*WEIGHTED_METRICS, *DELAY_METRICS)])
+def test_results_of_earlier_versions_are_read_and_completed(tmp_path, later):
     whole, _ = evaluated(Right(), TASKS, tmp_path)
     file = tmp_path / "episodes.csv"
-    text = earlier(file.read_text())
-    assert "weighted" not in text
+    text = earlier(file.read_text(), later)
+    assert not any(name in text for name in later)
     for content, left in ((text, 0), (text[:-5], 1), (text[:40], ALL)):
         file.write_text(content)
         assert read_episodes(tmp_path) == whole[: ALL - left]
@@ -155,8 +156,20 @@ def test_results_without_weighted_costs_are_read_and_completed(tmp_path):
         assert (untimed(again), undone) == (untimed(whole), left)
         assert [tuple(row) for row in rows(tmp_path)] == [COLUMNS] * ALL
     file.write_text(text.replace(",1,0", ",1,0,0", 1))
-    with pytest.raises(FormatError, match=rf"episodes\.csv:2: expected an episode of {len(COLUMNS) - 2} values"):
+    with pytest.raises(
+        FormatError, match=rf"episodes\.csv:2: expected an episode of {len(COLUMNS) - len(later)} values"
+    ):
         read_episodes(tmp_path)
+
+
+def test_metrics_of_delays_are_written(tmp_path):
+    keywords = {"max_steps": 40, "delays": "0.3:1-2"}
+    task = EvaluationTask("drawn", 1, keywords, 8, instances=(drawn("a...A"),))
+    episodes, _ = evaluated(Right(), [task], tmp_path)
+    assert read_episodes(tmp_path) == episodes
+    assert 0 < np.mean([one.metrics["delay_share"] for one in episodes]) < 1
+    assert {one.metrics["delayed_SoC_ratio"] for one in episodes} == {1}  # nobody is in its way
+    assert np.mean([one.metrics["SoC_ratio"] for one in episodes]) > 1
 
 
 def test_weighted_costs_are_written_and_may_be_infinite(tmp_path):

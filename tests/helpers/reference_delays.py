@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import cos, floor, log, pi, sqrt
 
-from mapf_pz.simulator.delays import Delays
+from mapf_pz.instances.delays import Delays
 
 BITS = 2**64 - 1
 COUNT, CHOICE = 2**32 - 1, 2**32 - 2

@@ -6,10 +6,10 @@ import heapq
 from itertools import pairwise
 from math import inf, isfinite
 
+from mapf_pz.instances.delays import Delays
 from mapf_pz.instances.heading import Heading
 from mapf_pz.simulator.actions import Action, CardinalAction
 from mapf_pz.simulator.config import RewardConfig
-from mapf_pz.simulator.delays import Delays
 from tests.helpers.reference_delays import ReferenceDelays
 
 Cell = tuple[int, int]

@@ -5,8 +5,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 
+import mapf_pz
 from mapf_pz.errors import FormatError
 from mapf_pz.instances import InstanceList, LorrProblem, load_problem
+from mapf_pz.instances.delays import Delays
+from mapf_pz.instances.files.lorr import format_problem
 from tests.helpers.corrupt_files import near_misses
 
 MAP = "type octile\nheight 2\nwidth 3\nmap\n.ES\n.T@\n"
@@ -78,11 +81,63 @@ def test_a_problem_of_2024(tmp_path):
 def test_what_is_not_modeled_is_reported(tmp_path):
     neutral = {"numTasksReveal": 1, "agentSize": 1.0, "version": "2026 LoRR"}
     load_problem(problem(tmp_path, neutral)).instance()
-    others = {"numTasksReveal": 1.5, "agentCounter": 3, "delayConfig": {"pDelay": 0.01}}
+    delays = {"pDelay": 0.01, "minDelay": 1, "maxDelay": 4, "durationModel": "gaussian", "gaussMeanRatio": 0.3}
+    others = {"numTasksReveal": 1.5, "agentCounter": 3, "delayConfig": delays}
     loaded = load_problem(problem(tmp_path, neutral | others))
     told = "'numTasksReveal', 'agentCounter', 'delayConfig'; results are not comparable with the competition's"
     with pytest.warns(UserWarning, match=f"^a: not modeled: {told}$"):
         loaded.instance()
+
+
+DELAYS = {
+    "seed": 0,
+    "pDelay": 0.003,
+    "minDelay": 2,
+    "maxDelay": 8,
+    "eventModel": "poisson",
+    "durationModel": "gaussian",
+    "gaussMeanRatio": 0.5,
+    "gaussStdRatio": 0.22,
+}
+
+
+def test_delays_are_those_of_the_instance(tmp_path):
+    loaded = load_problem(problem(tmp_path, {"delayConfig": DELAYS}))
+    expected = Delays(0.003, (2, 8), "poisson", "normal")
+    assert (loaded.delays, loaded.not_modeled) == (expected, ())
+    assert loaded.instance().delays == expected
+    files = format_problem(loaded)
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    assert load_problem(tmp_path / "a.json").delays == expected
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"pDelay": 2}, "'delayConfig': probability=2: expected"),
+        ({"pDelay": None}, "'delayConfig': probability=None: expected a number"),
+        ({"minDelay": 9}, r"'delayConfig': duration=\(9, 8\): expected the smallest number of steps first"),
+        ({"minDelay": 0}, r"'delayConfig': duration=\(0, 8\): expected"),
+        ({"eventModel": "gamma"}, "'delayConfig': events='gamma': expected one of 'bernoulli', 'poisson'"),
+        ({"durationModel": 1}, "'delayConfig': durations=1: expected one of 'uniform', 'normal'"),
+    ],
+)
+def test_malformed_delays(tmp_path, changes, message):
+    with pytest.raises(FormatError, match=f"a.json: {message}"):
+        load_problem(problem(tmp_path, {"delayConfig": DELAYS | changes}))
+
+
+def test_an_environment_has_the_delays_of_its_problem(tmp_path):
+    path = problem(tmp_path, {"delayConfig": DELAYS | {"pDelay": 1}})
+    env = mapf_pz.parallel_env(scenario=path, on_target="restart", max_steps=5)
+    env.reset(seed=0)
+    *_, infos = env.step(dict.fromkeys(env.agents, 0))
+    assert [info["delayed"] for info in infos.values()] == [1, 1]
+    env = mapf_pz.parallel_env(scenario=path, on_target="restart", max_steps=5, delays="0:1-1")
+    env.reset(seed=0)
+    *_, infos = env.step(dict.fromkeys(env.agents, 0))
+    assert [info["delayed"] for info in infos.values()] == [0, 0]
 
 
 @pytest.mark.parametrize("strategy", ["greedy", "roundrobin_fixed"])
@@ -214,7 +269,8 @@ def test_all_published_problems_load(benchmark):
             loaded = load_problem(file)
             assert loaded.team_size == json.loads(file.read_text())["teamSize"]
             assert replace(loaded, not_modeled=()).instance(2).num_agents == loaded.team_size
-            expected = {"2024": ("numTasksReveal",), "2026": ("numTasksReveal", "agentCounter", "delayConfig")}
+            expected = {"2024": ("numTasksReveal",), "2026": ("numTasksReveal", "agentCounter")}
+            assert (loaded.delays is not None) == (loaded.version == "2026 LoRR")
             assert loaded.not_modeled == expected.get((loaded.version or "2023")[:4], ())
 
 

@@ -7,10 +7,10 @@ import pytest
 
 import mapf_pz
 from mapf_pz.guidance import GuidanceGraph, open_edges
+from mapf_pz.instances.delays import Delays
 from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.simulator import Simulator
 from mapf_pz.simulator.config import REWARDS, EnvConfig, RewardConfig
-from mapf_pz.simulator.delays import Delays
 from mapf_pz.simulator.kernels.observation import layers
 from mapf_pz.simulator.kernels.observation.channels import CHANNELS
 from mapf_pz.simulator.kernels.observation.features import FEATURES

@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 
 import mapf_pz
 from mapf_pz.instances import RandomObstacles
+from mapf_pz.instances.delays import Delays
 from mapf_pz.simulator import Simulator
 from mapf_pz.simulator.actions import Action, CardinalAction
 from mapf_pz.simulator.config import EnvConfig
-from mapf_pz.simulator.delays import Delays, delay_rules
-from mapf_pz.simulator.kernels.delay import delayed_agents
+from mapf_pz.simulator.kernels.delay import delay_rules, delayed_agents
 
 ALWAYS = Delays(1.0, (1, 1))
 SOURCE = RandomObstacles(6, 6, 0.1, 8)
@@ -229,15 +229,16 @@ def test_the_metrics_of_agents_that_are_alone():
 
 
 def test_all_interfaces_tell_who_is_delayed():
-    torchrl = pytest.importorskip("mapf_pz.rl.environments")
+    rl = pytest.importorskip("mapf_pz.rl")
     keywords = {"source": SOURCE, "delays": "0.4:1-2", "max_steps": 9}
     simulator = Simulator(EnvConfig(**keywords), 2)
     simulator.reset(seeds={0: 5, 1: 6})
     agents = mapf_pz.wrappers.AgentVectorEnv(2, **keywords)
-    batched = torchrl.BatchedMapfEnv(num_envs=2, seed=5, **keywords)
+    batched = rl.BatchedMapfEnv(num_envs=2, **keywords)
     team = mapf_pz.wrappers.CentralizedVectorEnv(2, **keywords)
     single = mapf_pz.wrappers.CentralizedEnv(mapf_pz.parallel_env(**keywords))
     _, infos = agents.reset(seed=5)
+    batched.set_seed(5)
     data = batched.reset()
     team.reset(seed=5)
     single.reset(seed=5)

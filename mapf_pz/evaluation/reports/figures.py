@@ -24,6 +24,7 @@ LABELS = {
     "ISR": "agents at their goals (ISR)",
     f"SoC_ratio{SOLVED}": "sum of costs / lower bound (solved)",
     f"weighted_cost_ratio{SOLVED}": "weighted cost / lower bound (solved)",
+    f"delayed_SoC_ratio{SOLVED}": "sum of costs / that of agents alone (solved)",
     "avg_throughput": "goals reached per step",
     "step_ms": "milliseconds per step",
 }
@@ -226,5 +227,5 @@ def _draw_panel(panel: Axes, metric: str, lines: dict[str, Points], styles: Mapp
     panel.grid(alpha=0.3)
     if metric == "step_ms":
         panel.set_yscale("log")
-    elif not metric.startswith(("SoC_ratio", "weighted_cost_ratio")):
+    elif not metric.startswith(("SoC_ratio", "weighted_cost_ratio", "delayed_SoC_ratio")):
         panel.set_ylim(bottom=0)

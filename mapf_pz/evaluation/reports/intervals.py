@@ -21,11 +21,13 @@ RESAMPLES = 2000
 BOUNDS = {
     "ISR": (0.0, 1.0),
     "collisions": (0.0, 1.0),
+    "delay_share": (0.0, 1.0),
     "avg_throughput": (0.0, math.inf),
     "best_ratio": (0.0, math.inf),
 }
 """Bounds of metrics of which a few episodes can be far from all others, such as lifelong episodes with a livelock."""
-LEAST = {"SoC_ratio (solved)": 1.0, "weighted_cost_ratio (solved)": 1.0}
+_RATIOS = ("SoC_ratio", "weighted_cost_ratio", "delayed_SoC_ratio")
+LEAST: dict[str, float] = {f"{name} (solved)": 1.0 for name in _RATIOS}
 """Smallest possible values of metrics, if they are not 0; those of solved episodes are at least their lower bounds."""
 TIMES = ("runtime", "step_ms", "agent_us")
 """Metrics without intervals: they vary with the machine and its load, of which episodes are no sample."""

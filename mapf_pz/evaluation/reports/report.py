@@ -12,15 +12,24 @@ import numpy as np
 
 from mapf_pz.evaluation.reports.intervals import TIMES, bounds_of, difference_interval, interval, mean_interval
 from mapf_pz.evaluation.results import METRICS, Episode
-from mapf_pz.simulator.metrics import WEIGHTED_METRICS
+from mapf_pz.simulator.metrics import DELAY_METRICS, WEIGHTED_METRICS
 
 SOLVED = " (solved)"
 """Suffix of metrics that are averaged over solved episodes, those with a CSR of 1."""
-COLUMNS = ("CSR", "ISR", f"SoC_ratio{SOLVED}", "avg_throughput", "exhausted_agents", "best_ratio", "step_ms")
+COLUMNS = (
+    "CSR",
+    "ISR",
+    f"SoC_ratio{SOLVED}",
+    f"delayed_SoC_ratio{SOLVED}",
+    "avg_throughput",
+    "exhausted_agents",
+    "best_ratio",
+    "step_ms",
+)
 """The default columns of tables."""
 ALL_COLUMNS = (
     *METRICS,
-    *(f"{name}{SOLVED}" for name in ("SoC", "SoC_ratio", *WEIGHTED_METRICS, "makespan", "ep_length")),
+    *(f"{name}{SOLVED}" for name in ("SoC", "SoC_ratio", *WEIGHTED_METRICS, DELAY_METRICS[1], "makespan", "ep_length")),
 )
 """All columns that tables may have."""
 

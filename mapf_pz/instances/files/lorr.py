@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from reprlib import repr as shortened
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from mapf_pz._internal.arrays import Ints, frozen
 from mapf_pz._internal.json import JsonObject, named_file, parse_object, text_member, whole_number
 from mapf_pz._internal.text import read_text
 from mapf_pz.errors import FormatError
+from mapf_pz.instances.delays import NORMAL_DEVIATION, Delays
 from mapf_pz.instances.files.movingai import format_map, read_map
 from mapf_pz.instances.heading import Heading
 from mapf_pz.instances.instance import Grid, Instance, Scenario
@@ -32,6 +34,10 @@ from mapf_pz.instances.place import check_reachable
 ROUND_ROBIN, ENTRANT = "roundrobin", "entrant"
 STRATEGIES = (ROUND_ROBIN, "roundrobin_fixed", "greedy", ENTRANT)
 """Strategies of task assignment. `entrant`: since 2024, an entrant's scheduler decides, and files name no strategy."""
+DELAYS = "delayConfig"
+"""The member of the delays of 2026."""
+DURATIONS = {"uniform": "uniform", "gaussian": "normal"}
+"""The names of distributions in problem files, and those of `Delays`."""
 MODELED = ("mapFile", "agentFile", "taskFile", "teamSize", "taskAssignmentStrategy", "version")
 """The members of a problem file that this package supports."""
 NEUTRAL = {"numTasksReveal": 1, "agentCounter": 1, "agentSize": 1}
@@ -66,11 +72,13 @@ class LorrProblem:
     """The version in the file, such as `2024 LoRR`; None in 2023."""
     reveal: float = 1.0
     """Number of revealed tasks per robot at any time, `numTasksReveal`."""
+    delays: Delays | None = None
+    """The robots' delays, `delayConfig`, whose ticks are steps; None if there are none."""
     name: str = "problem"
     """The file name without its extension."""
     not_modeled: tuple[str, ...] = ()
-    """Members of the file that instances do not represent, such as `delayConfig` (random delays) and `agentCounter`
-    (ticks per action) of 2026, or `numTasksReveal` (number of tasks revealed in advance) since 2024."""
+    """Members of the file that instances do not represent, such as `agentCounter` (ticks per action) of 2026, or
+    `numTasksReveal` (number of tasks revealed in advance) since 2024."""
 
     @property
     def team_size(self) -> int:
@@ -129,7 +137,7 @@ class LorrProblem:
             errands += np.arange(len(errands))
             goals[agent] = self.errands[errands[np.arange(count) % len(errands)]]
         headings = np.full(self.team_size, Heading.EAST)
-        instance = Instance(self.grid, Scenario(self.starts, goals), headings)
+        instance = Instance(self.grid, Scenario(self.starts, goals), headings, self.delays)
         check_reachable(instance)
         return instance
 
@@ -170,6 +178,7 @@ def read_problem(path: str | Path) -> LorrProblem:
         raise FormatError(path, f"expected a 'teamSize' of at most {len(counts)}, the agents in {agent_file}")
     _check_different(starts, first_line, agent_file)
     errands, counts, _ = _read_cells(task_file, grid, errands=MAX_ERRANDS_PER_TASK)
+    delays = _delays(data, path)
     return LorrProblem(
         grid=grid,
         starts=frozen(starts[:size], np.int32),
@@ -178,8 +187,13 @@ def read_problem(path: str | Path) -> LorrProblem:
         strategy=strategy,
         version=None if data.get("version") is None else text_member(data, "version", path),
         reveal=_reveal(data, path),
+        delays=delays,
         name=Path(path).stem,
-        not_modeled=tuple(key for key in data if key not in MODELED and NEUTRAL.get(key) != data[key]),
+        not_modeled=tuple(
+            key
+            for key in data
+            if key not in MODELED and NEUTRAL.get(key) != data[key] and not (key == DELAYS and delays is not None)
+        ),
     )
 
 
@@ -189,6 +203,7 @@ def format_problem(problem: LorrProblem) -> dict[str, str]:
     names["taskFile"] = f"{problem.name}.tasks"
     members: JsonObject = {**names, "teamSize": problem.team_size}
     members |= {} if problem.reveal == 1 else {"numTasksReveal": problem.reveal}
+    members |= {} if problem.delays is None else {DELAYS: _format_delays(problem.delays)}
     members |= {} if problem.strategy == ENTRANT else {"taskAssignmentStrategy": problem.strategy}
     members |= {} if problem.version is None else {"version": problem.version}
     cells = (problem.errands @ (problem.grid.shape[1], 1)).tolist()
@@ -201,6 +216,39 @@ def format_problem(problem: LorrProblem) -> dict[str, str]:
         names["agentFile"]: "\n".join([str(problem.team_size), *starts]) + "\n",
         names["taskFile"]: "\n".join([str(problem.num_tasks), *tasks]) + "\n",
     }
+
+
+def _delays(data: JsonObject, origin: str | Path) -> Delays | None:
+    """Return the delays; None if there are none, or if they are distributed otherwise than those of `Delays`.
+
+    The seed is that of the episode, and not that in the file.
+    """
+    given = data.get(DELAYS)
+    if given is None:
+        return None
+    if not isinstance(given, dict):
+        raise FormatError(origin, f"expected {DELAYS!r} to be an object, got {shortened(given)}")
+    shape = given.get("gaussMeanRatio", 0.5), given.get("gaussStdRatio", NORMAL_DEVIATION)
+    durations = given.get("durationModel", "uniform")
+    if durations == "gaussian" and shape != (0.5, NORMAL_DEVIATION):
+        return None
+    fields: dict[str, Any] = {
+        "probability": given.get("pDelay"),
+        "duration": (given.get("minDelay"), given.get("maxDelay")),
+        "events": given.get("eventModel", "bernoulli"),
+        "durations": DURATIONS.get(durations, durations),
+    }
+    try:
+        return Delays(**fields)
+    except ValueError as error:
+        raise FormatError(origin, f"{DELAYS!r}: {error}") from None
+
+
+def _format_delays(delays: Delays) -> JsonObject:
+    smallest, largest = delays.duration
+    model = {name: word for word, name in DURATIONS.items()}[delays.durations]
+    limits = {"pDelay": delays.probability, "minDelay": smallest, "maxDelay": largest}
+    return {**limits, "eventModel": delays.events, "durationModel": model}
 
 
 def _reveal(data: JsonObject, origin: str | Path) -> float:

@@ -46,8 +46,8 @@ def run_problem(
 ) -> ScheduledRun:
     """Run a problem for `num_steps` steps; in each step, `scheduler` assigns tasks, then `planner` moves the agents.
 
-    Agents turn. The number of revealed tasks is the problem's `num_revealed`. Warns about other members of the problem
-    that are not modeled, such as delays.
+    Agents turn, and are delayed as the problem says. The number of revealed tasks is the problem's `num_revealed`.
+    Warns about other members of the problem that are not modeled.
 
     Raises:
         ValueError: The scheduler's assignment is not allowed.
@@ -89,7 +89,9 @@ def _simulator(problem: LorrProblem, num_steps: int, seed: int, edge_weights: Ed
     headings = np.full(problem.team_size, Heading.EAST)
     num_goals, table_bytes = problem.team_size + problem.num_revealed, 20 * (problem.grid.free.size + 1)
     config = EnvConfig(
-        source=InstanceList([Instance(problem.grid, Scenario(problem.starts, problem.starts), headings)]),
+        source=InstanceList(
+            [Instance(problem.grid, Scenario(problem.starts, problem.starts), headings, problem.delays)]
+        ),
         on_target="restart",
         max_steps=num_steps,
         view_size=(1, 1),

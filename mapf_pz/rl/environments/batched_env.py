@@ -103,7 +103,7 @@ class BatchedMapfEnv(EnvBase):
             goal=Bounded(0, max(self.simulator.shape) - 1, shape=torch.Size([*each, 2]), dtype=torch.int64),
             shape=each,
         )
-        if self.config.delays is not None:
+        if self.simulator.delays is not None:
             observed["delayed"] = Binary(1, shape=one, dtype=torch.bool)
         spec = Composite(agents=observed, shape=batch)
         if self._has_state:
@@ -167,7 +167,7 @@ class BatchedMapfEnv(EnvBase):
         if self.simulator.layout.num_features:
             parts = {"image": image, "features": torch.from_numpy(observation.features).to(self._dtype)}
             entry = TensorDict(parts, batch_size=image.shape[:2], device=image.device)
-        delayed = {} if self.config.delays is None else {"delayed": agents["delayed"].copy()}
+        delayed = {} if self.simulator.delays is None else {"delayed": agents["delayed"].copy()}
         return {
             "observation": entry,
             "action_mask": torch.from_numpy(observation.action_mask.view(np.bool_)),

@@ -12,12 +12,12 @@ import numpy as np
 
 from mapf_pz._internal.arrays import Bools, Ints
 from mapf_pz._internal.jit import Array, inlined, jit
+from mapf_pz.instances.delays import NORMAL_DEVIATION, Delays
 
 NEVER, BERNOULLI, POISSON = 0, 1, 2
-NORMAL_DEVIATION = 0.22
-"""Standard deviation of normal durations, as a fraction of their range: that of the League of Robot Runners."""
+EVENTS = {"bernoulli": BERNOULLI, "poisson": POISSON}
 _COUNT, _CHOICE = 2**32 - 1, 2**32 - 2
-"""What has random numbers of its own, beside the agents: how many delays begin, and which agents they have."""
+"""Numbers in place of an agent's, for the random numbers of a step: how many delays begin, and of which agents."""
 
 
 class DelayRules(NamedTuple):
@@ -28,6 +28,14 @@ class DelayRules(NamedTuple):
     smallest: int
     largest: int
     is_normal: bool
+
+
+def delay_rules(delays: Delays | None) -> DelayRules:
+    """Return delays as kernels take them; None: there are none."""
+    if delays is None:
+        return DelayRules(NEVER, 0.0, 0, 0, is_normal=False)
+    is_normal = delays.durations == "normal"
+    return DelayRules(EVENTS[delays.events], float(delays.probability), *delays.duration, is_normal)
 
 
 @jit

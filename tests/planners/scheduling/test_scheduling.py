@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mapf_pz.commands.main import main
+from mapf_pz.instances.delays import Delays
 from mapf_pz.instances.files.lorr import LorrProblem
 from mapf_pz.instances.instance import Grid
 from mapf_pz.instances.load import load_problem
@@ -186,14 +187,22 @@ def test_the_command(tmp_path, capsys):
     assert "expected 'numTasksReveal' above 0, up to 1000, got 0" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("members", [("delayConfig",), ("numTasksReveal", "delayConfig"), ("numTasksReveal",), ()])
-def test_delays_are_not_modeled(members):
+@pytest.mark.parametrize("members", [("agentCounter",), ("numTasksReveal", "agentCounter"), ("numTasksReveal",), ()])
+def test_what_is_not_modeled_is_reported(members):
     problem = replace(random_problem(num_agents=2, seed=0), not_modeled=members)
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
         run_problem(problem, PIBT(), SCHEDULERS["keep"], num_steps=2)
-    expected = "problem: not modeled: 'delayConfig'; results are not comparable with the competition's"
-    assert [str(warning.message) for warning in found] == [expected] * ("delayConfig" in members)
+    expected = "problem: not modeled: 'agentCounter'; results are not comparable with the competition's"
+    assert [str(warning.message) for warning in found] == [expected] * ("agentCounter" in members)
+
+
+def test_delayed_agents_finish_fewer_tasks():
+    problem = random_problem(num_agents=2, seed=0)
+    late = replace(problem, delays=Delays(1.0, (30, 30)))
+    runs = [run_problem(one, PIBT(), SCHEDULERS["keep"], num_steps=20) for one in (problem, late)]
+    assert runs[0].num_finished > runs[1].num_finished == 0
+    assert (runs[1].plan.positions == runs[1].plan.positions[0]).all()
 
 
 def test_validate_counts_what_a_scheduler_has_assigned(tmp_path, capsys):

@@ -9,17 +9,17 @@ from typing import Annotated, Literal, Self
 from pydantic import BeforeValidator, Field
 
 from mapf_pz._internal.config import Count, Share, as_tuple, checked, expecting
-from mapf_pz.simulator.kernels.delay import BERNOULLI, NEVER, POISSON, DelayRules
 
 Events = Literal["bernoulli", "poisson"]
 Durations = Literal["uniform", "normal"]
 MAX_DURATION = 2**20
 """Maximum number of steps of a delay."""
+NORMAL_DEVIATION = 0.22
+"""Standard deviation of normal durations, as a fraction of their range: that of the League of Robot Runners."""
 _NUMBER = r"\d+(\.\d*)?(e-?\d+)?"
 _TEXT = re.compile(
     rf"(?P<probability>{_NUMBER}):(?P<smallest>\d+)-(?P<largest>\d+)(?P<poisson>:poisson)?(?P<normal>:normal)?"
 )
-_EVENTS = {"bernoulli": BERNOULLI, "poisson": POISSON}
 Duration = Annotated[
     tuple[Annotated[Count, Field(le=MAX_DURATION)], Annotated[Count, Field(le=MAX_DURATION)]],
     BeforeValidator(as_tuple),
@@ -33,7 +33,7 @@ Duration = Annotated[
 class Delays:
     """Delays of agents. In a step in which it is delayed, an agent waits, whatever its action.
 
-    A delay begins in a step in which its agent was told to act: nobody knows of it before. Delays depend on the seed of
+    A delay begins in a step whose actions are already chosen: no agent knows of it before. Delays depend on the seed of
     the episode, the agent and the step alone, not on actions. The models are those of the Start-Kit 3.1 of the League
     of Robot Runners.
 
@@ -79,14 +79,3 @@ class Delays:
         events = ":poisson" if self.events == "poisson" else ""
         durations = ":normal" if self.durations == "normal" else ""
         return f"{self.probability!r}:{smallest}-{largest}{events}{durations}"
-
-
-def delay_rules(delays: Delays | str | None) -> DelayRules:
-    """Return delays, or those of a text, as kernels take them; None: there are none."""
-    if isinstance(delays, str):
-        delays = Delays.from_text(delays)
-    if delays is None:
-        return DelayRules(NEVER, 0.0, 0, 0, is_normal=False)
-    return DelayRules(
-        _EVENTS[delays.events], float(delays.probability), *delays.duration, is_normal=delays.durations == "normal"
-    )
