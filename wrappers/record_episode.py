@@ -133,7 +133,7 @@ class RecordEpisode(MapfWrapper):
             "rewards": agents["reward"].copy() if actions else np.zeros(agents.size),
             "observed": np.rint(127 * seen).astype(np.int8),
         }
-        if env.config.delays is not None:
+        if simulator.delays is not None:
             state["delayed"] = agents["delayed"] & agents["active"]  # delays go on after agents have disappeared
         if env.config.action_model == "rotate":
             state["headings"] = env.headings

@@ -32,10 +32,10 @@ from mapf_pz.editor.task import Task
 from mapf_pz.evaluation.policies import PlannerFactory, TrainedFactory, bundled_policies, policy_factory
 from mapf_pz.evaluation.solver import solver_of
 from mapf_pz.guidance.library import is_guidance_file
+from mapf_pz.instances import Delays
 from mapf_pz.planners.named import own_code
 from mapf_pz.rl.policies.folder import FILES, policy_folder
 from mapf_pz.rl.policies.hub import is_address
-from mapf_pz.simulator.delays import Delays
 
 HOST = "127.0.0.1"
 """The address of the server, which only this machine can reach."""

@@ -11,11 +11,10 @@ import numpy as np
 from mapf_pz.editor.requests import Refusal
 from mapf_pz.evaluation.solver import costs_text
 from mapf_pz.guidance.library import EdgeWeights
-from mapf_pz.instances import Instance
+from mapf_pz.instances import Delays, Instance
 from mapf_pz.planners import Plan
 from mapf_pz.planners.base import PlanFollower
 from mapf_pz.planners.named import planner_class
-from mapf_pz.simulator.delays import Delays
 from mapf_pz.simulator.kernels.cost_tables import default_bytes, table_bytes
 
 OnStep: TypeAlias = "Callable[[int], object]"
