@@ -133,6 +133,8 @@ class RecordEpisode(MapfWrapper):
             "rewards": agents["reward"].copy() if actions else np.zeros(agents.size),
             "observed": np.rint(127 * seen).astype(np.int8),
         }
+        if simulator.delays is not None:
+            state["delayed"] = agents["delayed"] & agents["active"]  # delays go on after agents have disappeared
         if env.config.action_model == "rotate":
             state["headings"] = env.headings
         if self._has_discrete_actions:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from mapf_pz._internal.arrays import Bools, Floats, Ints
 from mapf_pz._internal.config import UNCHECKED, checked
 from mapf_pz.render.rgb import Canvas, Picture
+from mapf_pz.render.state import RenderState
 from mapf_pz.simulator.config import BatchConfig, EnvConfig, check_whole
 from mapf_pz.simulator.seeds import MAX_SEED
 from mapf_pz.simulator.simulator import Simulator
@@ -67,7 +68,8 @@ class SimulatorVectorEnv(VectorEnv[VectorObservation, ArrayLike, NDArray[Any]]):
         if b not in self._canvases or self._canvases[b].free is not free:
             self._canvases[b] = Canvas(free, simulator.num_agents)
         headings = agents["heading"] if simulator.config.action_model == "rotate" else None
-        return self._canvases[b].draw(simulator.positions(b), headings, simulator.goals(b), agents["active"])
+        state = RenderState(simulator.positions(b), headings, simulator.goals(b), agents["active"], agents["delayed"])
+        return self._canvases[b].draw(*state)
 
     def _start(self, seed: int | Sequence[int | None] | None, options: dict[str, Any] | None) -> dict[int, int]:
         """Start new episodes in all environments, and return the seeds that were given, by environment.

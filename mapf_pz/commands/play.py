@@ -88,6 +88,6 @@ def play(options: PlayOptions) -> None:
 
 def _summary(env: MapfEnv, reward: float, total: float, info: dict[str, Any]) -> str:
     """Return a one-line summary of a step."""
-    event = next((name for name in ("blocked", "arrived", "at_goal") if info[name]), "")
+    event = next((name for name in ("delayed", "blocked", "arrived", "at_goal") if info.get(name)), "")
     end = "" if env.agents else " - episode over, press any key to restart"
     return f"step {env.step_count}, reward {reward:+.2f}, total {total:+.2f} {event}{end}"

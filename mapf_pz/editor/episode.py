@@ -37,6 +37,7 @@ class PolicyEpisode:
         self._on_step = on_step
         target = "restart" if task.lifelong else "nothing"
         keywords = instance_keywords(task.instance, task.max_steps, task.edge_weights, on_target=target)
+        keywords["delays"] = task.delays
         env, policy = policy_factory(task.solver, task.seed)(keywords)
         compile_policy(env, policy, task.seed)
         self._env = RecordEpisode(env)
@@ -84,6 +85,8 @@ class PolicyEpisode:
         """Return the recording, the goals that were reached in each step, and the file of the steps as a plan."""
         task, plan = self._task, self._steps.plan()
         facts = {"solver": task.solver, "seed": str(task.seed)}
+        if task.delays is not None:
+            facts["delays"] = str(task.delays)
         inspection = self._policy.inspection if self._actions else None
         recording = replace(self._env.recording, name=task.solver, facts=facts, inspection=inspection)
         return {

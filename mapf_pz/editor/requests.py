@@ -154,6 +154,8 @@ class SolveRequest(Request):
     """Random seed."""
     lifelong: bool = False
     """Whether an agent receives its next goal when it reaches one."""
+    delays: str | None = None
+    """Text of the delays of agents, as in `EnvConfig`. None: there are none."""
 
 
 @dataclass(frozen=True, kw_only=True)

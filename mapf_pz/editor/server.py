@@ -32,6 +32,7 @@ from mapf_pz.editor.task import Task
 from mapf_pz.evaluation.policies import PlannerFactory, TrainedFactory, bundled_policies, policy_factory
 from mapf_pz.evaluation.solver import solver_of
 from mapf_pz.guidance.library import is_guidance_file
+from mapf_pz.instances import Delays
 from mapf_pz.planners.named import own_code
 from mapf_pz.rl.policies.folder import FILES, policy_folder
 from mapf_pz.rl.policies.hub import is_address
@@ -140,11 +141,12 @@ class Editor:
         instance = instance_of(request.instance, request.lifelong)
         weights = request.instance.weights
         graph = None if weights is None else graph_of(weights, instance.grid)
+        delays = None if request.delays is None else _delays_of(request.delays)
         tasks: list[Task] = []
         for solver in request.solvers:
             self._check_solver(solver, request.lifelong)
             limits = (request.time_limit, request.max_steps, request.seed)
-            tasks.append(Task(instance, solver, request.lifelong, *limits, graph))
+            tasks.append(Task(instance, solver, request.lifelong, *limits, graph, delays))
         return {"run": self._runs.start(tasks)}
 
     def _check_solver(self, solver: str, lifelong: bool) -> None:
@@ -184,6 +186,14 @@ class Editor:
         """End the processes of a run."""
         self._runs.stop(request.run)
         return {}
+
+
+def _delays_of(text: str) -> Delays:
+    """Return the delays that a text states; raises `ValueError` with the name of the member if it is malformed."""
+    try:
+        return Delays.from_text(text)
+    except ValueError as error:
+        raise ValueError(f"delays {text!r}: {error}") from None
 
 
 def create_app(editor: Editor, token: str, port: int, start: dict[str, Any]) -> Starlette:

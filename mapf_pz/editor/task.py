@@ -11,7 +11,7 @@ import numpy as np
 from mapf_pz.editor.requests import Refusal
 from mapf_pz.evaluation.solver import costs_text
 from mapf_pz.guidance.library import EdgeWeights
-from mapf_pz.instances import Instance
+from mapf_pz.instances import Delays, Instance
 from mapf_pz.planners import Plan
 from mapf_pz.planners.base import PlanFollower
 from mapf_pz.planners.named import planner_class
@@ -39,12 +39,18 @@ class Task:
     """Random seed."""
     edge_weights: EdgeWeights | None
     """The guidance graph. None: uniform for planners, and that of its training for a policy."""
+    delays: Delays | None = None
+    """Delays of agents. None: there are none."""
 
     @property
     def plans_paths(self) -> bool:
-        """Whether the solver plans whole paths, before the first step, instead of single steps."""
+        """Whether the solver plans whole paths, before the first step, instead of single steps.
+
+        With delays, which are not known beforehand, every solver acts in an episode.
+        """
         planner = planner_class(self.solver)
-        return not self.lifelong and planner is not None and issubclass(planner, PlanFollower)
+        has_episode = self.lifelong or self.delays is not None
+        return not has_episode and planner is not None and issubclass(planner, PlanFollower)
 
     @property
     def table_bytes(self) -> int:

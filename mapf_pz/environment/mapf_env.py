@@ -277,7 +277,8 @@ class MapfEnv(ParallelEnv[str, AgentObservation, SupportsIndex]):
     def render_state(self) -> RenderState:
         """Return what is rendered, in copies."""
         headings = self.headings if self.config.action_model == "rotate" else None
-        return RenderState(self.positions, headings, self.goals, self._agents["active"].copy())
+        active, delayed = self._agents["active"].copy(), self._agents["delayed"].copy()
+        return RenderState(self.positions, headings, self.goals, active, delayed)
 
     @property
     def positions(self) -> Ints:

@@ -87,11 +87,13 @@ class Recording:
     """The orientation of the observations, as in `EnvConfig.frame`. None: unknown."""
     inspection: Inspection | None = None
     """The policy's decisions in T steps. None: not recorded."""
+    delayed: Bools | None = None
+    """(T + 1, N): whether the agent was delayed in the step before. None: the environment has no delays."""
 
     def __post_init__(self) -> None:
         """Check the shapes."""
         each = self.positions.shape[:2]
-        shapes = dict.fromkeys(("headings", "active", "blocked", "actions", "rewards"), each)
+        shapes = dict.fromkeys(("headings", "active", "blocked", "actions", "rewards", "delayed"), each)
         for name, shape in (shapes | dict.fromkeys(("positions", "goals"), (*each, 2))).items():
             value = getattr(self, name)
             if value is not None and value.shape != shape:
@@ -128,7 +130,8 @@ class Recording:
             headings = None if self.headings is None else self.headings[step]
             active = None if self.active is None else self.active[step]
             goals = self.positions[step] if self.goals is None else self.goals[step]  # hidden below the agents
-            yield canvas.draw(self.positions[step], headings, goals, active)
+            delayed = None if self.delayed is None else self.delayed[step]
+            yield canvas.draw(self.positions[step], headings, goals, active, delayed)
 
     def _repr_html_(self) -> str:
         """Return the page of `save_html` in a frame, which notebooks show."""
@@ -218,6 +221,8 @@ def _arrays(recording: Recording) -> dict[str, NDArray[Any]]:
         arrays["actions"] = recording.actions.T.astype(np.int8)
     if recording.rewards is not None:
         arrays["rewards"] = recording.rewards.T.astype("<f4")
+    if recording.delayed is not None:
+        arrays["delayed"] = recording.delayed.T.astype(np.uint8)
     if recording.weights is not None:
         arrays["weights"] = recording.weights.astype("<f4")
     observed = _shown_observations(recording)

@@ -1,4 +1,7 @@
-"""Images of an instance: dark obstacles, a disc with a heading for each agent, and a square for its goal."""
+"""Images of an instance: dark obstacles, a disc with a heading for each agent, and a square for its goal.
+
+A dark bar crosses the lower half of an agent that was delayed in the last step.
+"""
 
 from __future__ import annotations
 
@@ -17,12 +20,14 @@ OBSTACLE = (70, 77, 92)
 GRID_LINE = (233, 231, 225)
 HEADING_MARK = (255, 255, 255)
 CHOSEN = (20, 22, 28)
+DELAYED = (20, 22, 28)
 
 MAX_IMAGE_SIZE = 1400  # px of the longer side, unless cells would be smaller than the minimum
 MIN_CELL_SIZE, MAX_CELL_SIZE = 6, 48  # px
 DETAILED_CELL = 12  # px: smaller cells have no grid lines, and discs fill them
 SAMPLES = 8  # per pixel and axis, for antialiasing
 DISC_RADIUS, FULL_RADIUS = 0.375, 0.49  # in cells; the first leaves a goal's frame visible, the second its corners
+BAR_TOP, BAR_BOTTOM, BAR_SIDE = 0.2, 0.34, 0.46  # in cells from the center; the bar extends beyond the disc
 GOAL_TINT = 0.16
 GOLDEN_RATIO = 0.6180339887
 
@@ -33,6 +38,7 @@ def draw(
     headings: Ints | None,
     goals: Ints,
     active: Bools | None = None,
+    delayed: Bools | None = None,
     cell_size: int | None = None,
 ) -> Picture:
     """Draw an image. To draw many images of the same map, use a `Canvas`.
@@ -43,6 +49,7 @@ def draw(
         headings: (N,), or None for agents without headings.
         goals: (N, 2), [row, col].
         active: (N,); inactive agents and their goals are omitted. None: all agents are active.
+        delayed: (N,), whether each agent was delayed in the last step. None: no agent was.
         cell_size: pixels per cell. None: chosen by the size of the map.
 
     Returns:
@@ -51,7 +58,7 @@ def draw(
     Raises:
         ValueError: if `cell_size` is less than 1.
     """
-    return Canvas(free, len(positions), cell_size).draw(positions, headings, goals, active)
+    return Canvas(free, len(positions), cell_size).draw(positions, headings, goals, active, delayed)
 
 
 class Canvas:
@@ -68,6 +75,9 @@ class Canvas:
         radius = DISC_RADIUS if self.cell_size >= DETAILED_CELL else FULL_RADIUS
         self._disc = _coverage(self.cell_size, lambda row, col: row**2 + col**2 <= radius**2)
         self._marks = _heading_marks(self.cell_size, radius)
+        self._bar = _coverage(
+            self.cell_size, lambda row, col: (row >= BAR_TOP) & (row <= BAR_BOTTOM) & (np.abs(col) <= BAR_SIDE)
+        )
         self._goal = _goal_mask(self.cell_size)
         self._square = np.ones((self.cell_size, self.cell_size), np.float32)
         self._frame = _coverage(self.cell_size, lambda row, col: np.maximum(np.abs(row), np.abs(col)) >= 0.38)
@@ -78,6 +88,7 @@ class Canvas:
         headings: Ints | None,
         goals: Ints,
         active: Bools | None = None,
+        delayed: Bools | None = None,
         chosen: int | None = None,
     ) -> Picture:
         """Draw an image; the arguments and the result are those of the function `draw`.
@@ -94,6 +105,8 @@ class Canvas:
             self._blend(picture, there, self._colors[[chosen]], self._square)
             self._blend(picture, here, np.array(CHOSEN, np.float32), self._frame)
             self._blend(picture, here, self._colors[[chosen]], self._disc)
+        if delayed is not None:
+            self._blend(picture, positions[shown][delayed[shown]], np.array(DELAYED, np.float32), self._bar)
         if headings is not None:
             self._blend(picture, positions[shown], np.array(HEADING_MARK, np.float32), self._marks[headings[shown]])
         return picture

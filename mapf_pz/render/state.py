@@ -14,3 +14,4 @@ class RenderState(NamedTuple):
     headings: Ints | None  # (N,), None for agents without headings
     goals: Ints  # (N, 2) [row, col]
     active: Bools  # (N,)
+    delayed: Bools  # (N,), whether it was delayed in the last step

@@ -13,7 +13,7 @@ from mapf_pz._internal.atomic import write_whole
 from mapf_pz._internal.printable import printable
 from mapf_pz.render.frames import check_fps
 from mapf_pz.render.recording import Recording
-from mapf_pz.render.rgb import color_codes
+from mapf_pz.render.rgb import BAR_BOTTOM, BAR_SIDE, BAR_TOP, color_codes
 
 CELL = 20
 """Side length of a cell, in SVG units."""
@@ -22,6 +22,9 @@ PAUSE = 2
 STYLE = """
 .free{fill:#fbfaf7}.obstacle{fill:#464d5c}.mark{fill:#fff}
 @media (prefers-color-scheme:dark){.free{fill:#23272e}.obstacle{fill:#5d6675}.mark{fill:#15181d}}
+"""
+DELAY_STYLE = """.delayed{fill:#14161c}
+@media (prefers-color-scheme:dark){.delayed{fill:#fff}}
 """
 
 
@@ -42,7 +45,8 @@ def save_svg(recording: Recording, path: str | Path, fps: float = 4) -> None:
 def _lines(recording: Recording, fps: float) -> Iterator[str]:
     height, width = (CELL * side for side in recording.free.shape)
     yield f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}">'
-    yield f"<title>{html.escape(printable(recording.heading))}</title><style>{STYLE}</style>"
+    style = STYLE if recording.delayed is None else STYLE + DELAY_STYLE
+    yield f"<title>{html.escape(printable(recording.heading))}</title><style>{style}</style>"
     yield f'<rect class="free" width="{width}" height="{height}"/>'
     yield f'<path class="obstacle" d="{"".join(_obstacles(recording.free))}"/>'
     timeline = _Timeline(recording.num_steps, fps)
@@ -121,9 +125,22 @@ def _agent(recording: Recording, agent: int, color: str, timeline: _Timeline) ->
     yield _fading(recording, agent, timeline)
     half = CELL / 2
     yield f'<circle cx="{half:g}" cy="{half:g}" r="{0.38 * CELL:g}" fill="{color}"/>'
+    if recording.delayed is not None and recording.delayed[:, agent].any():
+        yield _delay_bar(recording.delayed[:, agent], timeline)
     if recording.headings is not None:
         yield from _heading(recording.headings[:, agent], timeline)
     yield "</g>"
+
+
+def _delay_bar(delayed: Bools, timeline: _Timeline) -> str:
+    """Return a bar that is visible during the steps in which an agent is delayed, and stays after the last step."""
+    during = np.append(delayed[1:], delayed[-1])  # the step t + 1 takes place after the state t
+    changes = _changes(during)
+    shown = [str(int(during[step])) for step in [0, *changes]]
+    place = f'x="{(0.5 - BAR_SIDE) * CELL:g}" y="{(0.5 + BAR_TOP) * CELL:g}"'
+    size = f'width="{2 * BAR_SIDE * CELL:g}" height="{(BAR_BOTTOM - BAR_TOP) * CELL:g}"'
+    fading = timeline.animate("opacity", changes, shown, smooth=False) if changes else ""
+    return f'<rect class="delayed" {place} {size} opacity="{shown[0]}">{fading}</rect>'
 
 
 def _heading(headings: Ints, timeline: _Timeline) -> Iterator[str]:

@@ -74,6 +74,7 @@ EPISODES = {
     "--goals": "!--goals alternating",
     "--initial-heading": "--initial-heading east",
     "--edge-weights": "--edge-weights crisscross",
+    "--delays": "--delays 0.5:1-2",
     "--source": "!--source none",
     "--distance-bytes": "!--distance-bytes 1",
 }
@@ -125,6 +126,7 @@ CASES = {
             "--goals": "!--goals alternating",
             "--initial-heading": "--initial-heading east",
             "--edge-weights": "--edge-weights crisscross",
+            "--delays": "--delays 0.5:1-2",
             "--distance-bytes": "!--distance-bytes 1",
             "--episodes": "--episodes 3",
             "--seed": "--seed 5",

@@ -127,6 +127,20 @@ def test_lifelong_episodes_have_a_throughput(editor):
     assert editor.evaluate("player.episodes[0].steps") == 60
 
 
+def test_delayed_agents_are_drawn(editor):
+    draw(editor)
+    editor.fill("#delays", "often")
+    editor.click("#solve")
+    editor.wait_for_selector("#message:has-text('delays')")
+    assert "PROBABILITY:SMALLEST-LARGEST" in editor.locator("#message").inner_text()
+    editor.fill("#delays", " 1:1-1 ")
+    click_and_wait(editor, "#copy-command", "expected no delays")
+    editor.fill("#delays", "1:1-1")
+    editor.fill("#max-steps", "3")
+    solve(editor, "pibt", played=1)
+    assert editor.evaluate("[...player.episodes[0].numDelayed]") == [0, 4, 4, 4]
+
+
 def is_in_sight(page, selector):
     """Return whether an element is within the window and nothing is on top of it."""
     return page.locator(selector).evaluate(

@@ -296,6 +296,44 @@ def test_processes_end_with_the_server(server, endless):
     assert not process.is_alive()
 
 
+@pytest.mark.parametrize("solver", ["pibt", "lacam:anytime=False"])
+def test_an_episode_with_delays(server, solver):
+    """A planner of whole paths acts, too: it plans again when an agent was delayed."""
+    instance = sampled()
+    keywords = {"source": InstanceList([instance]), "max_steps": 100, "delays": "0.3:1-3"}
+    env, policy = policy_factory(solver, 7)(keywords)
+    observations, infos = env.reset(seed=7)
+    policy.reset_states()
+    agents, delayed, cells = simulator_of(env).agents[0], [[False] * 6], [instance.scenario.starts]
+    while env.agents:
+        observations, _, _, _, infos = env.step(actions_of(policy, observations, infos))
+        delayed.append(agents["delayed"].tolist())
+        cells.append(simulator_of(env).positions(0))
+    limits = {"max_steps": 100, "time_limit": 1000, "seed": 7, "delays": "0.3:1-3"}
+    run, [progress] = solved(server, edited(instance), solver, **limits)
+    episode = server.call("episode", run=run, solver=0)["episode"]
+    assert (progress["unfinished"], progress["step"]) == ([], len(cells) - 1)
+    assert np.array_equal(positions(episode), cells)
+    assert array(episode, "delayed", np.uint8).T.tolist() == delayed
+    assert episode["facts"] == {"solver": solver, "seed": "7", "delays": "0.3:1-3"}
+    resumed = server.call("step", run=run, solver=0, steps=100, **{"from": 3})["run"]
+    server.finished(resumed)
+    assert server.call("episode", run=resumed, solver=0)["episode"] == episode
+
+
+@pytest.mark.parametrize(
+    ("delays", "message"),
+    [
+        ("0.1", "delays '0.1': expected PROBABILITY:SMALLEST-LARGEST, optionally with :poisson and :normal"),
+        ("0.1:4-1", "delays '0.1:4-1': duration=(4, 1): expected the smallest number of steps first"),
+    ],
+)
+def test_malformed_delays_are_refused(server, delays, message):
+    status, error = server.refused("solve", instance=edited(sampled()), solvers=["pibt"], delays=delays)
+    assert status == 400
+    assert error.startswith(message)
+
+
 def test_agents_at_their_goals_need_no_step(server):
     grid = load_map("empty-8-8")
     instance = Instance(grid, Scenario([[1, 2]], [[1, 2]]), np.zeros(1, np.int64))

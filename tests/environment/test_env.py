@@ -720,3 +720,18 @@ def test_a_copy_continues_the_episode_as_the_original_does(make_copy, fields):
     assert other.agents == []
     observations = [each.reset(seed=4)[0] for each in (env, other)]
     assert data_equivalence(*observations)
+
+
+@pytest.mark.parametrize("render_mode", ["ansi", "rgb_array"])
+def test_delayed_agents_are_rendered(render_mode):
+    instance = "....\n", [(0, 0), (0, 2)], [EAST, EAST], [(0, 1), (0, 2)]
+    env, *_ = drawn(*instance, delays="1:2-2", render_mode=render_mode)
+    before = env.render()
+    assert not env.render_state().delayed.any()
+    go(env, FORWARD, WAIT)
+    assert env.render_state().delayed.tolist() == [True, True]
+    if render_mode == "ansi":
+        assert (before, env.render()) == (picture(">xE."), picture("zxZ."))
+    else:
+        bars = (env.render() != before).any(axis=2).any(axis=0).reshape(4, -1).any(axis=1)
+        assert bars.tolist() == [True, False, True, False]

@@ -27,3 +27,11 @@ def test_agents_without_headings():
 def test_inactive_agent_is_omitted_with_its_goal():
     positions, goals = np.array([[0, 0], [1, 1]]), np.array([[0, 2], [1, 2]])
     assert draw(FREE, positions, np.array([0, 1]), goals, np.array([False, True])) == "...@\n.vx.\n"
+
+
+def test_delayed_agents_are_another_letter():
+    positions = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
+    goals = np.array([[0, 0], [0, 1], [1, 2], [1, 3]])
+    delayed = np.array([True, False, True, False])
+    for headings, expected in ((np.arange(4), "ZS.@\nz^xx\n"), (None, "ZO.@\nzoxx\n")):
+        assert draw(FREE, positions, headings, goals, delayed=delayed) == expected

@@ -14,7 +14,7 @@ from mapf_pz.render.recording import RecordedViolation, save_html
 from mapf_pz.render.rgb import agent_colors
 from mapf_pz.simulator.actions import CardinalAction
 from mapf_pz.wrappers import RecordEpisode
-from tests.helpers.small_recording import OBSERVED, POSITIONS, RECORDING
+from tests.helpers.small_recording import DELAYED, OBSERVED, POSITIONS, RECORDING
 
 
 @pytest.fixture
@@ -293,6 +293,24 @@ def test_blocked_moves_are_marked_and_counted(open_page):
     assert table(page, "present")["moves blocked"] == "1"
 
 
+def test_delayed_agents_are_marked_named_and_counted(open_page):
+    page = open_page(replace(RECORDING, delayed=DELAYED, metrics={"delay_share": 0.125}))
+    page.fill("#agent", "2")
+    bar = [1.5 + 0.27, 2.5 + 0.2]  # below the number
+    for step, delayed in enumerate(DELAYED[:, 2].tolist()):
+        scrub(page, step)
+        page.mouse.move(*page.evaluate("player.onPage(0, 3)"))
+        page.mouse.move(*page.evaluate("player.onPage(1, 2)"))
+        assert ("delayed" in page.locator("#hint").inner_text()) == (delayed and step > 0)
+        assert table(page, "present")["agents delayed"] == str(int(delayed))
+        assert table(page, "agent-facts").get("delayed") == (None if step == 0 else "yes" if delayed else "no")
+        if step > 0:  # the agent is elsewhere before
+            assert (color_at(page, *bar) == ink(page, "delayed")) == delayed
+    page.evaluate("player.seek(1.5)")  # during the delay
+    assert color_at(page, *bar) == ink(page, "delayed")
+    assert page.locator("#final th", has_text="delay_share").get_attribute("title")
+
+
 # The selected agent.
 
 
@@ -443,12 +461,14 @@ def test_why_a_move_was_blocked(open_page, system, cells, actions, reasons):
 
 
 @pytest.mark.parametrize("action_model", ["cardinal", "rotate"])
-@pytest.mark.parametrize("system", ["soft", "priority", "block_both"])
-def test_every_blocked_move_has_a_cause(open_page, system, action_model):
+@pytest.mark.parametrize(
+    ("system", "delays"), [("soft", None), ("priority", None), ("block_both", None), ("soft", "0.3:1-3")]
+)
+def test_every_blocked_move_has_a_cause(open_page, system, delays, action_model):
     env = RecordEpisode(
         mapf_pz.parallel_env(
             map="random-12-12-15", num_agents=50, max_steps=40, collision_system=system, action_model=action_model,
-            on_target="finish", view_size=(1, 1),
+            on_target="finish", delays=delays, view_size=(1, 1),
         )
     )  # fmt: skip
     env.reset(seed=0)
@@ -467,6 +487,7 @@ def test_every_blocked_move_has_a_cause(open_page, system, action_model):
         numbers = [int(number) for other in others for number in re.findall(r"\d+", other)]
         assert agent not in numbers
         assert all(recording.active[step - 1, numbers])
+        assert ("delayed" in cause) == (kind == "" and delays is not None and recording.delayed[step, numbers[0]])
         cells, before = recording.positions[step], recording.positions[step - 1]
         if kind in ("obstacle", "edge of the map"):
             assert numbers == []

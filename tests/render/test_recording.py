@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from mapf_pz.render import Inspection, save_recording
+from mapf_pz.render.recording import episode_data
 from mapf_pz.render.rgb import draw
-from tests.helpers.small_recording import ACTIVE, FREE, GOALS, HEADINGS, POSITIONS, RECORDING
+from tests.helpers.small_recording import ACTIVE, DELAYED, FREE, GOALS, HEADINGS, POSITIONS, RECORDING
 
 
 def test_pictures_show_each_step():
@@ -16,16 +17,31 @@ def test_pictures_show_each_step():
         np.testing.assert_array_equal(picture, expected)
 
 
+def test_pictures_show_delayed_agents():
+    pictures = list(replace(RECORDING, delayed=DELAYED).pictures(cell_size=16))
+    for step, (picture, plain) in enumerate(zip(pictures, RECORDING.pictures(cell_size=16), strict=True)):
+        state = POSITIONS[step], HEADINGS[step], GOALS[step], ACTIVE[step], DELAYED[step]
+        np.testing.assert_array_equal(picture, draw(FREE, *state, cell_size=16))
+        assert np.array_equal(picture, plain) == (step != 2)
+
+
+def test_only_recordings_with_delays_have_them():
+    plain, delayed = (episode_data(replace(RECORDING, delayed=given)) for given in (None, DELAYED))
+    assert delayed["arrays"].keys() - plain["arrays"].keys() == {"delayed"}
+    del delayed["arrays"]["delayed"]
+    assert delayed == plain
+
+
 def test_unknown_parts_are_not_drawn():
     bare = replace(RECORDING, goals=None, headings=None, active=None)
     (first, *_) = bare.pictures(cell_size=16)
     np.testing.assert_array_equal(first, draw(FREE, POSITIONS[0], None, POSITIONS[0], cell_size=16))
 
 
-@pytest.mark.parametrize("name", ["goals", "headings", "active", "blocked"])
+@pytest.mark.parametrize("name", ["goals", "headings", "active", "blocked", "delayed"])
 def test_wrong_shapes_are_rejected(name):
     with pytest.raises(ValueError, match=f"expected {name} of shape"):
-        replace(RECORDING, **{name: getattr(RECORDING, name)[1:]})
+        replace(RECORDING, **{name: getattr(replace(RECORDING, delayed=DELAYED), name)[1:]})
 
 
 def test_a_name_is_needed_for_each_plane():

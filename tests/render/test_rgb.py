@@ -83,3 +83,26 @@ def test_colors_are_different_and_readable_on_the_background():
     apart = np.abs(colors[:, None] - colors[None]).sum(axis=2)
     assert apart[~np.eye(50, dtype=np.bool_)].min() > 6
     assert np.abs(colors - FREE).sum(axis=1).min() > 150
+
+
+@pytest.mark.parametrize("headings", [None, np.array([0, 3])])
+@pytest.mark.parametrize("size", [6, 9, 13, 48])
+def test_a_dark_bar_crosses_delayed_agents(size, headings):
+    positions, goals = np.array([[1, 1], [2, 3]]), np.array([[0, 0], [0, 1]])
+    plain = draw(FREE_MAP, positions, headings, goals, cell_size=size)
+    marked = draw(FREE_MAP, positions, headings, goals, delayed=np.array([True, False]), cell_size=size)
+    before, after = cell(plain, 1, 1, size), cell(marked, 1, 1, size)
+    brightness = after.mean(axis=2) - before.mean(axis=2)
+    assert brightness.max() <= 0
+    assert brightness.min() < -80
+    darker = np.flatnonzero((brightness < 0).any(axis=1))
+    assert size / 2 < darker.min() <= darker.max() < 0.9 * size  # in the lower half
+    marked[size : 2 * size, size : 2 * size] = plain[size : 2 * size, size : 2 * size]
+    np.testing.assert_array_equal(marked, plain)  # the other agent has no bar
+
+
+def test_an_inactive_agent_has_no_bar():
+    positions, goals = np.array([[0, 0], [1, 1]]), np.array([[0, 2], [2, 2]])
+    active, delayed = np.array([True, False]), np.array([False, True])
+    picture = draw(FREE_MAP, positions, None, goals, active, delayed, cell_size=8)
+    np.testing.assert_array_equal(picture, draw(FREE_MAP, positions, None, goals, active, cell_size=8))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mapf_pz.render.svg import CELL, PAUSE, save_svg
-from tests.helpers.small_recording import POSITIONS, RECORDING
+from tests.helpers.small_recording import DELAYED, POSITIONS, RECORDING
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -74,6 +74,32 @@ def test_goals_change_and_agents_disappear(tmp_path):
     assert goal.get("values") == f"{2 * CELL} {CELL};{3 * CELL} {2 * CELL}"
     fading = groups(root, "circle")[1].find(f"{SVG}animate")
     assert (fading.get("attributeName"), fading.get("values")) == ("opacity", "1;0")
+
+
+def test_a_bar_marks_an_agent_during_its_delay(tmp_path):
+    agents = groups(saved(tmp_path, replace(RECORDING, delayed=DELAYED)), "circle")
+    bars = [group.find(f"{SVG}rect[@class='delayed']") for group in agents]
+    assert [bar is not None for bar in bars] == [False, False, True]
+    fading = bars[2].find(f"{SVG}animate")
+    times = [float(time) * float(fading.get("dur").removesuffix("s")) for time in fading.get("keyTimes").split(";")]
+    assert times == pytest.approx([0, 1 / 2, 2 / 2], abs=1e-3)  # the second step, at 2 steps per second
+    assert (fading.get("attributeName"), fading.get("values"), fading.get("calcMode")) == (
+        "opacity",
+        "0;1;0",
+        "discrete",
+    )
+
+
+def test_the_bar_of_the_last_step_stays(tmp_path):
+    delayed = np.zeros_like(DELAYED)
+    delayed[3, 0] = True
+    [bar] = saved(tmp_path, replace(RECORDING, delayed=delayed)).findall(f"{SVG}g/{SVG}rect[@class='delayed']")
+    assert bar.find(f"{SVG}animate").get("values") == "0;1"
+
+
+def test_files_without_delays_are_as_before(tmp_path):
+    saved(tmp_path)
+    assert "delayed" not in (tmp_path / "a.svg").read_text()
 
 
 def test_unknown_parts_are_not_drawn(tmp_path):

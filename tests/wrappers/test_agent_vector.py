@@ -279,10 +279,10 @@ def test_wrong_autoreset_modes(mode):
         AgentVectorEnv(2, autoreset_mode=mode, **SMALL)
 
 
-@pytest.mark.parametrize("action_model", ["rotate", "cardinal"])
-def test_images_are_those_of_the_environments(action_model):
+@pytest.mark.parametrize(("action_model", "delays"), [("rotate", None), ("cardinal", None), ("rotate", "0.4:1-2")])
+def test_images_are_those_of_the_environments(action_model, delays):
     settings = {"num_agents": 3, "max_steps": 7, "source": RandomObstacles(4, 5, 0.2, 3), "action_model": action_model}
-    settings |= {"render_mode": "rgb_array", "on_target": "finish"}
+    settings |= {"render_mode": "rgb_array", "on_target": "finish", "delays": delays}
     envs, single = AgentVectorEnv(2, **settings), [mapf_pz.parallel_env(**settings) for _ in range(2)]
     rng = np.random.default_rng(0)
     envs.reset(seed=3)

@@ -79,6 +79,22 @@ def test_actions_that_are_not_discrete_are_not_recorded():
     assert env.recording.actions is None
 
 
+@pytest.mark.parametrize("on_target", ["nothing", "finish"])
+def test_delays_are_recorded(on_target):
+    env = RecordEpisode(drawn(on_target=on_target, delays="0.4:1-2", num_agents=6, max_steps=100))
+    env.reset(seed=0)
+    rng, told = np.random.default_rng(0), [[False] * 6]
+    while env.agents:
+        *_, infos = env.step({agent: int(rng.integers(4)) for agent in env.agents})
+        told.append([agent in infos and infos[agent]["delayed"] > 0 for agent in env.possible_agents])
+    assert 0.2 < np.mean(told) < 0.8
+    assert env.recording.delayed.tolist() == told
+    assert env.recording.active.all() == (on_target == "nothing")
+    env = RecordEpisode(drawn())
+    play(env)
+    assert env.recording.delayed is None
+
+
 @pytest.mark.parametrize(("on_target", "lifelong"), [("nothing", False), ("restart", True)])
 def test_the_rules_are_recorded(on_target, lifelong):
     env = RecordEpisode(drawn(on_target=on_target, view="centered"))

@@ -31,7 +31,8 @@ observations, infos = env.reset(options={"instance": instance})
 }
 
 // The command that solves the saved instance with the same result; a scenario has no headings.
-function solveCommand(drawing, solver, { time_limit, max_steps, seed }) {
+function solveCommand(drawing, solver, { time_limit, max_steps, seed, delays }) {
+  require(!delays, "copy command", "expected no delays, which mapf-pz solve does not have");
   for (const [agent, { goals }] of drawing.agents.entries())
     require(goals.length === 1, "copy command", `expected one goal of agent ${agent}, got ${goals.length}: mapf-pz solve has no lifelong episodes`);
   const { name, agents } = drawing, quote = (text) => (/^[\w.:=,+-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);

@@ -76,9 +76,10 @@ function progressText({ name, state, step, steps, seconds, message, unfinished }
   return parts.join(" · ");
 }
 
-// The limits and the seed of solvers, as the server reads them.
+// The limits, the seed and the delays of solvers, as the server reads them.
 function solveLimits() {
-  return { time_limit: number("time-limit"), max_steps: number("max-steps"), seed: number("solve-seed") };
+  const delays = $("delays").value.trim() || null; // empty: none
+  return { time_limit: number("time-limit"), max_steps: number("max-steps"), seed: number("solve-seed"), delays };
 }
 
 // The drawing as the server reads it.

@@ -13,8 +13,9 @@ function actionName(episode, agent, step) {
   return action < 0 ? "none" : actionNames(episode)[action];
 }
 
-// The cell that an agent's action leads to in a step, whether or not it is free; null if the action is not a move.
+// The cell that an agent's action leads to in a step, whether or not it is free; null if it is no move, or was delayed.
 function targetOf(episode, agent, step) {
+  if (episode.isDelayed(agent, step)) return null;
   return cellAfter(episode, agent, step - 1, episode.actions[episode.index(agent, step)]);
 }
 
@@ -60,5 +61,6 @@ const COLLISION_RULES = {
 function staying(episode, step, occupant) {
   if (occupant === undefined) return null;
   if (!sameCell(episode.cell(occupant, step - 1), episode.cell(occupant, step))) return null;
-  return `agent ${occupant} stayed on the cell${episode.isBlocked(occupant, step) ? ", blocked itself" : ""}`;
+  const cause = episode.isBlocked(occupant, step) ? ", blocked itself" : episode.isDelayed(occupant, step) ? ", delayed" : "";
+  return `agent ${occupant} stayed on the cell${cause}`;
 }

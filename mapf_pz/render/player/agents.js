@@ -1,4 +1,4 @@
-// Agents, their goals, and marks of those whose move was blocked or violates the rules.
+// Agents, their goals, and marks of those that were delayed, or whose move was blocked or violates the rules.
 
 const DISC_SCALE = 4; // px per cell, below which agents are squares
 const HEADING_SCALE = 5; // px per cell, from which on headings are drawn
@@ -34,6 +34,7 @@ function drawAgent(pen, episode, agent, camera, time, options) {
   const x = (col + 0.5) * scale, y = (row + 0.5) * scale, radius = discRadius(scale);
   const color = episode.colors[agent % episode.colors.length], numbered = options.numbers && scale >= NUMBER_SCALE;
   drawDisc(pen, x, y, scale, color, options.ground === "plain" ? null : ink.page);
+  if (episode.isDelayed(agent, Math.ceil(time))) drawBar(pen, x, y, scale, ink.delayed);
   if (episode.headings && scale >= HEADING_SCALE) {
     const angle = episode.angle(agent, time);
     if (numbered) drawPointer(pen, x, y, scale, angle, color); else drawHeading(pen, x, y, radius, angle, ink.mark);
@@ -54,6 +55,12 @@ function drawDisc(pen, x, y, scale, color, outline) {
   pen.fillStyle = color;
   if (scale < DISC_SCALE) { pen.fillRect(x - radius, y - radius, 2 * radius, 2 * radius); return; }
   pen.beginPath(); pen.arc(x, y, radius, 0, 2 * Math.PI); pen.fill();
+}
+
+// A bar across the lower half of the disc, below a number. It extends beyond the disc.
+function drawBar(pen, x, y, scale, color) {
+  pen.fillStyle = color;
+  pen.fillRect(x - 0.46 * scale, y + 0.2 * scale, 0.92 * scale, Math.max(1, 0.14 * scale));
 }
 
 // A triangle in the disc.

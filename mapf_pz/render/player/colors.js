@@ -1,6 +1,6 @@
 // Colors: those of the theme, of values from -1 to 1, and of heat maps.
 
-const INKS = ["page", "free", "obstacle", "grid", "mark", "blocked", "chosen", "hot", "arrow", "attention"];
+const INKS = ["page", "free", "obstacle", "grid", "mark", "blocked", "delayed", "chosen", "hot", "arrow", "attention"];
 const DIVERGING = [ // ColorBrewer's RdBu, as in the documentation's figures: -1 blue, 0 white, 1 red
   [5, 48, 97], [33, 102, 172], [67, 147, 195], [146, 197, 222], [209, 229, 240], [247, 247, 247],
   [253, 219, 199], [244, 165, 130], [214, 96, 77], [178, 24, 43], [103, 0, 31],

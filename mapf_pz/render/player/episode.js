@@ -17,6 +17,7 @@ class Episode {
   goal(agent, step) { const i = this.index(agent, step); return [this.goalRows[i], this.goalCols[i]]; }
   isActive(agent, step) { return (this.flags[this.index(agent, step)] & ACTIVE) > 0; }
   isBlocked(agent, step) { return (this.flags[this.index(agent, step)] & BLOCKED) > 0; }
+  isDelayed(agent, step) { return this.delayed !== undefined && this.delayed[this.index(agent, step)] > 0; }
   hasField() { return this.observers > 0 && this.view !== null && this.frame !== null; }
   hasGoals() { return this.goalRows !== undefined; }
   isAtGoal(agent, step) { return this.hasGoals() && sameCell(this.cell(agent, step), this.goal(agent, step)); }
@@ -46,15 +47,16 @@ class Episode {
     return ((from + turn * (time - before)) * Math.PI) / 2;
   }
 
-  // Counts, for each step, the agents on the map, at their goals and blocked, and all goals reached so far.
+  // Counts, for each step, the agents on the map, at their goals, blocked and delayed, and all goals reached so far.
   countEvents() {
     const counts = () => new Int32Array(this.steps + 1);
-    Object.assign(this, { numActive: counts(), numAtGoal: counts(), numBlocked: counts(), numReached: counts() });
+    Object.assign(this, { numActive: counts(), numAtGoal: counts(), numBlocked: counts(), numDelayed: counts(), numReached: counts() });
     for (let agent = 0; agent < this.agents; agent++)
       for (let step = 0; step <= this.steps; step++) {
         const i = this.index(agent, step), flags = this.flags[i];
         if (flags & ACTIVE) this.numActive[step]++;
         if (flags & BLOCKED) this.numBlocked[step]++;
+        if (this.isDelayed(agent, step)) this.numDelayed[step]++;
         if (!this.hasGoals()) continue;
         if (this.rows[i] === this.goalRows[i] && this.cols[i] === this.goalCols[i]) this.numAtGoal[step]++;
         if (this.lifelong && this.arrives(agent, step)) this.numReached[step]++;

@@ -22,7 +22,8 @@ class Hint {
     const place = ([row, col]) => `row ${row}, column ${col}`;
     if (agent >= 0) {
       const goal = episode.hasGoals() ? ` · goal ${place(episode.goal(agent, step))}` : "";
-      return `agent ${agent} · ${place(episode.cell(agent, step))}${goal}`;
+      const delayed = episode.isDelayed(agent, Math.ceil(time)) ? " · delayed" : "";
+      return `agent ${agent} · ${place(episode.cell(agent, step))}${goal}${delayed}`;
     }
     const [row, col] = camera.at(x, y).map(Math.floor);
     if (!episode.isFree(row, col)) return "";

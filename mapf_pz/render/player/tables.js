@@ -9,6 +9,8 @@ const METRICS = {
   SoC_ratio: "sum of costs divided by the sum of the shortest paths",
   weighted_cost: "sum of costs in the weights of the guidance graph",
   weighted_cost_ratio: "weighted cost divided by the sum of the costs of the cheapest paths",
+  delay_share: "fraction of the steps of agents on the map in which they were delayed",
+  delayed_SoC_ratio: "sum of costs divided by its value if each agent were alone, with its delays",
   avg_throughput: "goals reached per step",
   exhausted_agents: "agents that have reached all goals of their sequence",
 };
@@ -46,6 +48,7 @@ function presentRows(episodes, time) {
     if (episode.lifelong && episode.hasGoals()) facts["goals reached so far"] = episode.numReached[step];
     else if (episode.hasGoals()) facts["at their goals"] = `${episode.numAtGoal[step]} of ${episode.agents}`;
     if (episode.hasBlocked) facts["moves blocked"] = episode.numBlocked[step];
+    if (episode.delayed) facts["agents delayed"] = episode.numDelayed[step];
     if (episode.numActive[episode.steps] < episode.agents) facts["agents on the map"] = episode.numActive[step];
     return facts;
   }));
@@ -66,6 +69,7 @@ function agentFacts(episode, agent, step) {
   if (episode.actions && step > 0) facts["last action"] = actionName(episode, agent, step);
   if (episode.hasBlocked && episode.isBlocked(agent, step))
     facts["blocked by"] = episode.actions && episode.collisionSystem ? blockedBecause(episode, agent, step) : "yes";
+  if (episode.delayed && step > 0) facts.delayed = episode.isDelayed(agent, step) ? "yes" : "no";
   if (episode.rewards && step > 0) facts.reward = shortNumber(episode.rewards[i]);
   return facts;
 }
