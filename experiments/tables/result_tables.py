@@ -21,6 +21,8 @@ LIFELONG = ("pibt", "epibt", "windowed")
 LEARNED = ("mappo-cardinal", "mappo-cardinal+pibt")
 TURNING = ("oneshot", "oneshot+pibt")
 IMITATED = ("lifelong-cardinal", "lifelong-cardinal+pibt:temperature=0,patience=0")
+EXECUTIONS = tuple(f"lacam:anytime=False,execution={execution}" for execution in ("graph", "both", "replan"))
+"""Planners of whole paths, which differ in what they do when agents are late."""
 IMITATED_ONE_SHOT = ("oneshot-cardinal", "oneshot-cardinal+pibt")
 
 
@@ -109,6 +111,11 @@ NOT_MEASURED = (
     ResultTable("pogema-cities-lifelong-turning", TURNING_LIFELONG),
     ResultTable("pogema-puzzles-turning", ONE_SHOT[:3]),
     ResultTable("pogema-puzzles-lifelong-turning", LIFELONG),
+    ResultTable(
+        "delays",
+        ("pibt", "epibt", *EXECUTIONS, "lacam:clock=work,execution=graph", "mappo-cardinal", *IMITATED_ONE_SHOT),
+    ),
+    ResultTable("delays-lifelong", (*LIFELONG, "lifelong", "lifelong+pibt:temperature=0")),
 )
 """Tables without results, which no page has. Once measured, they belong to `TABLES`, and their blocks to the pages."""
 
