@@ -12,7 +12,7 @@ from mapf_pz.planners.pibt.planner import PIBT
 from mapf_pz.planners.plans.delayed import DelayedExecution, execute_delayed
 from mapf_pz.planners.plans.dependencies import DependencyGraph, Execution
 from mapf_pz.planners.plans.plan import Plan, Violation, validate, violations
-from mapf_pz.planners.plans.record import record_plan
+from mapf_pz.planners.plans.record import record_execution, record_plan
 from mapf_pz.planners.shield.shield import BatchShield, Shield
 from mapf_pz.planners.sipp.prioritized import PrioritizedSIPP
 from mapf_pz.planners.trace import Solution, Trace, write_trace
@@ -40,6 +40,7 @@ __all__ = [
     "WindowedLNS",
     "execute_delayed",
     "planner_of",
+    "record_execution",
     "record_plan",
     "validate",
     "violations",

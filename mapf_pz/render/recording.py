@@ -89,11 +89,13 @@ class Recording:
     """The policy's decisions in T steps. None: not recorded."""
     delayed: Bools | None = None
     """(T + 1, N): whether the agent was delayed in the step before. None: the environment has no delays."""
+    waits_for: Ints | None = None
+    """(T + 1, N): the agent that each agent waited for in the step before; -1: none. None: unknown."""
 
     def __post_init__(self) -> None:
         """Check the shapes."""
         each = self.positions.shape[:2]
-        shapes = dict.fromkeys(("headings", "active", "blocked", "actions", "rewards", "delayed"), each)
+        shapes = dict.fromkeys(("headings", "active", "blocked", "actions", "rewards", "delayed", "waits_for"), each)
         for name, shape in (shapes | dict.fromkeys(("positions", "goals"), (*each, 2))).items():
             value = getattr(self, name)
             if value is not None and value.shape != shape:
@@ -223,6 +225,8 @@ def _arrays(recording: Recording) -> dict[str, NDArray[Any]]:
         arrays["rewards"] = recording.rewards.T.astype("<f4")
     if recording.delayed is not None:
         arrays["delayed"] = recording.delayed.T.astype(np.uint8)
+    if recording.waits_for is not None:
+        arrays["waitsFor"] = recording.waits_for.T.astype("<i4")
     if recording.weights is not None:
         arrays["weights"] = recording.weights.astype("<f4")
     observed = _shown_observations(recording)

@@ -191,6 +191,7 @@ CASES = {
             "--seeds": "--seeds 1 2",
             "--output": "--output new.txt",
             "--graph": "--graph new.json",
+            "--page": "--page new.html",
         },
     ),
     "validate": Case(

@@ -8,7 +8,7 @@ import numpy as np
 
 from mapf_pz._internal.arrays import Bools, Ints
 from mapf_pz.instances.delays import Delays
-from mapf_pz.planners.plans.dependencies import DependencyGraph
+from mapf_pz.planners.plans.dependencies import NONE, DependencyGraph, Execution
 from mapf_pz.planners.plans.plan import Plan
 from mapf_pz.simulator.kernels.delay import delay_rules, delayed_agents
 
@@ -25,6 +25,11 @@ class DelayedExecution:
     costs_alone: Ints
     """(N,) int64: the costs with these delays of agents that never wait for others: the step after which each of them
     has executed all actions, at least 1."""
+    delayed: Bools
+    """(T, N) bool: in which of the steps which agents were delayed."""
+    waits_for: Ints
+    """(T, N) int64: the agent that each agent waited for in each step; -1 if it acted, was delayed itself, or had no
+    action left."""
 
 
 def execute_delayed(graph: DependencyGraph, delays: Delays, seed: int) -> DelayedExecution:
@@ -38,9 +43,25 @@ def execute_delayed(graph: DependencyGraph, delays: Delays, seed: int) -> Delaye
         delayed = delayed_agents(delay_rules(delays), key, num_steps, graph.num_agents)
         plan = graph.execute(delayed)
         if plan.num_steps <= num_steps:
-            return DelayedExecution(plan, costs_alone(graph.num_actions, delayed))
+            taken = delayed[: plan.num_steps]
+            return DelayedExecution(plan, costs_alone(graph.num_actions, delayed), taken, waits_for(graph, taken))
         num_steps *= 2  # the delays of the first steps stay the same
     raise ValueError(f"delays={delays}: the execution has not ended after {num_steps // 2} steps")
+
+
+def waits_for(graph: DependencyGraph, delayed: Bools) -> Ints:
+    """Return the agent (T, N) int64 that each agent waits for in each step, or -1: see `Execution.waiting_for`.
+
+    Args:
+        graph: the graph that is executed.
+        delayed: (T, N) bool: which agents do not act in each step.
+    """
+    execution = Execution(graph)
+    found = np.full(delayed.shape, NONE)
+    for step, late in enumerate(delayed):
+        found[step] = execution.waiting_for(late)
+        execution.advance(execution.permitted(late))
+    return found
 
 
 def costs_alone(num_actions: Ints, delayed: Bools) -> Ints:

@@ -21,7 +21,7 @@ from mapf_pz.planners.plans.files.planfile import check_size
 from mapf_pz.planners.plans.plan import Kind, Plan, Violation, validate
 
 NONE = -1
-"""In place of the state that an action waits for where there is none."""
+"""In place of the state or agent that is waited for where there is none."""
 NEVER = np.iinfo(np.int32).max
 """The step in which an agent leaves its last cell."""
 
@@ -249,6 +249,17 @@ class Execution:
             acts &= acts[leaders]
             leaders = leaders[leaders]  # the next round looks twice as far
         return acts
+
+    def waiting_for(self, delayed: Bools) -> Ints:
+        """Return the agent (N,) int64 that each agent waits for in this step.
+
+        It is `NONE` for agents that act, are delayed themselves, or have no action left.
+
+        Args:
+            delayed: (N,) bool: the agents that do not act in this step.
+        """
+        waits = (self.next_states > self.states) & ~delayed & ~self.permitted(delayed)
+        return np.where(waits, self._agents[self.graph.waits_for[self.next_states]], NONE)
 
     def allows(self, acted: Bools) -> bool:
         """Return whether exactly the agents `acted` (N,) may execute their next action in the same step."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import cycle
 
 import numpy as np
 
 from mapf_pz._internal.arrays import Ints
 from mapf_pz.instances.instance import Instance
+from mapf_pz.planners.plans.delayed import DelayedExecution
+from mapf_pz.planners.plans.dependencies import NONE
 from mapf_pz.planners.plans.plan import Plan, reached
 from mapf_pz.render.recording import Recording
 
@@ -29,6 +32,16 @@ def record_plan(instance: Instance, plan: Plan, with_goals: bool = True) -> Reco
         headings=plan.headings,
         lifelong=goals.ndim == 3,
         title=f"{instance.grid.name}, {plan.num_agents} agents",
+    )
+
+
+def record_execution(instance: Instance, execution: DelayedExecution, with_goals: bool = True) -> Recording:
+    """Return a recording of an execution under delays: its page shows who was delayed, and who waited for whom."""
+    # A recording has what happened in the step before each state, and nothing for the first one.
+    return replace(
+        record_plan(instance, execution.plan, with_goals),
+        delayed=np.pad(execution.delayed, ((1, 0), (0, 0))),
+        waits_for=np.pad(execution.waits_for, ((1, 0), (0, 0)), constant_values=NONE),
     )
 
 

@@ -96,6 +96,30 @@ function drawRing(pen, x, y, radius, scale, color) {
   pen.beginPath(); pen.arc(x, y, radius, 0, 2 * Math.PI); pen.stroke();
 }
 
+// An arrow from each agent that waits for another one to that one. Its outline keeps it legible on agents and obstacles.
+function drawWaits(pen, episode, camera, time, ink) {
+  const { scale } = camera;
+  for (let agent = 0; agent < episode.agents; agent++) {
+    const leader = episode.leader(agent, Math.ceil(time));
+    if (leader < 0) continue;
+    const [row, col] = episode.position(agent, time), [toRow, toCol] = episode.position(leader, time);
+    const length = Math.hypot(toRow - row, toCol - col), angle = Math.atan2(toRow - row, toCol - col);
+    for (const [color, rim] of [[ink.page, 0.05], [ink.delayed, 0]])
+      drawArrow(pen, (col + 0.5) * scale, (row + 0.5) * scale, angle, length * scale, scale, rim * scale, color);
+  }
+}
+
+// From disc to disc, whose centers are `length` apart; wider and longer by `rim` on all sides.
+function drawArrow(pen, x, y, angle, length, scale, rim, color) {
+  const start = 0.24 * scale - rim, base = length - 0.42 * scale - rim, tip = length - 0.2 * scale + 1.5 * rim;
+  pen.strokeStyle = color; pen.lineWidth = Math.max(1, 0.07 * scale) + 2 * rim;
+  pen.beginPath();
+  pen.moveTo(x + start * Math.cos(angle), y + start * Math.sin(angle));
+  pen.lineTo(x + base * Math.cos(angle), y + base * Math.sin(angle));
+  pen.stroke();
+  drawTriangle(pen, x, y, angle, tip, base, 0.13 * scale + 1.5 * rim, color);
+}
+
 // A red frame around the cells of agents that violate the rules in this step.
 function drawViolations(pen, episode, camera, step, color) {
   const least = Math.max(camera.scale, 9);

@@ -18,6 +18,7 @@ class Episode {
   isActive(agent, step) { return (this.flags[this.index(agent, step)] & ACTIVE) > 0; }
   isBlocked(agent, step) { return (this.flags[this.index(agent, step)] & BLOCKED) > 0; }
   isDelayed(agent, step) { return this.delayed !== undefined && this.delayed[this.index(agent, step)] > 0; }
+  leader(agent, step) { return this.waitsFor === undefined ? -1 : this.waitsFor[this.index(agent, step)]; } // -1: none
   hasField() { return this.observers > 0 && this.view !== null && this.frame !== null; }
   hasGoals() { return this.goalRows !== undefined; }
   isAtGoal(agent, step) { return this.hasGoals() && sameCell(this.cell(agent, step), this.goal(agent, step)); }

@@ -23,7 +23,8 @@ class Hint {
     if (agent >= 0) {
       const goal = episode.hasGoals() ? ` · goal ${place(episode.goal(agent, step))}` : "";
       const delayed = episode.isDelayed(agent, Math.ceil(time)) ? " · delayed" : "";
-      return `agent ${agent} · ${place(episode.cell(agent, step))}${goal}${delayed}`;
+      const leader = episode.leader(agent, Math.ceil(time)), waits = leader >= 0 ? ` · waits for agent ${leader}` : "";
+      return `agent ${agent} · ${place(episode.cell(agent, step))}${goal}${delayed}${waits}`;
     }
     const [row, col] = camera.at(x, y).map(Math.floor);
     if (!episode.isFree(row, col)) return "";

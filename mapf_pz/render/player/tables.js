@@ -70,6 +70,7 @@ function agentFacts(episode, agent, step) {
   if (episode.hasBlocked && episode.isBlocked(agent, step))
     facts["blocked by"] = episode.actions && episode.collisionSystem ? blockedBecause(episode, agent, step) : "yes";
   if (episode.delayed && step > 0) facts.delayed = episode.isDelayed(agent, step) ? "yes" : "no";
+  if (episode.leader(agent, step) >= 0) facts["waits for"] = `agent ${episode.leader(agent, step)}`;
   if (episode.rewards && step > 0) facts.reward = shortNumber(episode.rewards[i]);
   return facts;
 }

@@ -3,7 +3,7 @@
 
 const ARRAY_TYPES = {
   rows: Int32Array, cols: Int32Array, goalRows: Int32Array, goalCols: Int32Array,
-  actions: Int8Array, rewards: Float32Array, weights: Float32Array, observed: Int8Array,
+  actions: Int8Array, waitsFor: Int32Array, rewards: Float32Array, weights: Float32Array, observed: Int8Array,
   features: Int16Array, probabilities: Uint16Array, means: Float32Array, preferred: Int8Array, attended: Int16Array,
 };
 const STORED_AS_DIFFERENCES = ["rows", "cols", "goalRows", "goalCols"];

@@ -52,6 +52,7 @@ class View {
     if (isChosen) drawChosen(pen, episode, camera, time, options);
     if (isChosen && options.attention) drawAttention(pen, episode, camera, time, options);
     drawAgents(pen, episode, camera, time, options);
+    if (episode.waitsFor) drawWaits(pen, episode, camera, time, options.ink);
     drawViolations(pen, episode, camera, Math.ceil(time), options.ink.blocked);
     if (isChosen && options.pointed) drawPointed(pen, options.pointed, camera, options.ink.blocked);
   }
