@@ -1,6 +1,7 @@
 """`mapf-pz execute`: the execution of plans under delays."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from mapf_pz.instances.delays import Delays
 from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.planners import DependencyGraph, Plan, execute_delayed, validate
 from mapf_pz.planners.plans.files import read_plan, write_plan
+from mapf_pz.planners.plans.record import record_execution
+from mapf_pz.render.recording import episode_data
 
 GRID = Grid(np.ones((1, 4), bool), "corridor")
 SCENARIO = Scenario([[0, 1], [0, 0]], [[0, 3], [0, 2]])
@@ -72,6 +75,31 @@ def test_files(capsys, options, tmp_path):
     assert validate(INSTANCE, executed) is None
 
 
+def test_an_execution_knows_who_was_delayed_and_who_waited():
+    execution = execute_delayed(DependencyGraph.from_plan(PLAN, INSTANCE), Delays(0.5, (2, 2)), 4)
+    moved = (np.diff(execution.plan.positions, axis=0) != 0).any(axis=2)
+    left = np.arange(execution.plan.num_steps)[:, None] < execution.plan.costs
+    waited = left & ~moved & ~execution.delayed
+    assert waited[:, 1].any()
+    assert execution.waits_for.tolist() == np.where(waited, [[-1, 0]], -1).tolist()
+    assert (execution.delayed & left).any(axis=0).all()
+    recording = record_execution(INSTANCE, execution)
+    for values, name in ((recording.delayed, "delayed"), (recording.waits_for, "waits_for")):
+        assert values[1:].tolist() == getattr(execution, name).tolist()
+    assert not recording.delayed[0].any()
+    assert (recording.waits_for[0] == -1).all()
+
+
+def test_the_page_is_that_of_the_first_seed(capsys, options, tmp_path):
+    page = tmp_path / "execution.html"
+    assert run(capsys, *options, "--delays", "0.5:2-2", "--seeds", 4, 5, "--page", page)[0] == 0
+    [shown] = json.loads(re.search(r'id="data">(.*)</script>', page.read_text("utf-8"))[1])["episodes"]
+    execution = execute_delayed(DependencyGraph.from_plan(PLAN, INSTANCE), Delays(0.5, (2, 2)), 4)
+    assert shown["arrays"] == episode_data(record_execution(INSTANCE, execution))["arrays"]
+    assert shown["facts"] == {"plan": "plan.json", "delays": "0.5:2-2", "seed": "4"}
+    assert shown["metrics"] == {"SoC": execution.plan.sum_of_costs, "makespan": execution.plan.makespan}
+
+
 def test_delays_of_a_problem(capsys, tmp_path):
     """They are those of its file, unless others are given."""
     write_map(load_map("empty-8-8"), tmp_path / "a.map")
@@ -95,6 +123,7 @@ def test_delays_of_a_problem(capsys, tmp_path):
     [
         (("--delays", "often"), "expected PROBABILITY:SMALLEST-LARGEST, optionally with :poisson and :normal"),
         (("--output", "plan.png"), "plan.png: expected a file name that ends in .json, .csv, .txt"),
+        (("--page", "page.svg"), "page.svg: expected a file name that ends in .html"),
         (("--num-agents", "1"), "plan: 2 agents, but the instance has 1"),
     ],
 )

@@ -26,6 +26,7 @@ HEADINGS = np.array([[3, 0, 2], [0, 0, 2], [0, 0, 1], [0, 0, 0]])
 ACTIVE = np.array([[True, True, True], [True, True, True], [True, True, True], [True, False, True]])
 BLOCKED = np.array([[False, False, False], [False, True, False], [False, False, False], [False, False, False]])
 DELAYED = np.array([[False, False, False], [False, False, False], [False, False, True], [False, False, False]])
+WAITS_FOR = np.array([[-1, -1, -1], [-1, 2, -1], [2, 0, -1], [-1, -1, -1]])
 OBSERVED = np.zeros((4, 2, 2, 1, 3), np.int8)
 OBSERVED[1, 0, 1] = [-127, 0, 127]
 WEIGHTS = np.ones((4, 3, 4), np.float32)

@@ -107,6 +107,15 @@ class Reference:
             assert self.visits[self.paths[i][self.at[i]][:2]][0] == i
         return acting
 
+    def leaders(self):
+        """Return the last visitor of the next cell before each agent that has an action left, or `NONE`."""
+        found = {}
+        for i, path in enumerate(self.paths):
+            if self.at[i] + 1 < len(path):
+                visitors = self.visits[self._cells(i)[1]]
+                found[i] = visitors[visitors.index(i) - 1] if visitors[0] != i else NONE
+        return found
+
     def _cells(self, i):
         return self.paths[i][self.at[i]][:2], self.paths[i][self.at[i] + 1][:2]
 
@@ -169,6 +178,15 @@ def test_a_delayed_agent_stops_all_behind_it(late):
     execution = Execution(graph_of("jihgfedcba.", ["R"] * 10))  # a leads
     assert execution.permitted(np.arange(10) == late).tolist() == [agent < late for agent in range(10)]
     assert execution.permitted().all()
+
+
+@pytest.mark.parametrize(
+    ("late", "leaders"), [("....", ""), ("x...", ".ab."), ("x.x.", ".a.."), (".x..", "..b."), ("..xx", "")]
+)
+def test_agents_wait_for_the_one_before_them(late, leaders):
+    execution = Execution(graph_of("d.cba.", ["R", "R", "R", "W"]))  # a leads, and d has no action
+    expected = ["abcd".find(leader) for leader in leaders.ljust(4, ".")]
+    assert execution.waiting_for(delays(late)[0]).tolist() == expected
 
 
 def test_turns_are_actions_and_others_wait_for_a_late_one():
@@ -250,8 +268,15 @@ def test_each_step_is_that_of_the_reference(seed, model, kind):
     _, plan = random_plan(seed, model, kind)
     execution, reference = Execution(DependencyGraph.from_plan(plan)), Reference(plan)
     for delayed in [*random_delays(seed, plan.num_agents), *np.zeros((plan.num_steps, plan.num_agents), bool)]:
-        permitted = execution.permitted(delayed)
-        assert set(np.flatnonzero(permitted)) == reference.step(delayed)
+        permitted, waiting_for, leaders = (
+            execution.permitted(delayed),
+            execution.waiting_for(delayed),
+            reference.leaders(),
+        )
+        acting = reference.step(delayed)
+        assert set(np.flatnonzero(permitted)) == acting
+        waiting = leaders.keys() - acting - set(np.flatnonzero(delayed))
+        assert waiting_for.tolist() == [leaders[i] if i in waiting else NONE for i in range(plan.num_agents)]
         execution.advance(permitted)
     assert execution.is_finished
 

@@ -14,7 +14,7 @@ from mapf_pz.render.recording import RecordedViolation, save_html
 from mapf_pz.render.rgb import agent_colors
 from mapf_pz.simulator.actions import CardinalAction
 from mapf_pz.wrappers import RecordEpisode
-from tests.helpers.small_recording import DELAYED, OBSERVED, POSITIONS, RECORDING
+from tests.helpers.small_recording import DELAYED, OBSERVED, POSITIONS, RECORDING, WAITS_FOR
 
 
 @pytest.fixture
@@ -309,6 +309,28 @@ def test_delayed_agents_are_marked_named_and_counted(open_page):
     page.evaluate("player.seek(1.5)")  # during the delay
     assert color_at(page, *bar) == ink(page, "delayed")
     assert page.locator("#final th", has_text="delay_share").get_attribute("title")
+
+
+def test_arrows_lead_to_the_agents_that_are_waited_for(open_page):
+    page = open_page(replace(RECORDING, waits_for=WAITS_FOR))
+    for step, leaders in enumerate(WAITS_FOR.tolist()):
+        scrub(page, step)
+        for agent, leader in enumerate(leaders):
+            if not RECORDING.active[step, agent]:
+                continue
+            page.fill("#agent", str(agent))
+            assert table(page, "agent-facts").get("waits for") == (None if leader < 0 else f"agent {leader}")
+            page.mouse.move(*page.evaluate("player.onPage(0, 3)"))
+            page.mouse.move(*page.evaluate("([row, col]) => player.onPage(row, col)", POSITIONS[step, agent].tolist()))
+            hint = page.locator("#hint").inner_text()
+            assert (" · waits for agent " in hint) == (leader >= 0)
+            assert leader < 0 or hint.endswith(f" · waits for agent {leader}")
+        page.fill("#agent", "")
+        for agent, leader in [(0, 2), (1, 0), (1, 2)]:
+            middle = POSITIONS[step, [agent, leader]].mean(axis=0) + 0.5
+            assert (color_at(page, *middle) == ink(page, "delayed")) == (leaders[agent] == leader)
+    page.evaluate("player.seek(0.5)")  # during the step in which agent 1 waits
+    assert color_at(page, 2, 1.75) == ink(page, "delayed")
 
 
 # The selected agent.

@@ -6,7 +6,7 @@ import pytest
 from mapf_pz.render import Inspection, save_recording
 from mapf_pz.render.recording import episode_data
 from mapf_pz.render.rgb import draw
-from tests.helpers.small_recording import ACTIVE, DELAYED, FREE, GOALS, HEADINGS, POSITIONS, RECORDING
+from tests.helpers.small_recording import ACTIVE, DELAYED, FREE, GOALS, HEADINGS, POSITIONS, RECORDING, WAITS_FOR
 
 
 def test_pictures_show_each_step():
@@ -25,10 +25,13 @@ def test_pictures_show_delayed_agents():
         assert np.array_equal(picture, plain) == (step != 2)
 
 
-def test_only_recordings_with_delays_have_them():
-    plain, delayed = (episode_data(replace(RECORDING, delayed=given)) for given in (None, DELAYED))
-    assert delayed["arrays"].keys() - plain["arrays"].keys() == {"delayed"}
-    del delayed["arrays"]["delayed"]
+@pytest.mark.parametrize(
+    ("name", "array", "values"), [("delayed", "delayed", DELAYED), ("waits_for", "waitsFor", WAITS_FOR)]
+)
+def test_only_recordings_with_delays_have_them(name, array, values):
+    plain, delayed = (episode_data(replace(RECORDING, **{name: given})) for given in (None, values))
+    assert delayed["arrays"].keys() - plain["arrays"].keys() == {array}
+    del delayed["arrays"][array]
     assert delayed == plain
 
 
@@ -38,10 +41,10 @@ def test_unknown_parts_are_not_drawn():
     np.testing.assert_array_equal(first, draw(FREE, POSITIONS[0], None, POSITIONS[0], cell_size=16))
 
 
-@pytest.mark.parametrize("name", ["goals", "headings", "active", "blocked", "delayed"])
+@pytest.mark.parametrize("name", ["goals", "headings", "active", "blocked", "delayed", "waits_for"])
 def test_wrong_shapes_are_rejected(name):
     with pytest.raises(ValueError, match=f"expected {name} of shape"):
-        replace(RECORDING, **{name: getattr(replace(RECORDING, delayed=DELAYED), name)[1:]})
+        replace(RECORDING, **{name: getattr(replace(RECORDING, delayed=DELAYED, waits_for=WAITS_FOR), name)[1:]})
 
 
 def test_a_name_is_needed_for_each_plane():

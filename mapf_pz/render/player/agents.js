@@ -109,9 +109,9 @@ function drawWaits(pen, episode, camera, time, ink) {
   }
 }
 
-// From disc to disc, whose centers are `length` apart; wider and longer by `rim` on all sides.
+// From disc to disc, whose centers are `length` apart, beside their numbers; larger by `rim` on all sides.
 function drawArrow(pen, x, y, angle, length, scale, rim, color) {
-  const start = 0.24 * scale - rim, base = length - 0.42 * scale - rim, tip = length - 0.2 * scale + 1.5 * rim;
+  const start = 0.34 * scale - rim, base = length - 0.48 * scale - rim, tip = length - 0.28 * scale + 1.5 * rim;
   pen.strokeStyle = color; pen.lineWidth = Math.max(1, 0.07 * scale) + 2 * rim;
   pen.beginPath();
   pen.moveTo(x + start * Math.cos(angle), y + start * Math.sin(angle));
