@@ -8,15 +8,16 @@ repeated then, and `docs/explanation/report.md` the table.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tyro
+from matplotlib.figure import Figure
 
-from experiments.pages import FILES, PAGES, spread, write_table
+from experiments.pages import FILES, PAGES, read_rows, spread, write_table
 from experiments.report.reproduction import Variation, curve
 from experiments.study import Study, StudyOptions
 from mapf_pz.rl.presets import PRESETS
@@ -24,6 +25,11 @@ from mapf_pz.rl.training.checkpoint import Checkpoints
 from mapf_pz.rl.training.train import resume, train
 
 PAGE = PAGES / "report.md"
+IMAGE = Path(__file__).parents[2] / "docs" / "images" / "repair.png"
+AUTHORS = ("ppo/11", "ppo/21", "ppo/23", "2nd-machine/1")
+"""The authors' runs that the figure shows."""
+NUM_AGENTS = 10
+"""The number of agents, with which one environment step is as many agent steps."""
 STUDY = Study(FILES / "repair.csv", ("setting", "seed"), ("agent_steps", "CSR", "ISR"))
 PARTS = ("env", "model", "optimization", "ppo")
 CHANGES: dict[str, tuple[str, ...]] = {
@@ -56,6 +62,9 @@ class Options(StudyOptions):
     """Random seeds."""
     agent_steps: int = 500_000
     """Length of each training."""
+    authors: Path | None = None
+    """File of the authors' evaluations, with columns `run`, `env_steps` and `mean_reward`, for the figure. None: it is
+    not drawn."""
 
 
 def settings() -> Iterator[Variation]:
@@ -138,6 +147,47 @@ def write() -> None:
     write_table(PAGE, "repair", lines)
 
 
+def draw(authors: Sequence[Mapping[str, str]]) -> None:
+    """Draw the rewards of the authors' runs, and the share of agents at their goals in those of this experiment."""
+    figure = Figure(figsize=(15, 4.5), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for name in AUTHORS:
+        points = [(float(row["env_steps"]), float(row["mean_reward"])) for row in authors if row["run"] == name]
+        steps, rewards = np.array(points).T
+        left.plot(steps / 1000, rewards, linewidth=1, label=f"authors' {name}")
+    left.set(ylabel="reward of an episode, sum over agents", title="the report's policy, the authors' runs")
+    for k, (name, curves) in enumerate(_arrived().items()):
+        color, width = ("black", 3.0) if k == 0 else (f"C{k % 10}", 1.5)
+        steps = curves[0][:, 0]
+        values = np.mean([np.interp(steps, *curve.T) for curve in curves], axis=0)
+        right.plot(
+            steps / NUM_AGENTS / 1000, values, "-" if k <= 10 else "--", color=color, linewidth=width, label=name
+        )
+    right.set(ylabel="share of agents at their goals (ISR)", title="report-repaired, and with a change taken back")
+    for panel in (left, right):
+        panel.set(xlabel="thousand environment steps")
+    left.legend(fontsize=8)
+    figure.legend(*right.get_legend_handles_labels(), loc="outside right center", fontsize=8)
+    figure.savefig(IMAGE, dpi=80)
+
+
+def _arrived() -> dict[str, list[np.ndarray]]:
+    """Return the validations of `report-repaired` and of each change taken back: a curve (T, 2) of each seed.
+
+    The columns are agent steps and ISR.
+    """
+    curves: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    for row in STUDY.rows():
+        curves.setdefault((row["setting"], row["seed"]), []).append((float(row["agent_steps"]), float(row["ISR"])))
+    settings = {"all of it": "report-repaired", "sampled actions": "report-repaired, actions sampled"}
+    settings |= {f"without {name}": f"report-repaired without {name}" for name in CHANGES}
+    found = {
+        label: [np.array(curve) for (setting, _), curve in curves.items() if setting == name]
+        for label, name in settings.items()
+    }
+    return {label: runs for label, runs in found.items() if runs}
+
+
 def main(options: Options) -> None:
     """Train what is missing, setting by setting; write the results after each run, and the table at the end."""
     if not options.write:
@@ -145,6 +195,8 @@ def main(options: Options) -> None:
         for name, seed in STUDY.missing((name, seed) for name in named for seed in options.seeds):
             STUDY.add((name, seed), *learn(named[name], seed, options))
     write()
+    if options.authors is not None:
+        draw(read_rows(options.authors))
 
 
 if __name__ == "__main__":

@@ -478,6 +478,30 @@ def test_a_planner_follows_the_graph(model, kind, seed):
 
 
 @pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("delays", ["0.05:1-4", "0.05:5-20:poisson"])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_plan_is_executed_with_the_delays_of_the_environment(model, delays, seed):
+    """One plan suffices, and its costs are those of the execution with these delays."""
+    source = RandomObstacles(7, 7, 0.1, 10)
+    env = mapf_pz.parallel_env(source=source, action_model=model, delays=delays)
+    planner = CountedLaCAM(env, anytime=False, execution="graph")
+    planner.compile(model)
+    planner.plans = 0
+    env.reset(seed=seed)
+    starts = Instance(Grid(env.grid), Scenario(env.positions, env.goals), env.headings if model == "rotate" else None)
+    delayed = []
+    env.reset(seed=seed)
+    while env.agents:
+        *_, infos = env.step(planner.act(dict.fromkeys(env.agents)))
+        delayed.append([info["delayed"] for info in infos.values()])
+    assert (env.simulator.terminated[0], planner.plans) == (True, 1)
+    assert np.sum(delayed) > 0
+    plan = LaCAM(anytime=False).solve(starts, time_limit=1000)
+    executed = DependencyGraph.from_plan(plan, starts).execute(np.array(delayed, bool))
+    np.testing.assert_array_equal(executed.positions[len(delayed)], env.positions)
+
+
+@pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("on_target", ["restart", "finish"])
 @pytest.mark.parametrize("execution", ["graph", "both"])
 def test_a_planner_follows_the_graph_in_other_modes(model, on_target, execution):
