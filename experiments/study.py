@@ -58,6 +58,12 @@ class StudyOptions:
     """Only write tables and figures from the results."""
 
 
+def check_known(kind: str, names: Sequence[str], known: Sequence[str]) -> None:
+    """Exit if some of the names are unknown; `kind` is what they are names of, in the plural."""
+    if unknown := set(names) - set(known):
+        raise SystemExit(f"{kind} {', '.join(sorted(unknown))}: expected some of {', '.join(dict.fromkeys(known))}")
+
+
 def folder(output: Path, name: str, seed: int) -> Path:
     """Return the folder of a run: the name of its setting, as a folder's name, and its seed."""
     return output / f"{name.replace(',', '').replace(' ', '-')}-{seed}"

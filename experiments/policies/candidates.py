@@ -19,7 +19,7 @@ import tyro
 from experiments.pages import FILES, key_of, spread, write_table
 from experiments.policies import imitation
 from experiments.report.reproduction import Variation
-from experiments.study import Study, StudyOptions, folder
+from experiments.study import Study, StudyOptions, check_known, folder
 from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.progress import read_progress
 
@@ -66,6 +66,7 @@ class Options(StudyOptions):
 
 def main(options: Options) -> None:
     """Train and evaluate the missing runs in sequence; write the results after each, and the table at the end."""
+    check_known("candidates", options.candidates, [candidate.name for candidate in candidates()])
     alive = [] if options.write else [each for each in candidates() if each.name in options.candidates]
     for agent_steps in options.lengths:
         learn(alive, agent_steps, options)

@@ -20,7 +20,7 @@ import tyro
 
 from experiments.pages import FILES, PAGES, spread, write_table
 from experiments.report.reproduction import Variation
-from experiments.study import Study, StudyOptions, folder
+from experiments.study import Study, StudyOptions, check_known, folder
 from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.instances import MapMixture
 from mapf_pz.rl.config import TrainConfig
@@ -100,6 +100,8 @@ def small_maps(mixture: MapMixture) -> MapMixture:
 
 def main(options: Options) -> None:
     """Train and evaluate the missing runs in sequence; write the results after each, and the tables at the end."""
+    check_known("presets", options.presets, tuple(EXPERTS))
+    check_known("settings", options.settings, [one.name for preset in options.presets for one in settings(preset)])
     if not options.write:
         for seed, preset in itertools.product(options.seeds, options.presets):
             learn(preset, seed, options)

@@ -20,7 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.pages import FILES, PAGES, read_rows, spread, write_rows, write_table
-from experiments.study import folder
+from experiments.study import check_known, folder
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "report_published.py"
@@ -81,8 +81,7 @@ def run(settings: tuple[str, ...] = tuple(SETTINGS), jobs: int = 1, output: Path
         jobs: number of processes.
         output: folder of all runs.
     """
-    if unknown := set(settings) - set(SETTINGS):
-        raise SystemExit(f"settings {', '.join(sorted(unknown))}: expected some of {', '.join(SETTINGS)}")
+    check_known("settings", settings, tuple(SETTINGS))
 
     def train(name: str, seed: int) -> None:
         where = folder(output, name, seed)

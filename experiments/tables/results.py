@@ -29,6 +29,7 @@ import numpy as np
 import tyro
 
 from experiments.pages import FILES, read_rows
+from experiments.study import check_known
 from experiments.tables.measured_numbers import pages as measured_pages
 from experiments.tables.measured_numbers import without_origin
 from experiments.tables.paired import paired_rows
@@ -65,8 +66,8 @@ def measure(suites: tuple[str, ...] = (), policies: tuple[str, ...] = (), jobs: 
     """
     every = (*TABLES, *NOT_MEASURED)
     tables = [table for table in every if table.suite in suites] if suites else TABLES
-    _check_known("suites", suites, [table.suite for table in every])
-    _check_known("policies", policies, list(chain.from_iterable(table.policies for table in tables)))
+    check_known("suites", suites, [table.suite for table in every])
+    check_known("policies", policies, list(chain.from_iterable(table.policies for table in tables)))
     for table in tables:
         chosen = [name for name in table.policies if not policies or name in policies]
         if not chosen:
@@ -86,17 +87,11 @@ def measure(suites: tuple[str, ...] = (), policies: tuple[str, ...] = (), jobs: 
     write()
 
 
-def _check_known(kind: str, names: Sequence[str], known: Sequence[str]) -> None:
-    """Exit if some of the names are unknown."""
-    if unknown := set(names) - set(known):
-        raise SystemExit(f"{kind} {', '.join(sorted(unknown))}: expected some of {', '.join(dict.fromkeys(known))}")
-
-
 def check_kept(source: Results, earlier: Results, kept: Sequence[str]) -> None:
     """Exit if earlier results have other tasks, or none of the policies that are to be kept."""
     if earlier["identities"]["tasks"] != source["identities"]["tasks"]:
         raise SystemExit(f"{source['suite']}: its tasks have changed, measure all policies")
-    _check_known(f"{source['suite']}: no earlier results, measure also the policies", kept, list(earlier["measured"]))
+    check_known(f"{source['suite']}: no earlier results, measure also the policies", kept, list(earlier["measured"]))
 
 
 def merged(table: ResultTable, results: Results, earlier: Results, kept: Sequence[str]) -> dict[str, Any]:

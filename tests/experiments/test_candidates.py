@@ -35,7 +35,8 @@ def runs(tmp_path, monkeypatch):
     monkeypatch.setattr(candidates, "write_table", lambda page, name, lines: tables.append(list(lines)))
     kept = list(candidates.candidates())[5:]
     monkeypatch.setattr(candidates, "candidates", lambda: iter(kept))
-    candidates.main(candidates.Options(tmp_path, lengths=(100, 200, 400)))
+    names = tuple(candidate.name for candidate in kept)
+    candidates.main(candidates.Options(tmp_path, names, lengths=(100, 200, 400)))
     return runs, tables, tmp_path
 
 

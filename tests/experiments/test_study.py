@@ -2,6 +2,7 @@
 
 import pytest
 
+from experiments.policies import candidates, imitation
 from experiments.study import Study
 
 
@@ -38,3 +39,16 @@ def test_the_file_has_the_rows_of_each_run_in_order(study, capsys):
 def test_columns_that_the_study_does_not_have_are_refused(study):
     with pytest.raises(ValueError, match="ISR"):
         study.add(("a", 0), {"ISR": "1"})
+
+
+@pytest.mark.parametrize(
+    ("main", "options", "message"),
+    [
+        (candidates.main, candidates.Options(candidates=("none", "of these")), "candidates none, of these: expected"),
+        (imitation.main, imitation.Options(presets=("lifelong-cardinal", "x")), "presets x: expected some of .*oneshot-cardinal"),
+        (imitation.main, imitation.Options(settings=("own view", "y")), "settings y: expected some of own view, embed"),
+    ],
+)
+def test_unknown_names_are_refused(main, options, message):
+    with pytest.raises(SystemExit, match=message):
+        main(options)
