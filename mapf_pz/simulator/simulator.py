@@ -14,7 +14,8 @@ from mapf_pz._internal.arrays import Bools, Floats, Ints, coordinates
 from mapf_pz._internal.compilation.dry_run import compiling_together
 from mapf_pz._internal.jit import numba_config
 from mapf_pz.guidance import GuidanceGraph
-from mapf_pz.instances.instance import Grid, Instance
+from mapf_pz.guidance.library import random_share
+from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.episode import EpisodeLoader, shares_map
 from mapf_pz.simulator.kernels import world
@@ -43,6 +44,7 @@ from mapf_pz.simulator.observation import ObservationLayout
 from mapf_pz.simulator.observer import Observer
 from mapf_pz.simulator.small_config import small_config
 from mapf_pz.simulator.source import goals_per_agent, make_source
+from mapf_pz.simulator.states import FIELDS, States
 from mapf_pz.simulator.transition import Transition
 
 MAX_OBSERVATION_BYTES = 2**32
@@ -196,6 +198,37 @@ class Simulator:
         if self.needs_cost_to_go:
             self._assign_cost_to_go()
         self._observer.reset(chosen)
+
+    def states(self) -> States:
+        """Return the states of all B episodes, in new arrays."""
+        agents = self.state.agents
+        return States(
+            np.stack([self.grid(b).free for b in range(self.num_envs)]),
+            self.state.time.copy(),
+            np.stack([agents[name].astype(np.int32) for name in FIELDS], axis=-1),
+            self.state.history.copy(),
+        )
+
+    def restore(self, states: States) -> None:
+        """Continue from the states of B episodes, whose agents have no other goals: they observe what they did then.
+
+        Metrics count from here. Raises `ValueError` if the maps or the agents do not fit, if agents disappear at their
+        goals, or if the edge weights are random.
+        """
+        if self.config.on_target == "finish" or random_share(self.config.edge_weights):
+            raise ValueError("restore: expected agents that stay on the map, and edge weights that are not random")
+        self.reset(instances={b: self._instance_of(states, b) for b in range(self.num_envs)})
+        self.state.time[:], self.state.history[:] = states.time, states.history
+        for name, values in zip(FIELDS, np.moveaxis(states.agents, -1, 0), strict=True):
+            self.state.agents[name] = values
+        self._observer.reset(range(self.num_envs))
+
+    def _instance_of(self, states: States, b: int) -> Instance:
+        """Return the instance that starts in a state."""
+        shared = self.source.grid
+        grid = Grid(states.free[b]) if shared is None else shared
+        cells, goals, headings, *_ = np.moveaxis(states.agents[b], -1, 0)
+        return Instance(grid, Scenario(self.coordinates(cells), self.coordinates(goals)), headings, self.delays)
 
     def step(self, actions: Ints) -> None:
         """Take one step in all environments: `actions` (B, N) integers, each in 0 to A - 1 (which is not checked here).
