@@ -136,8 +136,14 @@ class ImitationConfig:
     history_dropout: Share = 0.0
     """Fraction of the observations that are learned from with waits in place of the last actions, so that the policy
     does not learn that waits follow waits, as they do in plans (cf. past motion dropout: Bansal et al., 2018)."""
+    replay: Literal["observations", "states"] = "observations"
+    """What `dagger` keeps in its replay buffer: observations, or states, in which agents observe again when they are
+    learned from. States need much less memory, and a run that is resumed still has them."""
     buffer_size: Count = 400_000
     """Number of agent steps in the replay buffer, which replaces the oldest ones."""
+    recent_size: Count = 400_000
+    """With states, number of the latest agent steps from which half of each minibatch is sampled; the other half is
+    sampled from the whole buffer."""
     dataset: str | None = None
     """The folder of demonstrations that `bc` learns from; other algorithms ignore it."""
 

@@ -212,8 +212,8 @@ class Simulator:
     def restore(self, states: States) -> None:
         """Continue from the states of B episodes, whose agents have no other goals: they observe what they did then.
 
-        Metrics count from here. Raises `ValueError` if the maps or the agents do not fit, if agents disappear at their
-        goals, or if the edge weights are random.
+        Previous frames are those of the states, and metrics count from here. Raises `ValueError` if the maps or the
+        agents do not fit, if agents disappear at their goals, or if the edge weights are random.
         """
         if self.config.on_target == "finish" or random_share(self.config.edge_weights):
             raise ValueError("restore: expected agents that stay on the map, and edge weights that are not random")

@@ -8,7 +8,7 @@ from mapf_pz._internal.arrays import Bools, Ints
 
 
 class States(NamedTuple):
-    """The states of E episodes of N agents that stay on the map: all that observations depend on, except edge weights."""
+    """The states of E episodes of N agents that stay on the map: what observations depend on, except edge weights."""
 
     free: Bools
     """(E, H, W): the maps, True where a cell is free."""

@@ -312,6 +312,8 @@ CASES = {
             "--augment": "--augment",
             "--history-dropout": "--history-dropout 0.5",
             "--buffer-size": "--buffer-size 5000",
+            "--replay": "--replay states",
+            "--recent-size": "--replay states | --recent-size 300",
             "--dataset": "--dataset data",
         }
         | ENVIRONMENT

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
@@ -15,9 +16,12 @@ from torchrl.envs import Transform
 from mapf_pz.rl.algorithms.algorithm import Algorithm
 from mapf_pz.rl.algorithms.expert import NO_LABEL, ExpertActions
 from mapf_pz.rl.algorithms.learner import Learner
+from mapf_pz.rl.algorithms.state_buffer import StateBuffer
 from mapf_pz.rl.algorithms.symmetries import Symmetries
 from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.environments.batched_env import OBSERVATION_DTYPES
 from mapf_pz.rl.environments.execution import ExecutePreferences, SamplePreferences
+from mapf_pz.rl.environments.recorded_states import RecordStates, states_of
 from mapf_pz.rl.environments.transfer import to_device
 from mapf_pz.simulator.actions import wait_action
 from mapf_pz.simulator.config import EnvConfig
@@ -49,6 +53,15 @@ class ImitationLearner(Learner):
         if config.imitation.augment:
             self._symmetries = Symmetries.of_env(config.task.env, config.task.source.shape).to(self.device)
         self._history = _History(config.task.env, self.device) if config.imitation.history_dropout else None
+        self._states: StateBuffer | None = None
+        if config.imitation.replay == "states":
+            self._states = StateBuffer(
+                config.task.env_config(),
+                config.imitation.buffer_size // config.task.num_agents,
+                config.optimization.minibatch_size,
+                config.num_threads,
+            )
+            self.data = self._states
         self._buffer = TensorDictReplayBuffer(
             storage=LazyTensorStorage(config.imitation.buffer_size // self._sample_size, device=self.device),
             batch_size=self._minibatch_size // self._sample_size,
@@ -63,14 +76,31 @@ class ImitationLearner(Learner):
         agent_steps = batch.get(("agents", "expert_action")).numel()
         samples = self._samples(to_device(batch, self.device))
         agreement = self._agreement(samples)
-        self._buffer.extend(samples.exclude("logits"))  # those of the policy as it was
         steps = max(1, self.config.optimization.num_epochs * agent_steps // self._minibatch_size)
-        losses = torch.stack([self._improve(self._buffer.sample()) for _ in range(steps)])
-        return {
-            "loss": float(losses.mean()),
-            "agreement": agreement,
-            "buffer": float(len(self._buffer) * self._sample_size),
-        }
+        if self._states is None:
+            self._buffer.extend(samples.exclude("logits"))  # those of the policy as it was
+            size = len(self._buffer) * self._sample_size
+        else:
+            _remember(self._states, batch)
+            size = len(self._states) * self.config.task.num_agents
+        losses = torch.stack([self._improve(self._sample()) for _ in range(steps)])
+        return {"loss": float(losses.mean()), "agreement": agreement, "buffer": float(size)}
+
+    def _sample(self) -> TensorDictBase:
+        """Return a minibatch from the buffer."""
+        if self._states is None:
+            return self._buffer.sample()
+        imitation, num_agents = self.config.imitation, self.config.task.num_agents
+        rng = np.random.default_rng(int(torch.randint(2**62, ())))
+        image, features, at_goal, label = self._states.sample(rng, imitation.recent_size // num_agents)
+        rests = (label == self._wait) & at_goal & (rng.random(label.shape) >= imitation.wait_share)
+        label[rests] = NO_LABEL
+        dtype = OBSERVATION_DTYPES[self.config.observation_precision]
+        inputs = {str(k): torch.from_numpy(part).to(dtype) for k, part in enumerate((image, features))}
+        entries = {name: inputs[name] for name, _ in zip(inputs, self._keys, strict=False)}
+        return to_device(
+            TensorDict({**entries, "label": torch.from_numpy(label)}, batch_size=[len(label)]), self.device
+        )
 
     def _samples(self, batch: TensorDictBase) -> TensorDictBase:
         """Return the labeled agent steps of a batch; of waits at the goal only a part, since most are alike.
@@ -107,6 +137,13 @@ class ImitationLearner(Learner):
             loss = cross_entropy(logits.flatten(0, -2), label.flatten(), ignore_index=NO_LABEL)
         self.step(loss, self.config.optimization.max_grad_norm)
         return loss.detach()
+
+
+def _remember(buffer: StateBuffer, batch: TensorDictBase) -> None:
+    """Add the environment steps of a batch in which agents are labeled."""
+    label = batch.get(("agents", "expert_action")).reshape(-1, batch.get("agents").shape[-1])
+    kept = (label != NO_LABEL).any(-1).cpu().numpy()
+    buffer.extend(states_of(batch, kept), label.cpu().numpy()[kept])
 
 
 class _History:
@@ -169,4 +206,5 @@ class Dagger(Imitation):
 
     def training_transforms(self, seed: int) -> list[Transform]:
         """Return the same, and before it the transform that adds the expert's actions."""
-        return [ExpertActions(self.config.imitation, seed), *self.transforms(seed)]
+        recorded = [RecordStates()] if self.config.imitation.replay == "states" else []
+        return [*recorded, ExpertActions(self.config.imitation, seed), *self.transforms(seed)]

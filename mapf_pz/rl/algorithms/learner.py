@@ -6,7 +6,8 @@ import os
 import shutil
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
 import torch
 from tensordict import TensorDictBase
@@ -14,6 +15,18 @@ from torch import Tensor, nn
 
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.ranks import Ranks
+
+
+class Data(Protocol):
+    """What a learner has collected, and keeps in files beside its checkpoints."""
+
+    def save(self, file: Path) -> None:
+        """Write what is in no file yet."""
+        ...
+
+    def load(self, file: Path) -> None:
+        """Add what a file contains; raises `FormatError` if it is malformed or of another run."""
+        ...
 
 
 class Learner(ABC):
@@ -29,6 +42,9 @@ class Learner(ABC):
     """The optimizer of all modules; each of its parameter groups has an `initial_lr`."""
     ranks: Ranks = Ranks()
     """The processes that train together; the training loop sets it. Gradients are averaged over them."""
+
+    data: Data | None = None
+    """What is kept beside checkpoints; None: nothing."""
 
     @abstractmethod
     def learn(self, batch: TensorDictBase, done: float) -> dict[str, float]:

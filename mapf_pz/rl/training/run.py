@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 from pathlib import Path
 
 from torch import nn
@@ -20,10 +21,10 @@ from mapf_pz.rl.training.checkpoint import FOLDER, Checkpoints, Position, read_p
 from mapf_pz.rl.training.curves import Run, draw_curves
 from mapf_pz.rl.training.loggers import LOGGER_FOLDERS, ProgressLogger, make_loggers
 
-CURVE = "learning_curve.png"
+CURVE, DATA = "learning_curve.png", "data"
 CURVES = ("CSR", "ISR", "throughput", "agreement", "return")
 """Columns of the progress file that are drawn if there are any."""
-RUN_FILES = (*CONFIG_FILES, WEIGHTS, PROGRESS, CURVE, FOLDER, *LOGGER_FOLDERS)
+RUN_FILES = (*CONFIG_FILES, WEIGHTS, PROGRESS, CURVE, FOLDER, DATA, *LOGGER_FOLDERS)
 """All files and folders that a run writes into its folder."""
 RECENT_EPISODES = 100
 """Number of latest training episodes whose mean CSR, or throughput, determines the best checkpoint. Without training
@@ -64,6 +65,9 @@ class RunFolder:
             expected = f"{position.updates} rows, the last of agent step {position.agent_steps}"
             raise FormatError(self.path / PROGRESS, f"expected {expected}")
         self._saved_steps = position.agent_steps
+        if learner.data is not None:
+            for file in self._data_files(first=0, last=position.agent_steps):
+                learner.data.load(file)
         return position.updates
 
     def prepare(self, config: TrainConfig) -> None:
@@ -74,11 +78,19 @@ class RunFolder:
         if self._rows:
             self.checkpoints.sweep()
             write_progress(self.path, self._rows)
+            for file in self._data_files(first=self._saved_steps + 1):  # of steps that are collected again
+                file.unlink()
         else:
             self.checkpoints.clear()
+            shutil.rmtree(self.path / DATA, ignore_errors=True)
             for name in (PROGRESS, CURVE, WEIGHTS):
                 (self.path / name).unlink(missing_ok=True)
         save_config(self.path, config)
+
+    def _data_files(self, first: int, last: int | None = None) -> list[Path]:
+        """Return the files of collected data that were saved after `first` to `last` agent steps, in this order."""
+        files = sorted((self.path / DATA).glob("*.npz"))
+        return [file for file in files if first <= int(file.stem) and (last is None or int(file.stem) <= last)]
 
     @property
     def seconds(self) -> float:
@@ -98,6 +110,9 @@ class RunFolder:
             return
         score = self._recent_score() if "episodes" in self._rows[-1] else self._validation_score()
         position = Position(len(self._rows), int(self._rows[-1]["agent_steps"]), score, self._inputs)
+        if learner.data is not None:
+            (self.path / DATA).mkdir(exist_ok=True)
+            learner.data.save(self.path / DATA / f"{position.agent_steps:015d}.npz")
         self.checkpoints.save(learner, position)
         self._saved_steps = position.agent_steps
 
