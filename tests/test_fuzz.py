@@ -82,8 +82,8 @@ SUITE = {
     ],
 }
 EPISODES = (
-    f'{",".join(COLUMNS)}\na,"b,c",1,0,x,7,s/1,1,0.5,1,1.5,inf,2.5,4,,,,6,0.25,2,1,0.5,a note\n'
-    "üä,b,2,1,,8,,,,,,,,,0.5,0,0.75,6,0,1e-3,7,0.25,\n"
+    f'{",".join(COLUMNS)}\na,"b,c",1,0,x,7,s/1,1,0.5,1,1.5,inf,2.5,0.25,1.25,4,,,,6,0.25,2,1,0.5,a note\n'
+    "üä,b,2,1,,8,,,,,,,,0.5,,,0.5,0,0.75,6,0,1e-3,7,0.25,\n"
 ).encode()
 GGO = {"layout": ["......", "...@@@"], "optimize_wait": False, "weights": [1, *[0.5] * 17, -1, *[2.5e1] * 2]}
 GGO_CSV = b"""id,type,x,y,weight_to_RIGHT,weight_to_UP,weight_to_LEFT,weight_to_DOWN,weight_for_WAIT

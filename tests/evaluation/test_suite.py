@@ -18,7 +18,7 @@ from mapf_pz.instances.heading import Heading
 from mapf_pz.instances.instance import Grid, Scenario
 from tests.evaluation.test_episodes import Right
 
-RANDOM = ["central-16", "central-4", "central-8", "quickstart", "standard"]
+RANDOM = ["central-16", "central-4", "central-8", "delays-lifelong", "quickstart", "standard"]
 NOT_BUNDLED = "lorr-2023"
 
 GRID = Grid([[True] * 6, [True] * 3 + [False] * 3], "tiny")
