@@ -66,10 +66,17 @@ class EpisodeLoader:
             raise RuntimeError("call reset() first")
         return grid
 
-    def load(self, envs: Sequence[int], seeds: Mapping[int, int], instances: Mapping[int, Instance]) -> None:
+    def load(
+        self,
+        envs: Sequence[int],
+        seeds: Mapping[int, int],
+        instances: Mapping[int, Instance],
+        graphs: Mapping[int, GuidanceGraph],
+    ) -> None:
         """Sample and write new episodes of the environments `envs`; nothing is written if one of them is refused.
 
-        `seeds` and `instances` are given by environment; see `Simulator.reset`.
+        `seeds`, `instances` and `graphs` are given by environment; see `Simulator.reset`. Random guidance graphs that
+        are not given are sampled.
         """
         for seed in seeds.values():
             check_whole("seed", seed, 0, MAX_SEED)
@@ -78,7 +85,7 @@ class EpisodeLoader:
                 self._rngs[b] = np.random.default_rng(seeds[b])
         sampled = [self._instance(b, instances) for b in envs]
         for b, instance in zip(envs, sampled, strict=True):
-            self._write(b, instance)
+            self._write(b, instance, graphs.get(b))
 
     def _instance(self, b: int, given: Mapping[int, Instance]) -> Instance:
         """Return the given instance of environment `b`, or sample one."""
@@ -104,11 +111,11 @@ class EpisodeLoader:
         if self._config.reward_config.weighted_step_cost != 0 and self._graph is not None:
             _check_finite(self._graph, instance.grid)
 
-    def _write(self, b: int, instance: Instance) -> None:
+    def _write(self, b: int, instance: Instance, graph: GuidanceGraph | None) -> None:
         """Write `instance` to row `b` of the arrays."""
         rng = self._rngs[b]
         m = 0 if self._shares_map else b
-        self._set_map(m, instance.grid, rng)
+        self._set_map(m, instance.grid, rng, graph)
         self._state.map[b] = m
         self.headings[b] = self._initial_headings(instance, rng)
         self.starts[b] = instance.start_cells
@@ -116,11 +123,11 @@ class EpisodeLoader:
         if self._delays is not None:
             self._state.delay_key[b] = rng.integers(2**64, dtype=np.uint64)
 
-    def _set_map(self, m: int, grid: Grid, rng: np.random.Generator) -> None:
+    def _set_map(self, m: int, grid: Grid, rng: np.random.Generator, given: GuidanceGraph | None) -> None:
         if grid is self._grids[m] and self._graph is not None:
             return
         self._grids[m] = grid
-        graph = guidance_graph(self._config.edge_weights, grid, rng) if self._graph is None else self._graph
+        graph = self._graph or given or guidance_graph(self._config.edge_weights, grid, rng)
         world.set_map(self._world, m, grid.free, graph)
         draw_map(self._layers, m, self._world.weight[m], self._world.obstacle[m])
         self._tables.forget(m)

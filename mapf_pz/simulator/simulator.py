@@ -49,6 +49,7 @@ from mapf_pz.simulator.transition import Transition
 
 MAX_OBSERVATION_BYTES = 2**32
 """Maximum size of the observations and past actions of all agents in a batch."""
+NO_GRAPHS: Mapping[int, GuidanceGraph] = {}
 MOST_DIFFERENT = LANES + FEWEST_GOALS
 """Number of goals on a map from which on no other kernels are called."""
 
@@ -189,9 +190,15 @@ class Simulator:
         with nullcontext() if self._is_loaded else compiling_together(self._small_episode):
             self._start(chosen, seeds or {}, instances or {})
 
-    def _start(self, chosen: list[int], seeds: Mapping[int, int], instances: Mapping[int, Instance]) -> None:
+    def _start(
+        self,
+        chosen: list[int],
+        seeds: Mapping[int, int],
+        instances: Mapping[int, Instance],
+        graphs: Mapping[int, GuidanceGraph] = NO_GRAPHS,
+    ) -> None:
         """Start new episodes in the environments `chosen`."""
-        self._loader.load(chosen, seeds, instances)
+        self._loader.load(chosen, seeds, instances, graphs)
         reset(np.array(chosen, np.int64), self._loader.starts, self._loader.headings, self.state)
         if self._around is not None:
             self._around.reset(chosen)
@@ -201,9 +208,12 @@ class Simulator:
 
     def states(self) -> States:
         """Return the states of all B episodes, in new arrays."""
-        agents = self.state.agents
+        agents, envs = self.state.agents, range(self.num_envs)
+        maps = self.state.map if random_share(self.config.edge_weights) else self.state.map[:0]
+        weight = self.world.weight[maps, :, :-1]
         return States(
-            np.stack([self.grid(b).free for b in range(self.num_envs)]),
+            np.stack([self.grid(b).free for b in envs]),
+            weight.reshape(self.num_envs, -1, *self.shape),
             self.state.time.copy(),
             np.stack([agents[name].astype(np.int32) for name in FIELDS], axis=-1),
             self.state.history.copy(),
@@ -213,11 +223,13 @@ class Simulator:
         """Continue from the states of B episodes, whose agents have no other goals: they observe what they did then.
 
         Previous frames are those of the states, and metrics count from here. Raises `ValueError` if the maps or the
-        agents do not fit, if agents disappear at their goals, or if the edge weights are random.
+        agents do not fit, or if agents disappear at their goals.
         """
-        if self.config.on_target == "finish" or random_share(self.config.edge_weights):
-            raise ValueError("restore: expected agents that stay on the map, and edge weights that are not random")
-        self.reset(instances={b: self._instance_of(states, b) for b in range(self.num_envs)})
+        if self.config.on_target == "finish":
+            raise ValueError("restore: expected agents that stay on the map")
+        envs = range(self.num_envs)
+        graphs = {b: GuidanceGraph(states.weight[b, :4], states.weight[b, 4]) for b in envs if states.weight.size}
+        self._start(list(envs), {}, {b: self._instance_of(states, b) for b in envs}, graphs)
         self.state.time[:], self.state.history[:] = states.time, states.history
         for name, values in zip(FIELDS, np.moveaxis(states.agents, -1, 0), strict=True):
             self.state.agents[name] = values

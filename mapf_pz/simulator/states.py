@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from mapf_pz._internal.arrays import Bools, Ints
+from mapf_pz._internal.arrays import Bools, Floats, Ints
 
 
 class States(NamedTuple):
-    """The states of E episodes of N agents that stay on the map: what observations depend on, except edge weights."""
+    """The states of E episodes of N agents that stay on the map: what observations depend on."""
 
     free: Bools
     """(E, H, W): the maps, True where a cell is free."""
+    weight: Floats
+    """(E, 5, H, W) float32: the guidance graph, if it is random: weights of leaving cells in the directions of
+    `Heading` and, last, of waiting. Otherwise (E, 0, H, W)."""
     time: Ints
     """(E,) int32: steps taken."""
     agents: Ints

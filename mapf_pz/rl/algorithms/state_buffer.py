@@ -7,6 +7,7 @@ run, which would not fit into memory as observations.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from hashlib import blake2b
 from pathlib import Path
 from typing import NamedTuple
 
@@ -73,15 +74,15 @@ class StateBuffer:
 
         Raises `ValueError` if observations depend on more than states.
         """
-        if config.num_frames > 1 or config.on_target == "finish" or random_share(config.edge_weights):
-            expected = "num_frames=1, agents that stay on the map, and edge weights that are not random"
-            raise ValueError(f"replay='states': expected {expected}")
+        if config.num_frames > 1 or config.on_target == "finish":
+            raise ValueError("replay='states': expected num_frames=1, and agents that stay on the map")
         self._simulator = Simulator(replace(config, render_mode=None), batch_size, num_threads)
         self._capacity = capacity
         num_cells = self._simulator.shape[0] * self._simulator.shape[1]
         self._cell_type = np.uint16 if num_cells <= 2**16 else np.int32
         self._maps: dict[bytes, int] = {}
         self._free: list[np.ndarray] = []
+        self._weight: list[np.ndarray] = []
         self._parts: list[Steps] = []
         self._unsaved = 0
         """Number of the last parts that are in no file."""
@@ -92,7 +93,7 @@ class StateBuffer:
 
     def extend(self, states: States, labels: Ints) -> None:
         """Add E environment steps with the expert's actions `labels` (E, N); the oldest ones are dropped if need be."""
-        numbers = [self._map_number(free) for free in states.free]
+        numbers = [self._map_number(*pair) for pair in zip(states.free, states.weight, strict=True)]
         cells, flags = states.agents[..., :2], states.agents[..., 2:]
         self._parts.append(
             Steps(
@@ -129,7 +130,8 @@ class StateBuffer:
         maps, *arrays = chosen
         time, cells, flags, history, labels = map(np.stack, arrays)
         agents = np.concatenate([cells.astype(np.int32), flags.astype(np.int32)], axis=-1)
-        self._simulator.restore(States(np.stack([self._free[k] for k in maps]), time, agents, history))
+        free, weight = (np.stack([part[k] for k in maps]) for part in (self._free, self._weight))
+        self._simulator.restore(States(free, weight, time, agents, history))
         observation = self._simulator.observe()
         return Sample(observation.image, observation.features, cells[..., 0] == cells[..., 1], labels.astype(np.int64))
 
@@ -140,16 +142,17 @@ class StateBuffer:
         if parts:
             arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in STEP_FIELDS}
             used, arrays["map"] = np.unique(arrays["map"], return_inverse=True)
-            write_npz(file, arrays | {"free": np.stack([self._free[k] for k in used])})
+            free, weight = (np.stack([part[k] for k in used]) for part in (self._free, self._weight))
+            write_npz(file, arrays | {"free": free, "weight": weight})
 
     def load(self, file: Path) -> None:
         """Add the steps of a file.
 
         Raises `FileNotFoundError` if there is none, and `FormatError` if it is malformed, or of another environment.
         """
-        arrays = read_npz(file, ("free", *STEP_FIELDS))
+        arrays = read_npz(file, ("free", "weight", *STEP_FIELDS))
         free, length, num_agents = arrays.pop("free"), len(arrays["map"]), self._simulator.num_agents
-        expected = self._empty(length)
+        expected = self._empty(len(free), length)
         same = all(
             arrays[name].shape == part.shape and arrays[name].dtype == part.dtype for name, part in expected.items()
         )
@@ -158,15 +161,18 @@ class StateBuffer:
             same = all(((low <= arrays[name]) & (arrays[name] < high)).all() for name, (low, high) in limits.items())
         if free.shape[1:] != self._simulator.shape or not same or not length:
             raise FormatError(file, f"expected steps of {num_agents} agents on maps of {self._simulator.shape} cells")
-        numbers = np.array([self._map_number(one) for one in free], np.int32)
+        pairs = zip(free, arrays.pop("weight"), strict=True)
+        numbers = np.array([self._map_number(*pair) for pair in pairs], np.int32)
         self._parts.append(Steps(**(arrays | {"map": numbers[arrays["map"]]})))
         self._drop()
 
-    def _empty(self, length: int) -> dict[str, np.ndarray]:
-        """Return arrays for a number of steps, by the names of fields; the maps are numbered within a file."""
+    def _empty(self, num_maps: int, length: int) -> dict[str, np.ndarray]:
+        """Return arrays for numbers of maps and steps, by the names of fields; the maps are numbered within a file."""
+        planes = 5 if random_share(self._simulator.config.edge_weights) else 0
         each = (length, self._simulator.num_agents)
         last = self._simulator.config.num_last_actions
         return {
+            "weight": np.empty((num_maps, planes, *self._simulator.shape), np.float32),
             "map": np.empty(length, np.int64),
             "time": np.empty(length, np.int32),
             "cells": np.empty((*each, 2), self._cell_type),
@@ -175,10 +181,11 @@ class StateBuffer:
             "labels": np.empty(each, np.int8),
         }
 
-    def _map_number(self, free: np.ndarray) -> int:
-        """Return the number of a map, which is added if it is new."""
-        key = np.packbits(free).tobytes()
+    def _map_number(self, free: np.ndarray, weight: np.ndarray) -> int:
+        """Return the number of a map with a guidance graph, which are added if they are new."""
+        key = blake2b(np.packbits(free).tobytes() + weight.tobytes(), digest_size=16).digest()
         number = self._maps.setdefault(key, len(self._free))
         if number == len(self._free):
             self._free.append(free.copy())
+            self._weight.append(weight.copy())
         return number

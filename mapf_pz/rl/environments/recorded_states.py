@@ -11,10 +11,11 @@ from torchrl.data import Composite, TensorSpec, Unbounded
 from torchrl.envs import Transform
 
 from mapf_pz._internal.arrays import Bools
+from mapf_pz.guidance.library import random_share
 from mapf_pz.rl.environments.execution import simulator_of
 from mapf_pz.simulator.states import FIELDS, States
 
-ENTRIES = ("free", "time", "agents", "history")
+ENTRIES = ("free", "weight", "time", "agents", "history")
 """The fields of `States`, which are the entries of `state`."""
 
 
@@ -44,8 +45,10 @@ class RecordStates(Transform):
         simulator = simulator_of(self)
         num_envs, num_agents = simulator.agents.shape
         length = simulator.config.num_last_actions
+        planes = 5 if random_share(simulator.config.edge_weights) else 0
         shapes = {
             "free": ((num_envs, *simulator.shape), torch.uint8),
+            "weight": ((num_envs, planes, *simulator.shape), torch.float32),
             "time": ((num_envs,), torch.int32),
             "agents": ((num_envs, num_agents, len(FIELDS)), torch.int32),
             "history": ((num_envs, num_agents, length, 2), torch.int8),
@@ -58,5 +61,5 @@ class RecordStates(Transform):
 def states_of(batch: TensorDictBase, kept: Bools) -> States:
     """Return the states of the environment steps of a batch that are `kept` (E,), in new arrays."""
     flat = batch.get("state").reshape(-1)
-    free, time, agents, history = (flat.get(name).cpu().numpy()[kept] for name in ENTRIES)
-    return States(free.view(np.bool_), time, agents, history)
+    free, weight, time, agents, history = (flat.get(name).cpu().numpy()[kept] for name in ENTRIES)
+    return States(free.view(np.bool_), weight, time, agents, history)
