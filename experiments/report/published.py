@@ -184,10 +184,7 @@ def draw(runs: Runs, authors: Rows) -> None:
     """Plot the reward of evaluations, the authors' and ours, and that in new environments."""
     figure = Figure(figsize=(13, 4.5), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
-    for k, name in enumerate(("ppo/11", "ppo/21", "ppo/23", "2nd-machine/1")):
-        points = [(float(row["env_steps"]), float(row["mean_reward"])) for row in authors if row["run"] == name]
-        steps, rewards = np.array(points).T
-        left.plot(steps / 1000, rewards, color=f"C{k}", linewidth=1, label=f"authors' {name}")
+    draw_authors(left, authors)
     _draw_range(left, runs["as published"], 1, "ours, as published", "black")
     _draw_range(left, runs["as published, longer"], 1, "ours, as published, longer", "gray")
     left.set(ylabel="reward of an episode, sum over agents", title="the environment of evaluations")
@@ -199,6 +196,14 @@ def draw(runs: Runs, authors: Rows) -> None:
         panel.set(xlabel="thousand environment steps", xlim=(0, 2010))
         panel.legend(fontsize=8)
     figure.savefig(IMAGE, dpi=90)
+
+
+def draw_authors(axes: Axes, authors: Rows) -> None:
+    """Plot the rewards of the authors' longest runs."""
+    for k, name in enumerate(("ppo/11", "ppo/21", "ppo/23", "2nd-machine/1")):
+        points = [(float(row["env_steps"]), float(row["mean_reward"])) for row in authors if row["run"] == name]
+        steps, rewards = np.array(points).T
+        axes.plot(steps / 1000, rewards, color=f"C{k}", linewidth=1, label=f"authors' {name}")
 
 
 def _draw_range(axes: Axes, curves: Sequence[np.ndarray], column: int, label: str, color: str) -> None:

@@ -8,7 +8,7 @@ repeated then, and `docs/explanation/report.md` the table.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ import tyro
 from matplotlib.figure import Figure
 
 from experiments.pages import FILES, PAGES, read_rows, spread, write_table
+from experiments.report.published import Rows, draw_authors
 from experiments.report.reproduction import Variation, curve
 from experiments.study import Study, StudyOptions
 from mapf_pz.rl.presets import PRESETS
@@ -26,8 +27,6 @@ from mapf_pz.rl.training.train import resume, train
 
 PAGE = PAGES / "report.md"
 IMAGE = Path(__file__).parents[2] / "docs" / "images" / "repair.png"
-AUTHORS = ("ppo/11", "ppo/21", "ppo/23", "2nd-machine/1")
-"""The authors' runs that the figure shows."""
 NUM_AGENTS = 10
 """The number of agents, with which one environment step is as many agent steps."""
 STUDY = Study(FILES / "repair.csv", ("setting", "seed"), ("agent_steps", "CSR", "ISR"))
@@ -147,14 +146,11 @@ def write() -> None:
     write_table(PAGE, "repair", lines)
 
 
-def draw(authors: Sequence[Mapping[str, str]]) -> None:
+def draw(authors: Rows) -> None:
     """Draw the rewards of the authors' runs, and the share of agents at their goals in those of this experiment."""
     figure = Figure(figsize=(15, 4.5), layout="constrained")
     left, right = figure.subplots(1, 2)
-    for name in AUTHORS:
-        points = [(float(row["env_steps"]), float(row["mean_reward"])) for row in authors if row["run"] == name]
-        steps, rewards = np.array(points).T
-        left.plot(steps / 1000, rewards, linewidth=1, label=f"authors' {name}")
+    draw_authors(left, authors)
     left.set(ylabel="reward of an episode, sum over agents", title="the report's policy, the authors' runs")
     for k, (name, curves) in enumerate(_arrived().items()):
         color, width = ("black", 3.0) if k == 0 else (f"C{k % 10}", 1.5)

@@ -116,7 +116,8 @@ def episode_metrics(record: EpisodeRecord) -> dict[str, float]:
         ratio = _ratio(weighted, cheapest[np.isfinite(cheapest)])
         metrics |= dict(zip(WEIGHTED_METRICS, (float(weighted.sum()), ratio), strict=True))
     if record.delayed is not None:
-        metrics |= share | {DELAY_METRICS[1]: _ratio(costs, _costs_alone(record.shortest, record.delayed))}
+        alone = np.minimum(costs_alone(record.shortest, record.delayed), max(record.num_steps, 1))
+        metrics |= share | {DELAY_METRICS[1]: _ratio(costs, alone[record.shortest >= 0])}
     return metrics
 
 
@@ -129,16 +130,15 @@ def _delay_share(record: EpisodeRecord, delayed: Bools) -> float:
     return float(delayed[present].mean()) if present.any() else 0.0
 
 
-def _costs_alone(shortest: Ints, delayed: Bools) -> Ints:
-    """Return the costs (N,) of agents that have a path, if each were alone with its delays.
+def costs_alone(num_actions: Ints, delayed: Bools) -> Ints:
+    """Return the step (N,) int64 after which each agent has acted `num_actions` (N,) times, at least 1.
 
     Args:
-        shortest: (N,) length of the shortest path; -1 if there is none.
-        delayed: (T, N): in which steps which agents were delayed.
+        num_actions: the number of actions.
+        delayed: (T, N): in which steps which agents do not act. It is T + 1 for an agent that needs more steps.
     """
-    steps_made = np.cumsum(~delayed, axis=0, dtype=np.int64)
-    costs = np.minimum((steps_made < shortest).sum(axis=0) + 1, max(len(delayed), 1))
-    return costs[shortest >= 0]
+    acted = np.cumsum(~delayed, axis=0, dtype=np.int64)
+    return (acted < num_actions).sum(axis=0) + 1
 
 
 def _ratio(costs: Ints | Floats, least: Ints | Floats) -> float:

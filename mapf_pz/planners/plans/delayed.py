@@ -11,6 +11,7 @@ from mapf_pz.instances.delays import Delays
 from mapf_pz.planners.plans.dependencies import NONE, DependencyGraph, Execution
 from mapf_pz.planners.plans.plan import Plan
 from mapf_pz.simulator.kernels.delay import delay_rules, delayed_agents
+from mapf_pz.simulator.metrics import costs_alone
 
 MAX_STEPS = 50_000
 """Number of steps after which an execution is given up."""
@@ -62,14 +63,3 @@ def waits_for(graph: DependencyGraph, delayed: Bools) -> Ints:
         found[step] = execution.waiting_for(late)
         execution.advance(execution.permitted(late))
     return found
-
-
-def costs_alone(num_actions: Ints, delayed: Bools) -> Ints:
-    """Return the step (N,) int64 after which each agent has acted `num_actions` (N,) times, at least 1.
-
-    Args:
-        num_actions: the number of actions.
-        delayed: (T, N): in which steps which agents do not act. T steps suffice.
-    """
-    acted = np.cumsum(~delayed, axis=0, dtype=np.int64)
-    return (acted < num_actions).sum(axis=0) + 1
