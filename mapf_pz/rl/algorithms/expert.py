@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from typing import cast
 
 import numpy as np
@@ -10,6 +12,7 @@ from tensordict import TensorDictBase
 from torchrl.data import Bounded, Composite, TensorSpec
 from torchrl.envs import Transform
 
+from mapf_pz._internal.arrays import Ints
 from mapf_pz.planners import Planner, planner_of
 from mapf_pz.planners.base import PlanFollower
 from mapf_pz.rl.config import ImitationConfig
@@ -29,17 +32,19 @@ class ExpertActions(Transform):
     controls: it plans at the start of the segment, from a state that the policy has reached.
     """
 
-    def __init__(self, config: ImitationConfig, seed: int) -> None:
+    def __init__(self, config: ImitationConfig, seed: int, num_threads: int = 1) -> None:
         """Create the transform; raises `ValueError` for an unknown planner.
 
         Args:
             config: the expert, and how often it acts.
             seed: random seed of the expert and of the segments.
+            num_threads: number of threads, among which the environments are divided. The labels do not depend on it.
         """
         super().__init__(in_keys=[], out_keys=[("agents", "expert_action")])
         planner_of(config.expert)
         self._config = config
         self._seed = seed
+        self._num_threads = num_threads
         self._rng = np.random.default_rng(seed)
         self._experts: list[Planner] = []
 
@@ -49,6 +54,7 @@ class ExpertActions(Transform):
         num_envs, num_agents = self._simulator.agents.shape
         self._experts = [planner_of(self._config.expert, self._seed + b) for b in range(num_envs)]
         self._experts[0].compile(self._simulator.config.action_model)
+        self._threads = ThreadPoolExecutor(self._num_threads)
         self._labels = np.full((num_envs, num_agents), NO_LABEL)
         self._acts = np.zeros(num_envs, np.bool_)  # which environments the expert controls
         self._left = np.zeros(num_envs, np.int64)  # steps that are left of the segment
@@ -56,29 +62,36 @@ class ExpertActions(Transform):
     def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
         if not self._experts:
             self._start()
-        for b in reset_environments(tensordict, len(self._experts)):
+        environments = reset_environments(tensordict, len(self._experts))
+        for b in environments:
             self._experts[b].reset_states()
             self._left[b] = 0
-            self._label(b)
+        self._label(environments)
         return self._with_labels(tensordict_reset)
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        over = self._simulator.over
-        for b in range(len(self._experts)):
-            if not over[b]:
-                self._label(b)
+        self._label(np.flatnonzero(~self._simulator.over).tolist())
         return self._with_labels(next_tensordict)
 
-    def _label(self, b: int) -> None:
-        """Label the current state of environment `b`, and begin its next segment if one is over."""
-        if self._left[b] == 0:
-            self._left[b] = self._config.segment_steps
-            self._acts[b] = self._rng.random() < self._config.expert_share
-        self._left[b] -= 1
-        if self._acts[b] or not isinstance(self._experts[b], PlanFollower):
-            self._labels[b] = self._experts[b].decide(self._simulator, b)
-        else:
+    def _label(self, environments: Iterable[int]) -> None:
+        """Label the current states of environments, and begin the next segments of those in which one is over."""
+        labeled: list[int] = []
+        for b in environments:
+            if self._left[b] == 0:
+                self._left[b] = self._config.segment_steps
+                self._acts[b] = self._rng.random() < self._config.expert_share
+            self._left[b] -= 1
             self._labels[b] = NO_LABEL
+            if self._acts[b] or not isinstance(self._experts[b], PlanFollower):
+                labeled.append(b)
+        self._simulator.require_cost_to_go()  # before the threads, which only read
+        # The planners' kernels release the GIL.
+        labels = self._threads.map(self._decide, labeled) if self._num_threads > 1 else map(self._decide, labeled)
+        for b, label in zip(labeled, labels, strict=True):
+            self._labels[b] = label
+
+    def _decide(self, b: int) -> Ints:
+        return self._experts[b].decide(self._simulator, b)
 
     def _with_labels(self, tensordict: TensorDictBase) -> TensorDictBase:
         return tensordict.set(("agents", "expert_action"), torch.from_numpy(self._labels.copy()))

@@ -207,4 +207,4 @@ class Dagger(Imitation):
     def training_transforms(self, seed: int) -> list[Transform]:
         """Return the same, and before it the transform that adds the expert's actions."""
         recorded = [RecordStates()] if self.config.imitation.replay == "states" else []
-        return [*recorded, ExpertActions(self.config.imitation, seed), *self.transforms(seed)]
+        return [*recorded, ExpertActions(self.config.imitation, seed, self.config.num_threads), *self.transforms(seed)]
