@@ -51,10 +51,9 @@ class ExecutePreferences(Transform):
         """Replace the agents' actions by their preferences."""
         whole = cast("Composite", input_spec)
         action = cast("Categorical", whole["full_action_spec", "agents", "action"])
-        preferences = Unbounded(shape=torch.Size([*action.shape, action.n]), dtype=torch.float32)
-        whole["full_action_spec"] = Composite(
-            agents=Composite(preferences=preferences, shape=action.shape), shape=whole.shape
-        )
+        shape, device = torch.Size([*action.shape, action.n]), whole.device
+        agents = Composite(preferences=Unbounded(shape, device, torch.float32), shape=action.shape, device=device)
+        whole["full_action_spec"] = Composite(agents=agents, shape=whole.shape, device=device)
         return whole
 
 
