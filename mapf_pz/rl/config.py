@@ -285,7 +285,8 @@ class TrainConfig:
     CPUs with AVX512-BF16 or AMX; weights and sums remain in float32, and so does acting. `auto` selects it there and on
     GPUs that support it."""
     num_threads: Count = 1
-    """Number of threads of torch and of the kernels in each process; more than 1 helps only on idle cores."""
+    """Number of threads of torch, of the kernels and of the planners that label states, in each process; more than 1
+    helps only on idle cores."""
     num_learners: Annotated[Count | Literal["auto"], expecting("a whole number, 1 or more, or 'auto'")] = 1
     """Number of processes that train together: they divide the environments and each minibatch among themselves, and
     average their gradients, so that an update uses the same number of samples. `auto`: as many as there are GPUs or

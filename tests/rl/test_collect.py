@@ -8,7 +8,7 @@ from mapf_pz.guidance import GuidanceGraph
 from mapf_pz.instances import load_map
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.algorithms.named import ALGORITHMS
-from mapf_pz.rl.environments.collect import collecting
+from mapf_pz.rl.environments.collect import MakeEnv, collecting
 from tests.helpers.small_run import TINY, changed, rows
 
 GRAPH = GuidanceGraph.random(load_map("empty-8-8").free, np.random.default_rng(0))
@@ -94,3 +94,17 @@ def test_a_batch_is_overwritten_by_the_next_one():
         assert "mine" not in second["agents"].keys()  # noqa: SIM118 (a TensorDict is not a dict)
         assert torch.equal(first["agents", "action"], second["agents", "action"])
         assert not torch.equal(first["agents", "action"], actions)
+
+
+@pytest.mark.parametrize("algorithm", ["mappo", "central-ppo", "dagger"])
+@pytest.mark.parametrize("recurrent", [0, 8])
+def test_transforms_keep_the_device_of_the_specs(algorithm, recurrent):
+    """Torch distinguishes the device `cpu:0` from `cpu`, as it does a GPU."""
+    if recurrent and algorithm != "mappo":
+        pytest.skip("its networks are not recurrent")
+    model, device = dataclasses.replace(TINY.model, recurrent=recurrent), torch.device("cpu", 0)
+    imitation = dataclasses.replace(TINY.imitation, expert="pibt", replay="states")
+    config = dataclasses.replace(TINY, algorithm=algorithm, model=model, imitation=imitation)
+    env = MakeEnv(ALGORITHMS[algorithm](config), config, 0, 2, device=device)()
+    specs = (env.full_observation_spec, env.full_action_spec, env.full_reward_spec, env.full_done_spec)
+    assert all(spec.device == device for whole in specs for spec in whole.values(True, True))

@@ -50,9 +50,10 @@ def test_options(tmp_path, algorithm, options):
     assert len(rows(folder)) == 3
 
 
+@pytest.mark.parametrize("replay", ["observations", "states"])
 @pytest.mark.parametrize(("shield", "augment"), [(False, False), (True, False), (False, True)])
-def test_dagger_trains(tmp_path, shield, augment):
-    imitation = dataclasses.replace(DAGGER["imitation"], augment=augment)
+def test_dagger_trains(tmp_path, shield, augment, replay):
+    imitation = dataclasses.replace(DAGGER["imitation"], augment=augment, replay=replay)
     fields = DAGGER | {"task": dataclasses.replace(DAGGER["task"], shield=shield), "imitation": imitation}
     folder = train(dataclasses.replace(ON_CUDA, **fields), tmp_path)
     assert len(rows(folder)) == 3

@@ -284,6 +284,18 @@ def test_the_expert_is_seeded():
     assert not torch.equal(labels[0], labels[2])
 
 
+@pytest.mark.parametrize("expert", ["windowed:rounds=1", "lacam:time_limit=0.01,clock=work"])
+def test_labels_do_not_depend_on_the_number_of_threads(expert):
+    labels = []
+    for num_threads in (1, 3):
+        config = imitating(dataclasses.replace(DAGGER, num_threads=num_threads), expert=expert, expert_share=0.5)
+        env, actor = environments(dataclasses.replace(config, task=changed(config.task, on_target="nothing")))
+        torch.manual_seed(0)
+        labels.append(env.rollout(40, actor, break_when_any_done=False)["agents", "expert_action"])
+    assert torch.equal(*labels)
+    assert (labels[0] != NO_LABEL).any()
+
+
 def test_an_expert_needs_a_planner():
     with pytest.raises(ValueError, match="planner ''"):
         ExpertActions(ImitationConfig(expert=""), 0)
