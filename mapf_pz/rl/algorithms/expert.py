@@ -108,6 +108,6 @@ class ExpertActions(Transform):
         """Add the expert's actions."""
         whole = cast("Composite", observation_spec)
         shape, num_actions = whole["agents"].shape, whole["agents", "action_mask"].shape[-1]
-        label = Bounded(NO_LABEL, num_actions - 1, shape=shape, dtype=torch.int64, device=whole.device)
-        whole["agents", "expert_action"] = label
+        label = Bounded(NO_LABEL, num_actions - 1, shape=shape, dtype=torch.int64)
+        whole["agents", "expert_action"] = label.to(whole.device)
         return whole

@@ -80,23 +80,23 @@ class Centralize(Transform):
         """Add the stacked observation and the latest discrete actions."""
         whole = cast("Composite", observation_spec)
         batch, observation = whole.shape, whole["agents", "observation"]
-        agents = whole["agents"].shape
-        whole["agents", "taken"] = Categorical(self._num_actions, agents, whole.device, dtype=torch.int64)
-        team = Composite(shape=batch, device=whole.device)
+        taken = Categorical(self._num_actions, whole["agents"].shape, dtype=torch.int64)
+        whole["agents", "taken"] = taken.to(whole.device)
+        team = Composite(shape=batch)
         if isinstance(observation, Composite):
             team["image"] = _bounded(observation["image"], -4, -3)
             team["features"] = _bounded(observation["features"], -2, -1)
         else:
             team["image"] = _bounded(observation, -4, -3)
-        whole["team"] = team
+        whole["team"] = team.to(whole.device)
         return whole
 
     def transform_reward_spec(self, reward_spec: TensorSpec) -> TensorSpec:
         """Add the team's reward."""
         whole = cast("Composite", reward_spec)
         batch = whole.shape
-        reward = Unbounded(torch.Size([*batch, 1]), whole.device)
-        whole["team"] = Composite(reward=reward, shape=batch, device=whole.device)
+        reward = Unbounded(shape=torch.Size([*batch, 1]))
+        whole["team"] = Composite(reward=reward, shape=batch).to(whole.device)
         return whole
 
     def transform_input_spec(self, input_spec: TensorSpec) -> TensorSpec:
@@ -105,9 +105,9 @@ class Centralize(Transform):
         batch = whole.shape
         num_agents = whole["full_action_spec", "agents", "action"].shape[-1]
         shape = torch.Size([*batch, num_agents, self._num_actions])
-        action = Bounded(-1.0, 1.0, shape=shape, dtype=torch.float32, device=whole.device)
-        team = Composite(action=action, shape=batch, device=whole.device)
-        whole["full_action_spec"] = Composite(team=team, shape=batch, device=whole.device)
+        action = Bounded(-1.0, 1.0, shape=shape, dtype=torch.float32)
+        team = Composite(action=action, shape=batch)
+        whole["full_action_spec"] = Composite(team=team, shape=batch).to(whole.device)
         return whole
 
 
@@ -115,4 +115,4 @@ def _bounded(spec: TensorSpec, first: int, last: int) -> Bounded:
     """Return the bounded spec with the dimensions `first` to `last` flattened into one."""
     bounds = cast("ContinuousBox", spec.space)
     low, high = bounds.low.flatten(first, last), bounds.high.flatten(first, last)
-    return Bounded(low, high, shape=low.shape, dtype=spec.dtype, device=spec.device)
+    return Bounded(low, high, shape=low.shape, dtype=spec.dtype, device=low.device)

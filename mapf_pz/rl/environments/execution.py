@@ -51,9 +51,9 @@ class ExecutePreferences(Transform):
         """Replace the agents' actions by their preferences."""
         whole = cast("Composite", input_spec)
         action = cast("Categorical", whole["full_action_spec", "agents", "action"])
-        shape, device = torch.Size([*action.shape, action.n]), whole.device
-        agents = Composite(preferences=Unbounded(shape, device, torch.float32), shape=action.shape, device=device)
-        whole["full_action_spec"] = Composite(agents=agents, shape=whole.shape, device=device)
+        preferences = Unbounded(shape=torch.Size([*action.shape, action.n]), dtype=torch.float32)
+        agents = Composite(preferences=preferences, shape=action.shape)
+        whole["full_action_spec"] = Composite(agents=agents, shape=whole.shape).to(whole.device)
         return whole
 
 

@@ -53,9 +53,8 @@ class RecordStates(Transform):
             "agents": ((num_envs, num_agents, len(FIELDS)), torch.int32),
             "history": ((num_envs, num_agents, length, 2), torch.int8),
         }
-        device = whole.device
-        entries = {name: Unbounded(torch.Size(shape), device, dtype) for name, (shape, dtype) in shapes.items()}
-        whole["state"] = Composite(entries, shape=torch.Size([num_envs]), device=device)
+        entries = {name: Unbounded(shape=torch.Size(shape), dtype=dtype) for name, (shape, dtype) in shapes.items()}
+        whole["state"] = Composite(entries, shape=torch.Size([num_envs])).to(whole.device)
         return whole
 
 
