@@ -40,6 +40,20 @@ def test_no_move_is_blocked(model, weights, seed, on_target, depth, time_limit):
     assert len(list(play(env, EPIBT(env, seed, depth, time_limit), seed))) > 0
 
 
+@pytest.mark.parametrize("model", ["cardinal", "rotate"])
+@settings(max_examples=15)
+@given(seed=st.integers(0, 2**31), depth=st.integers(3, 5))
+def test_an_agent_that_is_alone_takes_a_cheap_way(model, seed, depth):
+    """It never prefers a wait where waits are cheap to a move to a cell where they are dearer."""
+    env = mapf_pz.parallel_env(
+        source=RandomObstacles(8, 8, 0.2, 1), action_model=model, edge_weights="random", max_steps=80
+    )
+    assert len(list(play(env, EPIBT(env, seed, depth), seed))) > 0
+    metrics = env.metrics()
+    assert metrics["CSR"] == 1
+    assert metrics["weighted_cost_ratio"] < 2
+
+
 @pytest.mark.parametrize("headings", [None, [0, 2]])
 def test_two_pass_each_other(headings):
     instance = drawn("aB.bA ..... ", headings)

@@ -68,14 +68,15 @@ def continue_operations(agents: Array, tree: Operations, state: EpibtState) -> N
 def evaluate(planning_view: PlanningView, passing: bool, tree: Operations, state: EpibtState) -> None:
     """Compute the cells and costs of all operations, and mark the cells that the agents' operations use."""
     agents, (size, depth), regular = planning_view.agents, tree.nodes.shape, tree.num_regular
+    wait = _smallest_wait(planning_view)
+    early = EARLY * wait / regular
     state.used[:] = NO_AGENT
     for i in range(agents.size):
         if not agents[i].active:
             continue
         state.to_go[i] = to_go(planning_view, agents[i], agents[i].cell, agents[i].heading)
         state.away[i] = 0 if passing or agents[i].cell == agents[i].goal else state.away[i] + 1
-        _evaluate_tree(planning_view, agents[i], passing, tree, state)
-        early = EARLY * planning_view.weight[WAIT_WEIGHT, agents[i].cell] / regular
+        _evaluate_tree(planning_view, agents[i], passing, wait, tree, state)
         for p in range(size):
             state.path[i, p, 0] = agents[i].cell
             for t in range(depth):
@@ -84,6 +85,17 @@ def evaluate(planning_view: PlanningView, passing: bool, tree: Operations, state
         state.num_options[i] = _sort_options(regular, state.cost[i], tree.wait if passing else NONE, state.options[i])
         state.used[0, agents[i].cell] = i
         mark(state.used, state.path[i, state.choice[i]], i)
+
+
+@jit
+def _smallest_wait(planning_view: PlanningView) -> np.float32:
+    """Return the smallest cost of a wait in a cell that agents can leave; 1 if there is none."""
+    smallest = np.float32(np.inf)
+    for cell in range(planning_view.leads_to.shape[1] - 1):
+        for direction in range(4):
+            if planning_view.leads_to[direction, cell] != cell:
+                smallest = min(smallest, planning_view.weight[WAIT_WEIGHT, cell])
+    return smallest if smallest < np.inf else np.float32(1)
 
 
 @jit
@@ -106,16 +118,21 @@ def pack_option(cost: np.float32, p: int) -> int:
 
 @jit
 def _evaluate_tree(
-    planning_view: PlanningView, agent: Array, passing: bool, tree: Operations, state: EpibtState
+    planning_view: PlanningView, agent: Array, passing: bool, wait: np.float32, tree: Operations, state: EpibtState
 ) -> None:
-    """Compute the cell, heading and cost of every node from an agent's state; leaves' costs include the cost to go."""
+    """Compute the cell, heading and cost of every node from an agent's state; leaves' costs include the cost to go.
+
+    A wait costs `wait` in every cell, the smallest cost of a wait. Operations whose last move comes early end with waits
+    in place of the turns for the next move, so with the costs of cells an agent might always rather wait first, where
+    it is cheaper. Waits do not cost more than turns, so an agent that cannot move does not turn around and around.
+    """
     leads_to, weight = planning_view.leads_to, planning_view.weight
     cells, headings, cost, ends = state.node_cell, state.node_heading, state.node_cost, state.node_ends
     cells[0], headings[0], cost[0], ends[0] = agent.cell, agent.heading, 0.0, False
     for node in range(1, cells.size):
         before = tree.parent[node]
         cell, heading = cells[before], (headings[before] + tree.turn[node]) & 3
-        step_cost = weight[WAIT_WEIGHT, cell]
+        step_cost = weight[WAIT_WEIGHT, cell] if tree.turn[node] else wait
         cells[node], headings[node] = cell, heading
         if tree.direction[node] >= 0:
             direction = heading if tree.direction[node] == AHEAD else tree.direction[node]
