@@ -21,7 +21,7 @@ LIFELONG = ("pibt", "epibt", "windowed")
 LEARNED = ("mappo-cardinal", "mappo-cardinal+pibt")
 TURNING = ("oneshot", "oneshot+pibt")
 IMITATED = ("lifelong-cardinal", "lifelong-cardinal+pibt:temperature=0,patience=0")
-EXECUTIONS = tuple(f"lacam:anytime=False,execution={execution}" for execution in ("graph", "both", "replan"))
+EXECUTIONS = tuple(f"lacam:anytime=False,clock=work,execution={execution}" for execution in ("graph", "both", "replan"))
 """Planners of whole paths, which differ in what they do when agents are late."""
 IMITATED_ONE_SHOT = ("oneshot-cardinal", "oneshot-cardinal+pibt")
 
