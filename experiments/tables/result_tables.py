@@ -92,6 +92,11 @@ TABLES = (
             *("lifelong:temperature=0", "lifelong+pibt:temperature=0", "lifelong+pibt:temperature=0,depth=5"),
         ),
     ),
+    ResultTable(
+        "delays",
+        ("pibt", "epibt", *EXECUTIONS, "lacam:clock=work,execution=graph", "mappo-cardinal", *IMITATED_ONE_SHOT),
+    ),
+    ResultTable("delays-lifelong", (*LIFELONG, "lifelong", "lifelong+pibt:temperature=0")),
     ResultTable("standard", ("pibt", "mappo", "mappo+pibt", "ippo", "mappo-cardinal", *TURNING)),
     ResultTable("central-4", ("central-ppo",)),
     ResultTable("central-8", ("pibt", "central")),
@@ -111,11 +116,6 @@ NOT_MEASURED = (
     ResultTable("pogema-cities-lifelong-turning", TURNING_LIFELONG),
     ResultTable("pogema-puzzles-turning", ONE_SHOT[:3]),
     ResultTable("pogema-puzzles-lifelong-turning", LIFELONG),
-    ResultTable(
-        "delays",
-        ("pibt", "epibt", *EXECUTIONS, "lacam:clock=work,execution=graph", "mappo-cardinal", *IMITATED_ONE_SHOT),
-    ),
-    ResultTable("delays-lifelong", (*LIFELONG, "lifelong", "lifelong+pibt:temperature=0")),
 )
 """Tables without results, which no page has. Once measured, they belong to `TABLES`, and their blocks to the pages."""
 
@@ -207,13 +207,17 @@ def leaderboard(results: Results, metrics: Sequence[str]) -> list[list[str]]:
 
 
 def by_task(results: Results, metrics: Sequence[str], intervals: bool = False) -> list[list[str]]:
-    """Return a table with a row for each task and a column for each policy, with 95 % intervals if they are wanted."""
+    """Return a table with a row for each task and a column for each policy, with 95 % intervals if they are wanted.
+
+    Tasks without any of the metrics are omitted.
+    """
     policies = list(dict.fromkeys(row["policy"] for row in results["rows"]))
     cells: dict[str, dict[str, str]] = {}
     for row in results["rows"]:
         task = f"{row['task']}, {row['num_agents']} agents"
         cells.setdefault(task, {})[row["policy"]] = _cell(row, metrics, intervals=intervals)
-    body = [[task, *(found.get(policy, "") for policy in policies)] for task, found in cells.items()]
+    filled = {task: found for task, found in cells.items() if any(found.values())}
+    body = [[task, *(found.get(policy, "") for policy in policies)] for task, found in filled.items()]
     return [["", *(f"`{policy}`" for policy in policies)], *body]
 
 

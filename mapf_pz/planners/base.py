@@ -59,7 +59,8 @@ class Planner(ABC):
         self.trace = Trace(self.clock)
         """The solutions of the latest call of `solve`, or of the latest plan of whole paths in an episode."""
         self.unsolvable: str | None = None
-        """Why the instance of the latest call of `solve` has no plan at all; None: not proved."""
+        """Why the instance of the latest call of `solve`, or the state of the latest plan of whole paths in an episode,
+        has no plan at all; None: not proved."""
         self._compiled: set[ActionModel] = set()
         self.reset_states()
 
@@ -163,7 +164,8 @@ class StepPlanner(Planner):
 class PlanFollower(Planner):
     """Base class of planners that plan whole paths.
 
-    They plan again when a goal changes, and when agents are delayed: see `execution`.
+    They plan again when a goal changes, and when agents are delayed: see `execution`. If they find no plan, all agents
+    wait, and they try again after 1, 2, 4, ... steps.
     """
 
     def __init__(
@@ -215,6 +217,8 @@ class PlanFollower(Planner):
         super().reset_states()
         self._goals: Ints = np.zeros(0, np.int32)
         self._follower: StepFollower | GraphFollower | None = None
+        self._pause = 0  # steps between the latest attempt, if it failed, and the next one
+        self._pause_left = 0
 
     @abstractmethod
     def plan(self, problem: Problem, time_limit: float) -> Path | None:
@@ -228,7 +232,8 @@ class PlanFollower(Planner):
         """Return the actions (N,) int64 of all agents. Without a plan, all agents wait."""
         agents = simulator.agents[b]
         follower = self._follower if np.array_equal(self._goals, agents["goal"]) else None
-        if follower is None or not follower.update(agents):
+        self._pause_left -= 1
+        if follower is None or not follower.update(agents) or self._pause_left == 0:
             follower = self._follow(self._replan(simulator, b), simulator, b)
         elif isinstance(follower, GraphFollower) and follower.lateness >= self._max_lateness:
             path = self._replan(simulator, b)
@@ -240,12 +245,14 @@ class PlanFollower(Planner):
 
     def _replan(self, simulator: Simulator, b: int) -> Path | None:
         """Return paths from the current state, or None if none were found in time."""
-        self.trace = Trace(self.clock)
+        self.trace, self.unsolvable = Trace(self.clock), None
         return self.plan(problem_of(simulator, b), self._time_limit)
 
     def _follow(self, path: Path | None, simulator: Simulator, b: int) -> StepFollower | GraphFollower:
         """Follow the paths of the active agents from the current state; None: all agents wait."""
         agents = simulator.agents[b]
+        self._pause = max(1, 2 * self._pause) if path is None and not self.unsolvable else 0
+        self._pause_left = self._pause
         if path is None:
             here = agents[agents["active"]][None]
             path = Path(here["cell"], here["heading"])

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 import mapf_pz
 from mapf_pz.instances import InstanceList, RandomObstacles
 from mapf_pz.instances.instance import Grid, Instance, Scenario
-from mapf_pz.planners import PLANNERS, Plan, validate
+from mapf_pz.planners import PLANNERS, LaCAM, Plan, validate
+from mapf_pz.simulator.actions import Action
 from tests.helpers.episodes import play
 from tests.helpers.joint_search import lowest_cost
 from tests.helpers.text_instances import drawn
@@ -196,3 +197,26 @@ def test_a_complete_search_proves_that_there_is_no_plan(name, reason):
     assert planner.unsolvable == reason
     assert planner.solve(drawn("aB.bA"), time_limit=0.0) is None
     assert planner.unsolvable is None
+
+
+def test_after_a_failure_it_plans_again_later():
+    class Late(LaCAM):
+        """Finds no plan in the first three attempts."""
+
+        attempts = ()
+
+        def plan(self, problem, time_limit):
+            self.attempts = (*self.attempts, len(played))
+            return super().plan(problem, time_limit) if len(self.attempts) > 3 else None
+
+    played = []
+    env = mapf_pz.parallel_env(map="empty-8-8", num_agents=4, max_steps=40)
+    planner = Late(env, anytime=False)
+    planner.compile("rotate")  # it plans, too
+    planner.attempts = ()
+    for actions in play(env, planner, seed=0):
+        played.append(set(actions.values()))
+    assert planner.attempts == (0, 1, 3, 7)
+    assert played[:7] == [{Action.WAIT}] * 7
+    assert played[7] != {Action.WAIT}
+    assert env.metrics()["CSR"] == 1

@@ -122,9 +122,9 @@ def _evaluate_tree(
 ) -> None:
     """Compute the cell, heading and cost of every node from an agent's state; leaves' costs include the cost to go.
 
-    A wait costs `wait` in every cell, the smallest cost of a wait. Operations whose last move comes early end with waits
-    in place of the turns for the next move, so with the costs of cells an agent might always rather wait first, where
-    it is cheaper. Waits do not cost more than turns, so an agent that cannot move does not turn around and around.
+    A wait costs `wait` in every cell, the smallest cost of a wait. Operations that stop moving early end with waits in
+    place of the turns for the next move, so with the costs of cells an agent might rather wait first, and forever,
+    where waiting is cheaper. Waits do not cost more than turns, so that no agent turns around and around instead.
     """
     leads_to, weight = planning_view.leads_to, planning_view.weight
     cells, headings, cost, ends = state.node_cell, state.node_heading, state.node_cost, state.node_ends
