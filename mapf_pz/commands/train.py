@@ -243,7 +243,7 @@ def _train_and_evaluate(run: Run, config: TrainConfig, tasks: Sequence[Evaluatio
     print(f"policy, configuration and progress written to {run.output}")
     if not tasks:
         return
-    if _weights(run.output) != before:
+    if isinstance(run, TrainOptions) or _weights(run.output) != before:
         discard(run.output)  # of the policy as it was before
     policy = f"{run.output}{SHIELD_SUFFIX if config.task.shield else ''}"
     factory = policy_factory(policy, trust_remote_code=True)  # this command has run the code already

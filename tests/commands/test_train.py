@@ -53,6 +53,13 @@ def test_an_existing_run_is_kept_unless_overwritten(capsys, tmp_path):
     assert contents(tmp_path) != before
 
 
+def test_the_evaluation_of_an_overwritten_run_is_replaced(capsys, tmp_path, suite):
+    """Also if the new run has the same weights with another configuration."""
+    words = ["quickstart", *SMALL.split(), "--evaluate", suite, "--output", tmp_path / "run"]
+    assert train(capsys, *words)[0] == 0
+    assert train(capsys, *words, "--checkpoint-interval", "1000", "--overwrite")[0] == 0
+
+
 def test_runs_of_several_seeds_do_not_mix_with_a_run(capsys, tmp_path):
     words = ["quickstart", *SMALL.split(), "--evaluate", "none", "--output", tmp_path / "run"]
     assert train(capsys, *words) == (0, [])
