@@ -170,7 +170,7 @@ _LIFELONG = TrainConfig(
     checkpoint_interval=200_000,
     validation_interval=800_000,
     validation_episodes=32,
-    precision="bfloat16",
+    precision="auto",
 )
 
 # Agents exchange embeddings with those near them, and learn without the safety layer, so that they meet their own

@@ -41,6 +41,10 @@ def described(config):
 CONV, CONV_PPO = ("conv", (16,), 128, (128,)), (64, 32, 4, 256, 7e-4, 0.01)
 
 
+def test_no_preset_learns_with_a_precision_that_the_machine_emulates():
+    assert {config.precision for config in PRESETS.values()} == {"auto", "float32"}
+
+
 def test_the_default_run():
     assert described(TrainConfig()) == ((8, 12, 12, 0.15, 96, (7, 7)), CONV, CONV_PPO, 2_000_000)
 
