@@ -1,0 +1,140 @@
+"""Replay buffers of labeled steps: what imitation learns from."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+import torch
+from tensordict import NestedKey, TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
+
+from mapf_pz.rl.algorithms.expert import NO_LABEL
+from mapf_pz.rl.algorithms.learner import Data
+from mapf_pz.rl.algorithms.state_buffer import StateBuffer
+from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.environments.batched_env import OBSERVATION_DTYPES
+from mapf_pz.rl.environments.recorded_states import states_of
+from mapf_pz.rl.environments.transfer import to_device
+from mapf_pz.simulator.actions import wait_action
+
+
+class Replay(ABC):
+    """A buffer of labeled agent steps, and minibatches of them.
+
+    A minibatch has the network's inputs as `"0"`, `"1"`, ..., and the expert's actions as `"label"`, which is
+    `NO_LABEL` for agent steps that are not learned from. Of waits at goals only a part is learned from, since most are
+    alike.
+    """
+
+    data: Data | None = None
+    """What is kept beside checkpoints; None: nothing."""
+
+    def __init__(self, config: TrainConfig, keys: list[NestedKey], device: torch.device) -> None:
+        """Create an empty buffer.
+
+        Args:
+            config: the configuration of the run.
+            keys: the keys of the observation, the network's inputs.
+            device: the device of minibatches.
+        """
+        self._keys, self._device = keys, device
+        self._imitation, self._num_agents = config.imitation, config.task.num_agents
+        self._wait = wait_action(config.task.env.action_model)
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """Return the number of agent steps."""
+
+    @abstractmethod
+    def extend(self, batch: TensorDictBase) -> None:
+        """Add the labeled steps of a batch; the oldest ones are dropped if need be."""
+
+    @abstractmethod
+    def sample(self) -> TensorDictBase:
+        """Return a minibatch."""
+
+    def _repeats(self, label: Tensor, at_goal: Tensor) -> Tensor:
+        """Return which agent steps are waits at goals that are not learned from."""
+        drawn = torch.rand(label.shape).to(label.device)
+        return (label == self._wait) & at_goal & (drawn >= self._imitation.wait_share)
+
+
+class ObservationReplay(Replay):
+    """Observations, on the device of the networks.
+
+    With communication, its items are environment steps of all agents, otherwise agent steps.
+    """
+
+    def __init__(self, config: TrainConfig, keys: list[NestedKey], device: torch.device) -> None:
+        """Create an empty buffer: see `Replay`."""
+        super().__init__(config, keys, device)
+        self._whole_teams = bool(config.model.communication)
+        self._item_size = self._num_agents if self._whole_teams else 1  # in agent steps
+        minibatch_size = config.optimization.minibatch_size * self._num_agents
+        self._buffer = TensorDictReplayBuffer(
+            storage=LazyTensorStorage(config.imitation.buffer_size // self._item_size, device=device),
+            batch_size=minibatch_size // self._item_size,
+        )
+
+    def __len__(self) -> int:
+        """Return the number of agent steps."""
+        return len(self._buffer) * self._item_size
+
+    def extend(self, batch: TensorDictBase) -> None:
+        """Add the labeled steps of a batch; the oldest ones are dropped if need be."""
+        batch = to_device(batch, self._device)
+        agents, label = batch.get("agents"), batch.get(("agents", "expert_action"))
+        learned = (label != NO_LABEL) & agents.get("active").squeeze(-1)
+        learned &= ~self._repeats(label, agents.get("at_goal").squeeze(-1))
+        kept = learned.any(-1) if self._whole_teams else learned
+        entries = {str(number): batch.get(key)[kept] for number, key in enumerate(self._keys)}
+        label = label.masked_fill(~learned, NO_LABEL)[kept]
+        self._buffer.extend(TensorDict({**entries, "label": label}, batch_size=[int(kept.sum())]))
+
+    def sample(self) -> TensorDictBase:
+        """Return a minibatch; each item has the same probability."""
+        return self._buffer.sample()
+
+
+class StateReplay(Replay):
+    """States, in which agents observe again when they are learned from."""
+
+    def __init__(self, config: TrainConfig, keys: list[NestedKey], device: torch.device) -> None:
+        """Create an empty buffer: see `Replay`."""
+        super().__init__(config, keys, device)
+        self._states = StateBuffer(
+            config.task.env_config(),
+            config.imitation.buffer_size // self._num_agents,
+            config.optimization.minibatch_size,
+            config.num_threads,
+        )
+        self.data = self._states
+        self._dtype = OBSERVATION_DTYPES[config.observation_precision]
+
+    def __len__(self) -> int:
+        """Return the number of agent steps."""
+        return len(self._states) * self._num_agents
+
+    def extend(self, batch: TensorDictBase) -> None:
+        """Add the environment steps of a batch in which agents are labeled; the oldest are dropped if need be."""
+        label = batch.get(("agents", "expert_action")).reshape(-1, self._num_agents)
+        kept = (label != NO_LABEL).any(-1).cpu().numpy()
+        self._states.extend(states_of(batch, kept), label.cpu().numpy()[kept])
+
+    def sample(self) -> TensorDictBase:
+        """Return a minibatch, half of it out of all environment steps, half out of the most recent ones."""
+        rng = np.random.default_rng(int(torch.randint(2**62, ())))
+        image, features, at_goal, actions = self._states.sample(rng, self._imitation.recent_size // self._num_agents)
+        label = torch.from_numpy(actions)
+        label[self._repeats(label, torch.from_numpy(at_goal))] = NO_LABEL
+        entries = {str(k): torch.from_numpy(part).to(self._dtype) for k, part in enumerate((image, features))}
+        inputs = {name: entries[name] for name, _ in zip(entries, self._keys, strict=False)}
+        return to_device(TensorDict({**inputs, "label": label}, batch_size=[len(label)]), self._device)
+
+
+def make_replay(config: TrainConfig, keys: list[NestedKey], device: torch.device) -> Replay:
+    """Return the empty replay buffer of a configuration."""
+    make = StateReplay if config.imitation.replay == "states" else ObservationReplay
+    return make(config, keys, device)
