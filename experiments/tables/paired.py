@@ -1,8 +1,11 @@
-"""Differences between the policies of this package and the best published method, paired by instance."""
+"""Differences between the policies of this package and the best published method, paired by instance.
+
+Results files have the compared metrics of each episode (`values_of`), so that new published results need no episodes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -21,27 +24,77 @@ Cell = tuple[str, int]
 """A task's name and its number of agents."""
 
 
-def paired_rows(episodes: Sequence[Episode], published: Sequence[Episode], learned: bool) -> list[dict[str, Any]]:
-    """Return the mean difference of each policy to the best published method in each task.
+def values_of(episodes: Sequence[Episode]) -> list[dict[str, Any]]:
+    """Return the compared metrics of each episode, in the order of the instances, for each policy and task."""
+    found: dict[tuple[str, Cell, str], dict[int, float]] = {}
+    for metric in METRICS:
+        for (cell, policy), values in _values(episodes, metric).items():
+            found[policy, cell, metric] = values
+    return [
+        {
+            "policy": policy,
+            "task": task,
+            "num_agents": num_agents,
+            metric: [_number(values[n]) for n in range(len(values))],
+        }
+        for (policy, (task, num_agents), metric), values in found.items()
+    ]
 
-    That is the published method with the highest mean over all instances of the task.
+
+def _number(value: float) -> float:
+    """Return a value rounded to six digits, a whole one as an integer."""
+    return int(value) if value == int(value) else float(f"{value:.6g}")
+
+
+def episodes_of(rows: Iterable[Mapping[str, Any]]) -> list[Episode]:
+    """Return the episodes of `values_of`, with the compared metrics."""
+    return [
+        Episode(row["policy"], row["task"], row["num_agents"], number, {metric: value})
+        for row in rows
+        for metric in METRICS
+        for number, value in enumerate(row.get(metric, ()))
+    ]
+
+
+def best_published(
+    published: Sequence[Episode], counts: Mapping[Cell, int], learned: bool
+) -> dict[tuple[Cell, str], str]:
+    """Return the published method with the highest mean over all instances of each task, by task and metric.
+
+    Args:
+        published: published episodes. Those that do not state their instance are left out.
+        counts: the number of instances of each task.
+        learned: whether only learned methods are compared with.
+    """
+    found: dict[tuple[Cell, str], str] = {}
+    for metric in METRICS:
+        references = _values([episode for episode in published if not (learned and _is_planner(episode))], metric)
+        for cell, count in counts.items():
+            best = _best(references, cell, count)
+            if best is not None:
+                found[cell, metric] = best
+    return found
+
+
+def paired_rows(episodes: Sequence[Episode], published: Sequence[Episode], learned: bool) -> list[dict[str, Any]]:
+    """Return the mean difference of each policy to the best published method in each task: see `best_published`.
 
     Args:
         episodes: episodes of this package.
-        published: published episodes. Those that do not state their instance are not compared.
+        published: published episodes.
         learned: whether only learned methods are compared with.
     """
+    numbers: dict[Cell, set[int]] = {}
+    for episode in episodes:
+        numbers.setdefault(_cell(episode), set()).add(episode.number)
     rows: list[dict[str, Any]] = []
-    for metric in METRICS:
-        values = _values(episodes, metric)
-        references = _values([episode for episode in published if not (learned and _is_planner(episode))], metric)
-        for cell in dict.fromkeys(cell for cell, _ in values):
-            of_cell = [episode for episode in episodes if _cell(episode) == cell]
-            best = _best(references, cell, len({episode.number for episode in of_cell}))
-            if best is not None:
-                of_best = [episode for episode in published if (_cell(episode), episode.policy) == (cell, best)]
-                found = differences([*of_cell, *of_best], best, [metric]).rows
-                rows += [_row(each, metric, best.removesuffix(PUBLISHED)) for each in found]
+    best = best_published(published, {cell: len(found) for cell, found in numbers.items()}, learned)
+    for (cell, metric), name in best.items():
+        of_cell = [episode for episode in episodes if _cell(episode) == cell and metric in episode.metrics]
+        of_best = [episode for episode in published if (_cell(episode), episode.policy) == (cell, name)]
+        if of_cell:
+            found = differences([*of_cell, *of_best], name, [metric]).rows
+            rows += [_row(each, metric, name.removesuffix(PUBLISHED)) for each in found]
     return rows
 
 

@@ -9,8 +9,8 @@ Every table is a file `docs/results/SUITE.json` and blocks of Markdown, which na
 The layout `field` has several suites, separated by commas.
 
 `measure` runs the episodes and writes both, of all policies or of some, whose results are put beside earlier ones; it
-can be resumed. `write` writes the blocks. `check` compares the policies and tasks of each table with those that were
-measured, runs some episodes again, and compares the results.
+can be resumed. `publish` renews the published results, without episodes. `write` writes the blocks. `check` compares
+the policies and tasks of each table with those that were measured, runs some episodes again, and compares the results.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from experiments.pages import FILES, read_rows
 from experiments.study import check_known
 from experiments.tables.measured_numbers import pages as measured_pages
 from experiments.tables.measured_numbers import without_origin
-from experiments.tables.paired import paired_rows
+from experiments.tables.paired import best_published, episodes_of, paired_rows, values_of
 from experiments.tables.result_tables import NOT_MEASURED, TABLES, Results, ResultTable, markdown
 from mapf_pz._internal.atomic import write_whole
 from mapf_pz.evaluation import Episode, EvaluationTask, evaluate, load_suite, policy_factory
@@ -42,6 +42,7 @@ from mapf_pz.evaluation.reports.intervals import interval
 from mapf_pz.evaluation.reports.published import PUBLISHED, check_possible, published_episodes
 from mapf_pz.evaluation.reports.report import grouped
 from mapf_pz.evaluation.suite import suite_label
+from mapf_pz.instances.benchmarks import pogema
 
 ROOT = Path(__file__).parents[2]
 SEEDS = FILES / "seeds.csv"
@@ -77,14 +78,56 @@ def measure(suites: tuple[str, ...] = (), policies: tuple[str, ...] = (), jobs: 
         if earlier:
             check_kept(source, earlier, kept)
         episodes = evaluate(chosen, table.suite, RUNS / commit() / table.suite, jobs, _show, overwrite=True)
-        published = published_episodes(episodes)
-        _check_published(table, published)
-        results = source | _summary(episodes, published)
+        published = _published(table)
+        results = source | {"rows": _rows(episodes), "published": [], "samples": _samples(episodes)}
+        if published:
+            results["values"] = values_of(episodes)
         if earlier:
             results = merged(table, results, earlier, kept)
+        results = with_published(results, published)
         write_whole(FILES / f"{table.suite}.json", as_json(results).encode())
         print(f"{table.suite}: written", flush=True)
     write()
+
+
+def publish() -> None:
+    """Renew the published results of all tables, and the differences to them, and write the pages.
+
+    Differences are known where the results file has the values of each episode, or the best published method is the
+    same as before.
+    """
+    for table in TABLES:
+        published = _published(table)
+        if published:
+            results = {name: value for name, value in load_results(table.suite).items() if name != "seeds"}
+            write_whole(FILES / f"{table.suite}.json", as_json(with_published(results, published)).encode())
+    write()
+
+
+def with_published(results: Results, published: Sequence[Episode]) -> dict[str, Any]:
+    """Return results with these published episodes, and the differences to the best of them.
+
+    Differences of policies without values are kept if the best published method is still the same.
+    """
+    both = {**results, "published": _rows(published)}
+    counts = {(row["task"], row["num_agents"]): row["episodes"] for row in results["rows"]}
+    policies = list(results["measured"])
+    values = {row["policy"] for row in results.get("values", ())}
+    for part, learned in (("paired", False), ("paired_learned", True)):
+        best = {key: name.removesuffix(PUBLISHED) for key, name in best_published(published, counts, learned).items()}
+        kept = [
+            row
+            for row in results.get(part, ())
+            if row["policy"] not in values
+            and all(best.get(((row["task"], row["num_agents"]), metric)) == row["best"] for metric in row["metrics"])
+        ]
+        new = paired_rows(episodes_of(results.get("values", ())), published, learned)
+        rows = sorted([*kept, *new], key=lambda row: (row["num_agents"], policies.index(row["policy"])))
+        if rows:
+            both[part] = rows
+        else:
+            both.pop(part, None)
+    return both
 
 
 def check_kept(source: Results, earlier: Results, kept: Sequence[str]) -> None:
@@ -105,7 +148,7 @@ def merged(table: ResultTable, results: Results, earlier: Results, kept: Sequenc
     def place(row: Mapping[str, Any]) -> tuple[int, int]:
         return tasks.index((row["task"], row["num_agents"])), table.policies.index(row["policy"])
 
-    for part in ("rows", "paired", "paired_learned", "samples"):
+    for part in ("rows", "paired", "paired_learned", "samples", "values"):
         if part in results or part in earlier:
             old = [row for row in earlier.get(part, ()) if row["policy"] in kept]
             both[part] = sorted([*results.get(part, ()), *old], key=place)
@@ -235,15 +278,6 @@ def commit() -> str:
     return head.stdout.strip()
 
 
-def _summary(episodes: Sequence[Episode], published: Sequence[Episode]) -> dict[str, Any]:
-    paired = {
-        name: rows
-        for name, learned in (("paired", False), ("paired_learned", True))
-        if (rows := paired_rows(episodes, published, learned))
-    }
-    return {"rows": _rows(episodes), "published": _rows(published), **paired, "samples": _samples(episodes)}
-
-
 def _rows(episodes: Sequence[Episode]) -> list[dict[str, Any]]:
     """Return the means of each policy in each task."""
     return [
@@ -290,14 +324,20 @@ def _comparable(metrics: dict[str, float]) -> dict[str, float]:
     return {name: value for name, value in metrics.items() if name not in TIMES}
 
 
-def _check_published(table: ResultTable, published: Sequence[Episode]) -> None:
-    """Check that the published results are possible on the suite's instances, and print those that are not."""
-    if not published:
-        return
-    tasks = load_suite(table.suite)
+def _published(table: ResultTable) -> list[Episode]:
+    """Return the published episodes of a suite; check that they are possible, and print those that are not."""
+    if not pogema.is_bundled(table.suite):
+        return []
+    tasks, suite = load_suite(table.suite), suite_label(table.suite)
+    published = published_episodes(
+        Episode("", task.name, task.num_agents, number, suite=suite)
+        for task in tasks
+        for number in range(task.episodes)
+    )
     largest = max(tasks, key=lambda task: task.num_agents)
     for episode in check_possible(published, largest.instances, largest.keywords["max_steps"]):
         print(f"impossible, {episode.task_label}: {episode.policy}, {episode.instance}", file=sys.stderr)
+    return published
 
 
 def pages() -> list[Path]:
@@ -324,4 +364,4 @@ def _show(episode: Episode | None, left: int) -> None:
 
 
 if __name__ == "__main__":
-    tyro.extras.subcommand_cli_from_dict({"measure": measure, "write": write, "check": check})
+    tyro.extras.subcommand_cli_from_dict({"measure": measure, "publish": publish, "write": write, "check": check})

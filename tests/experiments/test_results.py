@@ -6,9 +6,9 @@ from dataclasses import asdict
 import pytest
 
 from experiments.tables import measured_numbers, results
-from experiments.tables.paired import paired_rows
+from experiments.tables.paired import episodes_of, paired_rows, values_of
 from experiments.tables.result_tables import NOT_MEASURED, TABLES, ResultTable, markdown
-from experiments.tables.results import as_json, differences, is_reproducible, load_results, repeated
+from experiments.tables.results import as_json, differences, is_reproducible, load_results, repeated, with_published
 from mapf_pz._internal.digest import digest
 from mapf_pz.evaluation import Episode, load_suite, policy_factory
 
@@ -111,6 +111,38 @@ def test_differences_to_published_methods_are_paired_by_instance():
     (learned,) = paired_rows(ours, [*theirs, *unknown], learned=True)
     assert (learned["best"], learned["metrics"]["CSR"]["mean"]) == ("EPH", 0.5)
     assert paired_rows(ours, unknown, learned=True) == []
+
+
+def test_differences_are_those_of_the_values_in_the_file():
+    ours = [Episode("pibt", "maze", 8, n, {"CSR": float(n > 0), "avg_throughput": 0.1234567}) for n in range(3)]
+    (solved, reached) = values_of(ours)
+    assert solved == {"policy": "pibt", "task": "maze", "num_agents": 8, "CSR": [0, 1, 1]}
+    assert reached["avg_throughput"] == [0.123457] * 3
+    theirs = [Episode("EPH (published)", "maze", 8, n, {"CSR": 1.0}) for n in range(3)]
+    assert paired_rows(episodes_of([solved]), theirs, learned=True) == paired_rows(ours, theirs, learned=True)
+
+
+def test_differences_without_values_are_kept_as_long_as_the_best_published_method_is_the_same():
+    of_epibt = row("epibt", 8, CSR=0.5) | {"best": "EPH"}
+    measured = {
+        "rows": [row(name, 8, CSR=0.5) | {"episodes": 3} for name in ("epibt", "pibt")],
+        "measured": dict.fromkeys(("epibt", "pibt")),
+        "values": [{"policy": "pibt", "task": "maze", "num_agents": 8, "CSR": [0, 1, 1]}],
+        "paired_learned": [row("pibt", 8, CSR=-0.1) | {"best": "EPH"}, of_epibt],
+    }
+
+    def published(*names):
+        return [Episode(f"{name} (published)", "maze", 8, n, {"CSR": 1.0}) for name in names for n in range(3)]
+
+    same = with_published(measured, published("DCC", "EPH"))
+    assert [one["policy"] for one in same["published"]] == ["DCC", "EPH"]
+    of_pibt = same["paired_learned"][1]
+    assert same["paired_learned"][0] == of_epibt
+    assert (of_pibt["policy"], of_pibt["best"]) == ("pibt", "EPH")
+    assert of_pibt["metrics"]["CSR"]["mean"] == pytest.approx(-1 / 3, abs=1e-6)
+    other = with_published(same, published("EPH", "SCRIMP"))
+    assert [(one["policy"], one["best"]) for one in other["paired_learned"]] == [("pibt", "SCRIMP")]
+    assert "paired_learned" not in with_published(other | {"values": []}, [])
 
 
 def test_differences_have_signs_and_intervals():
