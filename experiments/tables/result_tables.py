@@ -94,7 +94,10 @@ TABLES = (
     ),
     ResultTable(
         "delays",
-        ("pibt", "epibt", *EXECUTIONS, "lacam:clock=work,execution=graph", "mappo-cardinal", *IMITATED_ONE_SHOT),
+        (
+            *("pibt", "epibt", *EXECUTIONS, "lacam:clock=work,execution=graph", "lacam:clock=work,execution=switch"),
+            *("mappo-cardinal", *IMITATED_ONE_SHOT),
+        ),
     ),
     ResultTable("delays-lifelong", (*LIFELONG, "lifelong", "lifelong+pibt:temperature=0")),
     ResultTable("standard", ("pibt", "mappo", "mappo+pibt", "ippo", "mappo-cardinal", *TURNING)),

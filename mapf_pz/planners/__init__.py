@@ -10,9 +10,11 @@ from mapf_pz.planners.lacam.planner import LaCAM
 from mapf_pz.planners.named import PLANNERS, planner_of
 from mapf_pz.planners.pibt.planner import PIBT
 from mapf_pz.planners.plans.delayed import DelayedExecution, execute_delayed
-from mapf_pz.planners.plans.dependencies import DependencyGraph, Execution
+from mapf_pz.planners.plans.dependencies import DependencyGraph
+from mapf_pz.planners.plans.execution import Execution
 from mapf_pz.planners.plans.plan import Plan, Violation, validate, violations
 from mapf_pz.planners.plans.record import record_execution, record_plan
+from mapf_pz.planners.plans.switching import SwitchableExecution
 from mapf_pz.planners.shield.shield import BatchShield, Shield
 from mapf_pz.planners.sipp.prioritized import PrioritizedSIPP
 from mapf_pz.planners.trace import Solution, Trace, write_trace
@@ -35,6 +37,7 @@ __all__ = [
     "Shield",
     "Solution",
     "StepPlanner",
+    "SwitchableExecution",
     "Trace",
     "Violation",
     "WindowedLNS",

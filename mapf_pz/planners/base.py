@@ -29,7 +29,7 @@ from mapf_pz.simulator.simulator import Simulator
 
 CLOCKS = ("wall", "work")
 """The names of the clocks of planners of whole paths."""
-EXECUTIONS = ("replan", "graph", "both")
+EXECUTIONS = ("replan", "graph", "switch", "both")
 """What planners of whole paths do when agents are delayed, by name."""
 
 
@@ -191,7 +191,8 @@ class PlanFollower(Planner):
                 that results depend only on the seed.
             execution: what to do when agents are delayed. `replan`: make another plan whenever the state is not as
                 planned. `graph`: follow the plan's dependency graph (`mapf_pz.planners.DependencyGraph`), by which
-                agents wait for others that are late; make another plan only if agents leave their paths. `both`: as
+                agents wait for others that are late; make another plan only if agents leave their paths. `switch`: as
+                `graph`, but agents go before others that are late where that is predicted to be cheaper. `both`: as
                 `graph`, and make another plan when an agent is late.
             max_lateness: with `both`, an agent is late if it executes an action at least this many steps later than in
                 the latest plan; 1 or more. If no plan is found in time, lateness is measured again from this step.
@@ -208,7 +209,7 @@ class PlanFollower(Planner):
             self.clock = WorkClock()
         self._time_limit = time_limit
         self._anytime = anytime
-        self._follower_class = StepFollower if execution == "replan" else GraphFollower
+        self._execution = execution
         self._max_lateness = max_lateness if execution == "both" else math.inf
         super().__init__(env, seed)
 
@@ -257,7 +258,10 @@ class PlanFollower(Planner):
             here = agents[agents["active"]][None]
             path = Path(here["cell"], here["heading"])
         self._goals = agents["goal"].copy()
-        self._follower = self._follower_class(path, simulator, b)
+        if self._execution == "replan":
+            self._follower = StepFollower(path, simulator, b)
+        else:
+            self._follower = GraphFollower(path, simulator, b, switch=self._execution == "switch")
         return self._follower
 
     def _solve(self, simulator: Simulator, deadline: Deadline) -> Plan | None:

@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 
 from mapf_pz._internal.arrays import Bools, Ints
-from mapf_pz.planners.plans.dependencies import DependencyGraph, Execution
+from mapf_pz.planners.plans.dependencies import DependencyGraph
+from mapf_pz.planners.plans.execution import Execution
 from mapf_pz.planners.plans.plan import Plan
+from mapf_pz.planners.plans.switching import SwitchableExecution
 from mapf_pz.planners.problem import Path
 from mapf_pz.simulator.actions import wait_action
 from mapf_pz.simulator.simulator import Simulator
@@ -46,8 +48,10 @@ class GraphFollower:
     The collision system should be `soft`: in the others, agents do not move in cycles, so that they may wait forever.
     """
 
-    def __init__(self, path: Path, simulator: Simulator, b: int = 0) -> None:
+    def __init__(self, path: Path, simulator: Simulator, b: int = 0, switch: bool = False) -> None:
         """Start from the present state of environment `b`; `path` is that of its M active agents.
+
+        With `switch`, agents may go before others that are late: see `SwitchableExecution`.
 
         Raises `ValueError` if the paths conflict.
         """
@@ -58,7 +62,7 @@ class GraphFollower:
         if simulator.config.on_target == "finish":
             cells = _leaving(cells, agents["goal"][active], height * width)
         self._graph = DependencyGraph.from_plan(Plan(simulator.coordinates(cells), path.headings))
-        self._execution = Execution(self._graph)
+        self._execution = SwitchableExecution(self._graph) if switch else Execution(self._graph)
         # By state:
         self._cells = self._graph.positions @ (width, 1)
         self._outside = self._cells >= height * width
@@ -77,7 +81,7 @@ class GraphFollower:
         acted = self._at(mine, next_states) & (next_states > states)
         if not (acted | self._at(mine, states) | gone).all() or not execution.allows(acted):
             return False
-        execution.advance(acted)
+        execution.advance(acted, mine["delayed"])
         return True
 
     def actions(self) -> Ints:

@@ -189,6 +189,7 @@ CASES = {
             "--problem": "!--problem suite.json",
             "--delays": "--delays 0.5:3-3",
             "--seeds": "--seeds 1 2",
+            "--switch": "--switch",
             "--output": "--output new.txt",
             "--graph": "--graph new.json",
             "--page": "--page new.html",

@@ -9,7 +9,17 @@ import mapf_pz
 from mapf_pz.errors import FormatError
 from mapf_pz.instances import InstanceList, RandomObstacles
 from mapf_pz.instances.instance import Grid, Instance, Scenario
-from mapf_pz.planners import PIBT, DependencyGraph, Execution, LaCAM, Plan, PrioritizedSIPP, planner_of, validate
+from mapf_pz.planners import (
+    PIBT,
+    DependencyGraph,
+    Execution,
+    LaCAM,
+    Plan,
+    PrioritizedSIPP,
+    SwitchableExecution,
+    planner_of,
+    validate,
+)
 from mapf_pz.planners.base import Steps, simulator_of
 from mapf_pz.planners.plans.dependencies import NONE
 from mapf_pz.planners.problem import Path
@@ -141,24 +151,24 @@ def test_the_states_and_dependencies_of_two_agents_that_follow():
 
 def test_followers_wait_for_a_delayed_leader():
     graph = graph_of("cba.", ["R", "R", "R"])
-    plan = graph.execute(delays("x..", "x.."))
+    plan = Execution(graph).run(delays("x..", "x.."))
     assert [cols(plan, agent) for agent in range(3)] == [[2, 2, 2, 3], [1, 1, 1, 2], [0, 0, 0, 1]]
 
 
 def test_a_leader_does_not_wait_for_a_delayed_follower():
     graph = graph_of("cba..", ["RR", "RR", "RR"])
-    plan = graph.execute(delays(".x.", ".x."))
+    plan = Execution(graph).run(delays(".x.", ".x."))
     assert [cols(plan, agent) for agent in range(3)] == [[2, 3, 4, 4, 4], [1, 1, 1, 2, 3], [0, 0, 0, 1, 2]]
 
 
 def test_the_order_at_a_crossing_is_kept():
-    plan = graph_of("#b# a.A #B#", ["RRW", "WDD"]).execute(delays("x.", "x.", "x."))
+    plan = Execution(graph_of("#b# a.A #B#", ["RRW", "WDD"])).run(delays("x.", "x.", "x."))
     assert plan.positions[:, 0].tolist() == [*[[1, 0]] * 4, [1, 1], [1, 2], [1, 2]]
     assert plan.positions[:, 1].tolist() == [*[[0, 1]] * 5, [1, 1], [2, 1]]  # b enters as a leaves
 
 
 def test_waits_without_a_reason_are_left_out():
-    plan = graph_of("a..b", ["WRWW", "WWWL"]).execute(np.zeros((0, 2), bool))
+    plan = Execution(graph_of("a..b", ["WRWW", "WWWL"])).run(np.zeros((0, 2), bool))
     assert [cols(plan, agent) for agent in range(2)] == [[0, 1], [3, 2]]
 
 
@@ -167,7 +177,7 @@ def test_a_cycle_moves_as_a_whole(late):
     graph = graph_of("ab dc", ["RD", "DL", "LU", "UR"])
     delayed = np.zeros((1, 4), bool)
     delayed[0, late] = True
-    plan = graph.execute(delayed)
+    plan = Execution(graph).run(delayed)
     positions = plan.positions.tolist()
     assert positions[0] == positions[1]
     assert positions[2:] == graph.plan().positions.tolist()[1:]
@@ -197,7 +207,7 @@ def test_turns_are_actions_and_others_wait_for_a_late_one():
     assert graph.steps.tolist() == [0, 1, 2, 0, 3]
     assert graph.headings.tolist() == [0, 1, 1, 0, 0]
     assert graph.dependencies.tolist() == [[1, 0, 0, 1]]
-    plan = graph.execute(delays("x.", "x."))
+    plan = Execution(graph).run(delays("x.", "x."))
     assert plan.headings[:, 0].tolist() == [0, 0, 0, 1, 1]
     assert plan.positions[:, 1].tolist() == [[0, 0]] * 4 + [[0, 1]]  # enters as the other one leaves
 
@@ -214,11 +224,11 @@ def test_only_consecutive_visitors_depend_on_each_other():
 def test_no_agents_and_no_actions():
     empty = Plan(np.zeros((3, 0, 2), int))
     graph = DependencyGraph.from_plan(empty)
-    assert graph.execute(np.zeros((2, 0), bool)).num_steps == 0
+    assert Execution(graph).run(np.zeros((2, 0), bool)).num_steps == 0
     assert DependencyGraph.from_json(graph.to_json()) == graph
     still = graph_of("ab", ["WW", "WW"])
     assert Execution(still).is_finished
-    assert still.execute(np.ones((9, 2), bool)).num_steps == 0
+    assert Execution(still).run(np.ones((9, 2), bool)).num_steps == 0
     assert DependencyGraph.from_json(still.to_json()) == still
 
 
@@ -252,7 +262,7 @@ def test_a_plan_that_does_not_end_at_the_goals():
 def test_bad_delays_and_bad_steps():
     graph = graph_of("ba.", ["R", "R"])
     with pytest.raises(ValueError, match=r"delayed: expected the shape \(T', 2\), got \(3, 1\)"):
-        graph.execute(np.zeros((3, 1), bool))
+        Execution(graph).run(np.zeros((3, 1), bool))
     execution = Execution(graph)
     with pytest.raises(ValueError, match="agent 1: expected it to wait in this step"):
         execution.advance(np.array([False, True]))
@@ -286,16 +296,65 @@ def test_executed_plans_are_legal_and_end(seed, model, kind):
     instance, plan = random_plan(seed, model, kind)
     at_the_end = Instance(instance.grid, Scenario(plan.positions[0], plan.positions[-1]), instance.headings)
     delayed = random_delays(seed, plan.num_agents)
-    executed = DependencyGraph.from_plan(plan, instance).execute(delayed)
-    assert validate(at_the_end, executed) is None
-    assert [states for states, _ in paths_of(executed)] == [states for states, _ in paths_of(plan)]
-    assert executed.num_steps <= plan.num_steps + delayed.any(axis=1).sum()
+    for execute in (Execution, SwitchableExecution):
+        executed = execute(DependencyGraph.from_plan(plan, instance)).run(delayed)
+        assert validate(at_the_end, executed) is None
+        assert [states for states, _ in paths_of(executed)] == [states for states, _ in paths_of(plan)]
+        assert executed.num_steps <= plan.num_steps + delayed.any(axis=1).sum() or execute is SwitchableExecution
+
+
+@random_plans
+def test_without_delays_another_order_is_cheaper(seed, model, kind):
+    instance, plan = random_plan(seed, model, kind)
+    graph, nobody = DependencyGraph.from_plan(plan, instance), np.zeros((0, plan.num_agents), bool)
+    kept, switched = (execute(graph).run(nobody) for execute in (Execution, SwitchableExecution))
+    assert switched.sum_of_costs <= kept.sum_of_costs
+
+
+def rows(plan, agent):
+    return plan.positions[:, agent, 0].tolist()
+
+
+def test_an_agent_goes_before_one_that_is_late():
+    graph = graph_of("#b# a.A #B#", ["RRW", "WDD"])
+    late = delays("x.", "x.", "x.", "x.")
+    assert rows(Execution(graph).run(late), 1) == [0, 0, 0, 0, 0, 0, 1, 2]
+    plan = SwitchableExecution(graph).run(late)
+    assert rows(plan, 1) == [0, 0, 1, 2, 2, 2, 2]  # the order changes after the first step
+    assert cols(plan, 0) == [0, 0, 0, 0, 0, 1, 2]
+
+
+def test_an_agent_that_goes_first_does_so_in_the_whole_corridor():
+    graph = graph_of("a###A ..... B###b", ["DRRRRUWWWWW", "WWWWWULLLLD"])
+    late = delays("x.", "x.", "x.", "x.")
+    assert Execution(graph).run(late).num_steps == 15
+    plan = SwitchableExecution(graph).run(late)
+    assert cols(plan, 1) == [4, 4, 4, 3, 2, 1, 0, 0, 0, 0, 0, 0, 0]
+    assert rows(plan, 0) == [0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 0]
+
+
+def test_an_agent_does_not_go_before_one_that_waits_for_it_elsewhere():
+    # b would have to pass a, which is in the corridor already.
+    graph = graph_of("a....A B###b.", ["RRRRRWWWWW", "WWWWULLLLD"])
+    late = delays("x.", "x.", "x.")
+    assert np.array_equal(SwitchableExecution(graph).run(late).positions, Execution(graph).run(late).positions)
+
+
+def test_changed_orders_cost_less():
+    instance, plan = random_plan(seed=4, model="cardinal", kind="pibt", num_agents=40, size=10, num_steps=60)
+    graph, rng = DependencyGraph.from_plan(plan, instance), np.random.default_rng(0)
+    costs = {Execution: 0, SwitchableExecution: 0}
+    for _ in range(8):
+        late = np.repeat(rng.random((12, 40)) < 0.05, 5, axis=0)
+        for execute in costs:
+            costs[execute] += execute(graph).run(late).sum_of_costs
+    assert costs[SwitchableExecution] < 0.98 * costs[Execution]
 
 
 @random_plans
 def test_without_delays_no_action_is_later_than_planned(seed, model, kind):
     instance, plan = random_plan(seed, model, kind)
-    executed = DependencyGraph.from_plan(plan, instance).execute(np.zeros((0, plan.num_agents), bool))
+    executed = Execution(DependencyGraph.from_plan(plan, instance)).run(np.zeros((0, plan.num_agents), bool))
     for (_, earlier), (_, planned) in zip(paths_of(executed), paths_of(plan), strict=True):
         assert (np.array(earlier) <= planned).all()
     assert (executed.costs <= plan.costs).all()
@@ -315,7 +374,7 @@ def test_the_simulator_stops_those_behind_delayed_agents(seed, model, kind):
     instance, plan = random_plan(seed, model, kind)
     graph = DependencyGraph.from_plan(plan, instance)
     delayed = random_delays(seed, plan.num_agents)
-    executed = graph.execute(delayed)
+    executed = Execution(graph).run(delayed)
     simulator = simulator_of(instance, 1000, "uniform", 0)
     execution, steps, wait = Execution(graph), Steps(simulator), wait_action(model)
     steps.add()
@@ -471,7 +530,7 @@ def test_a_planner_follows_the_graph(model, kind, seed):
     )
     plan = kind(anytime=False).solve(instance, time_limit=1000)
     assert plan is not None
-    executed = DependencyGraph.from_plan(plan, instance).execute(delayed)
+    executed = Execution(DependencyGraph.from_plan(plan, instance)).run(delayed)
     # The episode ends as soon as all agents are at their goals.
     at_goals = (executed.positions == instance.scenario.goals).all(axis=(1, 2))
     assert steps == max(int(np.argmax(at_goals)), 1)
@@ -479,12 +538,13 @@ def test_a_planner_follows_the_graph(model, kind, seed):
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("delays", ["0.05:1-4", "0.05:5-20:poisson"])
+@pytest.mark.parametrize(("execution", "execute"), [("graph", Execution), ("switch", SwitchableExecution)])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_plan_is_executed_with_the_delays_of_the_environment(model, delays, seed):
+def test_a_plan_is_executed_with_the_delays_of_the_environment(model, delays, execution, execute, seed):
     """One plan suffices, and its costs are those of the execution with these delays."""
     source = RandomObstacles(7, 7, 0.1, 10)
     env = mapf_pz.parallel_env(source=source, action_model=model, delays=delays)
-    planner = CountedLaCAM(env, anytime=False, execution="graph")
+    planner = CountedLaCAM(env, anytime=False, execution=execution)
     planner.compile(model)
     planner.plans = 0
     env.reset(seed=seed)
@@ -497,13 +557,13 @@ def test_a_plan_is_executed_with_the_delays_of_the_environment(model, delays, se
     assert (env.simulator.terminated[0], planner.plans) == (True, 1)
     assert np.sum(delayed) > 0
     plan = LaCAM(anytime=False).solve(starts, time_limit=1000)
-    executed = DependencyGraph.from_plan(plan, starts).execute(np.array(delayed, bool))
+    executed = execute(DependencyGraph.from_plan(plan, starts)).run(np.array(delayed, bool))
     np.testing.assert_array_equal(executed.positions[len(delayed)], env.positions)
 
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("on_target", ["restart", "finish"])
-@pytest.mark.parametrize("execution", ["graph", "both"])
+@pytest.mark.parametrize("execution", ["graph", "switch", "both"])
 def test_a_planner_follows_the_graph_in_other_modes(model, on_target, execution):
     delayed = np.random.default_rng(0).random((40, 10)) < 0.2
     env, planner, steps = played(model, delayed, on_target=on_target, max_steps=80, execution=execution)
@@ -614,7 +674,7 @@ def test_without_a_plan_all_wait():
 def test_options_by_name():
     assert planner_of("lacam:execution=both,max_lateness=3")._max_lateness == 3
     assert planner_of("prioritized:execution=graph")._max_lateness == np.inf
-    with pytest.raises(ValueError, match=r"execution='best': expected one of replan, graph, both"):
+    with pytest.raises(ValueError, match=r"execution='best': expected one of replan, graph, switch, both"):
         planner_of("lacam:execution=best")
     with pytest.raises(ValueError, match="max_lateness=0: expected 1 or more"):
         planner_of("lacam:max_lateness=0")

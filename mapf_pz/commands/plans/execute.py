@@ -27,6 +27,8 @@ class ExecuteOptions(PlanSource):
     `0.01:1-4` if it has none."""
     seeds: tuple[int, ...] = (0,)
     """Random seeds of the delays, one for each execution."""
+    switch: bool = False
+    """Whether agents may go before others that are late, where that is predicted to be cheaper."""
     output: Path | None = None
     """Output file of the executed plan of the first seed: `.json`, `.csv` or `.txt`. None: not written."""
     graph: Path | None = None
@@ -50,12 +52,13 @@ def execute_plan(options: ExecuteOptions) -> None:
     delays = instance.delays or Delays() if options.delays is None else Delays.from_text(options.delays)
     _check(validate(instance, plan), f"{options.plan}: not legal")
     graph = DependencyGraph.from_plan(plan)
-    print(f"{options.plan}: {_costs(plan.costs)}, {plan.num_agents} agents, {len(graph.dependencies)} dependencies")
+    kind = "switchable dependencies" if options.switch else "dependencies"
+    print(f"{options.plan}: {_costs(plan.costs)}, {plan.num_agents} agents, {len(graph.dependencies)} {kind}")
     if options.graph is not None:
         write_whole(options.graph, graph.to_json().encode())
     rows: list[tuple[float, ...]] = []
     for k, seed in enumerate(options.seeds):
-        execution = execute_delayed(graph, delays, seed)
+        execution = execute_delayed(graph, delays, seed, options.switch)
         _check(validate(instance, execution.plan), f"seed {seed}: the execution is not legal")
         costs, alone = execution.plan.costs, execution.costs_alone
         rows.append((costs.sum(), costs.max(initial=0), alone.sum(), alone.max(initial=0)))

@@ -8,8 +8,10 @@ import numpy as np
 
 from mapf_pz._internal.arrays import Bools, Ints
 from mapf_pz.instances.delays import Delays
-from mapf_pz.planners.plans.dependencies import NONE, DependencyGraph, Execution
+from mapf_pz.planners.plans.dependencies import DependencyGraph
+from mapf_pz.planners.plans.execution import Execution
 from mapf_pz.planners.plans.plan import Plan
+from mapf_pz.planners.plans.switching import SwitchableExecution
 from mapf_pz.simulator.kernels.delay import delay_rules, delayed_agents
 from mapf_pz.simulator.metrics import costs_alone
 
@@ -33,8 +35,14 @@ class DelayedExecution:
     action left."""
 
 
-def execute_delayed(graph: DependencyGraph, delays: Delays, seed: int) -> DelayedExecution:
+def execute_delayed(graph: DependencyGraph, delays: Delays, seed: int, switch: bool = False) -> DelayedExecution:
     """Execute a plan by its dependency graph under delays, which the seed determines.
+
+    Args:
+        graph: the graph of the plan.
+        delays: the delays.
+        seed: the random seed of the delays.
+        switch: whether agents may go before others that are late: see `SwitchableExecution`.
 
     Raises `ValueError` if it takes more than `MAX_STEPS` steps, such as with agents that are always delayed.
     """
@@ -42,24 +50,17 @@ def execute_delayed(graph: DependencyGraph, delays: Delays, seed: int) -> Delaye
     num_steps = 2 * int(graph.steps.max(initial=0)) + 1
     while num_steps < 2 * MAX_STEPS:
         delayed = delayed_agents(delay_rules(delays), key, num_steps, graph.num_agents)
-        plan = graph.execute(delayed)
-        if plan.num_steps <= num_steps:
-            taken = delayed[: plan.num_steps]
-            return DelayedExecution(plan, costs_alone(graph.num_actions, delayed), taken, waits_for(graph, taken))
+        execution = SwitchableExecution(graph) if switch else Execution(graph)
+        done, waits_for = [execution.done], []
+        for late in delayed:
+            if execution.is_finished:
+                break
+            waits_for.append(execution.waiting_for(late))
+            execution.advance(execution.permitted(late), late)
+            done.append(execution.done)
+        if execution.is_finished:
+            plan, alone = graph.plan_of(np.stack(done)), costs_alone(graph.num_actions, delayed)
+            waited = np.array(waits_for, np.int64).reshape(-1, graph.num_agents)
+            return DelayedExecution(plan, alone, delayed[: len(waited)], waited)
         num_steps *= 2  # the delays of the first steps stay the same
     raise ValueError(f"delays={delays}: the execution has not ended after {num_steps // 2} steps")
-
-
-def waits_for(graph: DependencyGraph, delayed: Bools) -> Ints:
-    """Return the agent (T, N) int64 that each agent waits for in each step, or -1: see `Execution.waiting_for`.
-
-    Args:
-        graph: the graph that is executed.
-        delayed: (T, N) bool: which agents do not act in each step.
-    """
-    execution = Execution(graph)
-    found = np.full(delayed.shape, NONE)
-    for step, late in enumerate(delayed):
-        found[step] = execution.waiting_for(late)
-        execution.advance(execution.permitted(late))
-    return found

@@ -1,4 +1,4 @@
-"""The action dependency graph of a plan, and its execution when agents are delayed."""
+"""The action dependency graph of a plan."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from reprlib import repr as shortened
 
 import numpy as np
 
-from mapf_pz._internal.arrays import Bools, EqualByValue, Ints, frozen
+from mapf_pz._internal.arrays import EqualByValue, Ints, frozen
 from mapf_pz._internal.json import JsonObject, are_whole, list_member, parse_object
 from mapf_pz.errors import FormatError
 from mapf_pz.instances.heading import Heading
@@ -126,28 +126,9 @@ class DependencyGraph(EqualByValue):
         done = np.zeros((int(self.steps.max(initial=0)) + 1, self.num_agents), np.int64)
         acting = self.steps > 0
         done[self.steps[acting], self.agents[acting]] = 1
-        return self._plan_of(done.cumsum(axis=0))
+        return self.plan_of(done.cumsum(axis=0))
 
-    def execute(self, delayed: Bools) -> Plan:
-        """Return the plan that is executed if agents are delayed, until all actions have been executed.
-
-        Args:
-            delayed: (T', N) bool: which agents do not act in each step; after step T', none are delayed.
-
-        Raises `ValueError` for another shape.
-        """
-        delayed = np.asarray(delayed, np.bool_)
-        if delayed.shape[1:] != (self.num_agents,):
-            raise ValueError(f"delayed: expected the shape (T', {self.num_agents}), got {delayed.shape}")
-        execution = Execution(self)
-        done = [execution.done.copy()]
-        while not execution.is_finished:
-            step = len(done) - 1
-            execution.advance(execution.permitted(delayed[step] if step < len(delayed) else None))
-            done.append(execution.done.copy())
-        return self._plan_of(np.stack(done))
-
-    def _plan_of(self, done: Ints) -> Plan:
+    def plan_of(self, done: Ints) -> Plan:
         """Return the plan in which the agents have executed `done` (T + 1, N) actions after each step."""
         states = self.first[:-1] + done
         return Plan(self.positions[states], None if self.headings is None else self.headings[states])
@@ -199,88 +180,6 @@ class DependencyGraph(EqualByValue):
         return graph
 
 
-class Execution:
-    """The execution of a dependency graph, step by step: `permitted` agents act, then `advance` counts their actions.
-
-    Delays may be unknown before a step. If all agents try to act that are permitted without delays, the collision
-    system `soft` stops each agent that moves to the cell of one that stays, then those behind it. So exactly the agents
-    act that are permitted with these delays.
-    """
-
-    def __init__(self, graph: DependencyGraph) -> None:
-        """Start with all agents at their starts."""
-        self.graph = graph
-        """The graph."""
-        self.done: Ints = np.zeros(graph.num_agents, np.int64)
-        """(N,) int64: the number of actions that each agent has executed."""
-        self._agents = graph.agents
-
-    @property
-    def states(self) -> Ints:
-        """(N,) int64: the state of each agent."""
-        return self.graph.first[:-1] + self.done
-
-    @property
-    def next_states(self) -> Ints:
-        """(N,) int64: the state that each agent's next action leads to; the last state if there is none."""
-        return np.minimum(self.states + 1, self.graph.first[1:] - 1)
-
-    @property
-    def is_finished(self) -> bool:
-        """Whether all actions have been executed."""
-        return bool((self.done == self.graph.num_actions).all())
-
-    def permitted(self, delayed: Bools | None = None) -> Bools:
-        """Return which agents (N,) execute their next action in this step.
-
-        Args:
-            delayed: (N,) bool: the agents that do not act in this step. None: no agent.
-        """
-        states, next_states = self.states, self.next_states
-        awaited = self.graph.waits_for[next_states]
-        leaders = self._agents[awaited]  # of no meaning for `NONE`, which is reached
-        reached = awaited <= states[leaders]
-        acts = (next_states > states) & (reached | (awaited == next_states[leaders]))
-        if delayed is not None:
-            acts &= ~delayed
-        # An agent stays if its leader stays, or the leader's leader: chains and cycles have up to N agents.
-        leaders = np.where(reached, np.arange(len(states)), leaders)
-        for _ in range(len(states).bit_length()):
-            acts &= acts[leaders]
-            leaders = leaders[leaders]  # the next round looks twice as far
-        return acts
-
-    def waiting_for(self, delayed: Bools) -> Ints:
-        """Return the agent (N,) int64 that each agent waits for in this step.
-
-        It is `NONE` for agents that act, are delayed themselves, or have no action left.
-
-        Args:
-            delayed: (N,) bool: the agents that do not act in this step.
-        """
-        waits = (self.next_states > self.states) & ~delayed & ~self.permitted(delayed)
-        return np.where(waits, self._agents[self.graph.waits_for[self.next_states]], NONE)
-
-    def allows(self, acted: Bools) -> bool:
-        """Return whether exactly the agents `acted` (N,) may execute their next action in the same step."""
-        return np.array_equal(self.permitted(~acted), acted)
-
-    def advance(self, acted: Bools) -> None:
-        """Count the actions that the agents `acted` (N,) have executed in a step.
-
-        Raises `ValueError` if an agent had no action left, or did not wait as the graph says.
-        """
-        if not self.allows(acted):
-            agent = np.flatnonzero(acted & ~self.permitted(~acted))[0]
-            raise ValueError(f"agent {agent}: expected it to wait in this step")
-        self.done = self.done + acted
-
-    def lateness(self, step: int) -> Ints:
-        """Return by how many steps (N,) each agent is behind the plan after `step` steps; 0 if it is not."""
-        late = step + 1 - self.graph.steps[self.next_states]
-        return np.where(self.next_states > self.states, np.maximum(late, 0), 0)
-
-
 def _waits_for(agents: Ints, steps: Ints, positions: Ints) -> Ints:
     """Return the state that each state waits for, or `NONE` (S,) int64.
 
@@ -292,17 +191,9 @@ def _waits_for(agents: Ints, steps: Ints, positions: Ints) -> Ints:
     Raises `ValueError` if two agents are on one cell after a step, or swap cells.
     """
     num_states = len(agents)
-    enters = np.ones(num_states, np.bool_)
-    enters[1:] = (agents[1:] != agents[:-1]) | (positions[1:] != positions[:-1]).any(axis=1)
-    entered = np.flatnonzero(enters)
-    # An agent leaves a cell by the action with which it enters the next one; never: `num_states`.
-    following = np.append(entered, num_states)[1:]
-    left = np.where(np.append(agents, NONE)[following] == agents[entered], following, num_states)
-
-    order = np.lexsort((steps[entered], *positions[entered].T))
-    one, other, leaving = entered[order[:-1]], entered[order[1:]], left[order[:-1]]
-    after = (positions[one] == positions[other]).all(axis=1) & (agents[one] != agents[other])
-    one, other, leaving = one[after], other[after], leaving[after]
+    enter, leave, one, other = find_visits(agents, steps, positions)
+    others = agents[enter[one]] != agents[enter[other]]
+    leaving, one, other = leave[one[others]], enter[one[others]], enter[other[others]]
     shared = np.append(steps, NEVER)[leaving] > steps[other]
     if shared.any():
         raise _conflict("vertex", steps, agents, positions, one[shared], other[shared])
@@ -313,6 +204,29 @@ def _waits_for(agents: Ints, steps: Ints, positions: Ints) -> Ints:
     if swapped.any():
         raise _conflict("edge", steps, agents, positions, leaving[swapped], other[swapped])
     return waits_for
+
+
+def find_visits(agents: Ints, steps: Ints, positions: Ints) -> tuple[Ints, Ints, Ints, Ints]:
+    """Return the visits of agents to cells: the states in which they begin and end, and which follow each other.
+
+    Args:
+        agents: (S,) the agent of each state, in order.
+        steps: (S,) the step of the plan that leads to each state, in order for each agent.
+        positions: (S, 2) [row, col] in each state.
+
+    Returns the states in which the V visits begin, the states in which the next ones of the same agents begin (S: the
+    agent stays), and the numbers of visits and of the next ones to the same cells (P,), (P,).
+    """
+    num_states = len(agents)
+    enters = np.ones(num_states, np.bool_)
+    enters[1:] = (agents[1:] != agents[:-1]) | (positions[1:] != positions[:-1]).any(axis=1)
+    enter = np.flatnonzero(enters)
+    following = np.append(enter, num_states)[1:]
+    leave = np.where(np.append(agents, NONE)[following] == agents[enter], following, num_states)
+    order = np.lexsort((steps[enter], *positions[enter].T))
+    one, other = order[:-1], order[1:]
+    same = (positions[enter[one]] == positions[enter[other]]).all(axis=1)
+    return enter, leave, one[same], other[same]
 
 
 def _conflict(kind: Kind, steps: Ints, agents: Ints, positions: Ints, ones: Ints, others: Ints) -> ValueError:
