@@ -46,10 +46,10 @@ def _number(value: float) -> float:
     return int(value) if value == int(value) else float(f"{value:.6g}")
 
 
-def episodes_of(rows: Iterable[Mapping[str, Any]]) -> list[Episode]:
-    """Return the episodes of `values_of`, with the compared metrics."""
+def episodes_of(rows: Iterable[Mapping[str, Any]], suite: str) -> list[Episode]:
+    """Return the episodes of `values_of` in a suite, with the compared metrics."""
     return [
-        Episode(row["policy"], row["task"], row["num_agents"], number, {metric: value})
+        Episode(row["policy"], row["task"], row["num_agents"], number, {metric: value}, suite=suite)
         for row in rows
         for metric in METRICS
         for number, value in enumerate(row.get(metric, ()))

@@ -112,17 +112,20 @@ def with_published(results: Results, published: Sequence[Episode]) -> dict[str, 
     both = {**results, "published": _rows(published)}
     counts = {(row["task"], row["num_agents"]): row["episodes"] for row in results["rows"]}
     policies = list(results["measured"])
-    values = {row["policy"] for row in results.get("values", ())}
+    measured = episodes_of(results.get("values", ()), results["suite"])
+    paired_again = {episode.policy for episode in measured}
     for part, learned in (("paired", False), ("paired_learned", True)):
         best = {key: name.removesuffix(PUBLISHED) for key, name in best_published(published, counts, learned).items()}
         kept = [
             row
             for row in results.get(part, ())
-            if row["policy"] not in values
+            if row["policy"] not in paired_again
             and all(best.get(((row["task"], row["num_agents"]), metric)) == row["best"] for metric in row["metrics"])
         ]
-        new = paired_rows(episodes_of(results.get("values", ())), published, learned)
-        rows = sorted([*kept, *new], key=lambda row: (row["num_agents"], policies.index(row["policy"])))
+        rows = sorted(
+            [*kept, *paired_rows(measured, published, learned)],
+            key=lambda row: (row["num_agents"], policies.index(row["policy"])),
+        )
         if rows:
             both[part] = rows
         else:

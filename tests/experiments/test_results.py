@@ -119,12 +119,13 @@ def test_differences_are_those_of_the_values_in_the_file():
     assert solved == {"policy": "pibt", "task": "maze", "num_agents": 8, "CSR": [0, 1, 1]}
     assert reached["avg_throughput"] == [0.123457] * 3
     theirs = [Episode("EPH (published)", "maze", 8, n, {"CSR": 1.0}) for n in range(3)]
-    assert paired_rows(episodes_of([solved]), theirs, learned=True) == paired_rows(ours, theirs, learned=True)
+    assert paired_rows(episodes_of([solved], ""), theirs, learned=True) == paired_rows(ours, theirs, learned=True)
 
 
 def test_differences_without_values_are_kept_as_long_as_the_best_published_method_is_the_same():
     of_epibt = row("epibt", 8, CSR=0.5) | {"best": "EPH"}
     measured = {
+        "suite": "mazes/1 89ab",
         "rows": [row(name, 8, CSR=0.5) | {"episodes": 3} for name in ("epibt", "pibt")],
         "measured": dict.fromkeys(("epibt", "pibt")),
         "values": [{"policy": "pibt", "task": "maze", "num_agents": 8, "CSR": [0, 1, 1]}],
@@ -132,7 +133,11 @@ def test_differences_without_values_are_kept_as_long_as_the_best_published_metho
     }
 
     def published(*names):
-        return [Episode(f"{name} (published)", "maze", 8, n, {"CSR": 1.0}) for name in names for n in range(3)]
+        return [
+            Episode(f"{name} (published)", "maze", 8, n, {"CSR": 1.0}, suite="mazes/1 89ab")
+            for name in names
+            for n in range(3)
+        ]
 
     same = with_published(measured, published("DCC", "EPH"))
     assert [one["policy"] for one in same["published"]] == ["DCC", "EPH"]
