@@ -80,9 +80,11 @@ class Execution:
         return np.array_equal(self.permitted(~acted), acted)
 
     def advance(self, acted: Bools, delayed: Bools | None = None) -> None:
-        """Count the actions that the agents `acted` (N,) have executed in a step.
+        """Count the actions that the agents have executed in a step.
 
-        `SwitchableExecution` is told which agents were `delayed` (N,); None: no agent.
+        Args:
+            acted: (N,) bool: the agents that acted.
+            delayed: (N,) bool: the agents that were delayed, which only `SwitchableExecution` uses. None: no agent.
 
         Raises `ValueError` if an agent had no action left, or did not wait as the graph says.
         """

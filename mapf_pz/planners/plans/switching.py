@@ -17,6 +17,7 @@ from mapf_pz._internal.jit import Array, jit
 from mapf_pz.planners.plans.dependencies import NONE, DependencyGraph, find_visits
 from mapf_pz.planners.plans.execution import Execution
 
+UNBOUNDED = 2**62
 STAYS, ACTS, UNKNOWN, ASKED = 0, 1, 2, 3  # whether an agent acts in a step; ASKED: its leader is being asked
 
 
@@ -103,7 +104,7 @@ def allocate(num_agents: int, num_visits: int) -> Scratch:
 @jit
 def improve_order(visits: Visits, progress: Progress, scratch: Scratch) -> None:
     """Let agents that wait for others go first where that is predicted to be cheaper."""
-    best = predict(progress, np.int64(2**62), scratch)
+    best = predict(progress, UNBOUNDED, scratch)
     for agent in range(len(progress.states)):
         state = progress.states[agent] + 1
         if state == progress.first[agent + 1] or progress.held[agent]:
