@@ -52,11 +52,8 @@ def execute_delayed(graph: DependencyGraph, delays: Delays, seed: int, switch: b
         delayed = delayed_agents(delay_rules(delays), key, num_steps, graph.num_agents)
         execution = SwitchableExecution(graph) if switch else Execution(graph)
         done, waits_for = [execution.done], []
-        for late in delayed:
-            if execution.is_finished:
-                break
-            waits_for.append(execution.waiting_for(late))
-            execution.advance(execution.permitted(late), late)
+        for waiting in execution.steps(delayed):
+            waits_for.append(waiting)
             done.append(execution.done)
         if execution.is_finished:
             plan, alone = graph.plan_of(np.stack(done)), costs_alone(graph.num_actions, delayed)

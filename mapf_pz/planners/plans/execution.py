@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from itertools import chain, repeat
 
 import numpy as np
@@ -105,13 +106,21 @@ class Execution:
         if delayed.shape[1:] != self.done.shape:
             raise ValueError(f"delayed: expected the shape (T', {len(self.done)}), got {delayed.shape}")
         nobody = np.zeros(len(self.done), np.bool_)
-        done = [self.done]
-        for late in chain(delayed, repeat(nobody)):
-            if self.is_finished:
-                break
-            self.advance(self.permitted(late), late)
-            done.append(self.done)
+        done = [self.done, *(self.done for _ in self.steps(chain(delayed, repeat(nobody))))]
         return self.graph.plan_of(np.stack(done))
+
+    def steps(self, delayed: Iterable[Bools]) -> Iterator[Ints]:
+        """Execute a step after each call of `next`, until all actions are executed, and yield `waiting_for` in it.
+
+        Args:
+            delayed: for each step, the agents (N,) bool that do not act.
+        """
+        for late in delayed:
+            if self.is_finished:
+                return
+            waiting = self.waiting_for(late)
+            self.advance(self.permitted(late), late)
+            yield waiting
 
     def lateness(self, step: int) -> Ints:
         """Return by how many steps (N,) each agent is behind the plan after `step` steps; 0 if it is not."""
