@@ -1,8 +1,8 @@
 """Compare ways to imitate planners: `python -m experiments.policies.imitation`.
 
-Policies with cardinal actions imitate LaCAM with one goal per agent, or windowed planning in lifelong episodes, on
-PRIMAL2's mazes, random maps and warehouses. They differ in whether agents exchange embeddings, in whether they act
-under the safety layer while they learn, in how often LaCAM plans again, and in whether states are turned and mirrored.
+Policies imitate LaCAM with one goal per agent, or windowed planning in lifelong episodes, on PRIMAL2's mazes, random
+maps and warehouses. Those with cardinal actions differ in whether agents exchange embeddings, in whether they act under
+the safety layer while they learn, in how often LaCAM plans again, and in whether states are turned and mirrored.
 They are evaluated with and without the layer on generated mazes and random maps that none of them has learned on.
 `docs/results/imitation.csv` gets the results of each run, which is not repeated then, and
 `docs/explanation/imitation.md` the tables. Runs that were stopped go on.
@@ -14,6 +14,7 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tyro
@@ -30,13 +31,22 @@ from mapf_pz.rl.progress import read_progress
 from mapf_pz.rl.training.train import resume, train
 
 PAGE = PAGES / "imitation.md"
-EXPERTS = {"oneshot-cardinal": "LaCAM", "lifelong-cardinal": "windowed planning, lifelong"}
+EXPERTS = {
+    "oneshot-cardinal": "LaCAM",
+    "lifelong-cardinal": "windowed planning, lifelong",
+    "oneshot": "LaCAM, agents that turn",
+}
 """The planner that each preset imitates."""
 BUNDLED = "augmented"
 """The setting of the bundled policies, that of the presets."""
+EARLIER: dict[str, dict[str, Any]] = {
+    "oneshot-cardinal": {"expert_share": 0.5, "segment_steps": 32, "augment": False},
+    "lifelong-cardinal": {"expert": "windowed:rounds=1,window=12", "augment": False},
+}
+"""How policies with cardinal actions imitate in all settings but `BUNDLED`. They take half as many gradient steps."""
 EDGE_WEIGHTS = {"oneshot-cardinal": "uniform", "lifelong-cardinal": "crisscross"}
-"""The edge weights that agents observe in their costs to go, in all settings but `BUNDLED`."""
-METRICS = {"oneshot-cardinal": "CSR", "lifelong-cardinal": "avg_throughput"}
+"""The edge weights that agents observe in their costs to go in these settings."""
+METRICS = {"oneshot-cardinal": "CSR", "lifelong-cardinal": "avg_throughput", "oneshot": "CSR"}
 SETS = {
     "mazes": MapMixture(maps=("primal2",), height=(17, 21), width=(17, 21)),
     "random": MapMixture(height=(17, 21), width=(17, 21), density=(0.1, 0.3)),
@@ -46,7 +56,11 @@ TEAMS = (32, 64)
 """Numbers of agents in evaluations."""
 MEASURES = tuple(f"{name} {n}" for name, n in itertools.product(SETS, TEAMS))
 """Names of the measures, one for each set and number of agents."""
-SHIELDS = {"oneshot-cardinal": ("", "+pibt"), "lifelong-cardinal": ("", "+pibt:temperature=0,patience=0")}
+SHIELDS = {
+    "oneshot-cardinal": ("", "+pibt"),
+    "lifelong-cardinal": ("", "+pibt:temperature=0,patience=0"),
+    "oneshot": ("", "+pibt"),
+}
 """What follows the policy's name: without and with the safety layer."""
 STUDY = Study(
     FILES / "imitation.csv",
@@ -76,21 +90,28 @@ class Options(StudyOptions):
 
 def settings(preset: str) -> Iterator[Variation]:
     """Yield the settings of a preset."""
-    turning = PRESETS[preset.removesuffix("-cardinal")]
+    if preset in EARLIER:
+        yield from _earlier_settings(preset)
+    yield Variation(BUNDLED, PRESETS[preset])
+
+
+def _earlier_settings(preset: str) -> Iterator[Variation]:
+    """Yield the settings of a preset with cardinal actions that are not its own."""
     task = PRESETS[preset].task
     task = replace(task, env=replace(task.env, edge_weights=EDGE_WEIGHTS[preset]), mixture=small_maps(task.mixture))
-    config = replace(PRESETS[preset], task=task, optimization=turning.optimization, imitation=turning.imitation)
+    optimization = replace(PRESETS[preset].optimization, num_epochs=1)
+    imitation = replace(PRESETS[preset].imitation, **EARLIER[preset])
+    config = replace(PRESETS[preset], task=task, optimization=optimization, imitation=imitation)
     unshielded = Variation("embeddings, no layer", config)
     together = unshielded.with_("embeddings", task={"shield": True})
     alone = {"communication": 0, "communication_radius": None}
-    features = tuple(name for name in config.task.env.features if name != "pose")
+    features = tuple(name for name in task.env.features if name != "pose")
     yield together.with_("own view", env={"features": features}, model=alone)
     yield together
     yield unshielded
     if preset == "oneshot-cardinal":
         short = {"expert_share": 0.3, "segment_steps": 4}
         yield unshielded.with_("plans for 4 steps", optimization={"learning_rate": 1e-3}, imitation=short)
-    yield Variation(BUNDLED, PRESETS[preset])
 
 
 def small_maps(mixture: MapMixture) -> MapMixture:
@@ -133,8 +154,8 @@ def shielded(preset: str, policy: str) -> list[str]:
 
 def measured(preset: str, policies: Sequence[str], output: Path, episodes: int) -> dict[str, str]:
     """Return the measures of a policy, those with the layer by names of their own; episodes are written to a folder."""
-    on_target = PRESETS[preset].task.env.on_target
-    rules = {"action_model": "cardinal", "on_target": on_target, "max_steps": 128 if on_target == "nothing" else 256}
+    env = PRESETS[preset].task.env
+    rules = {"action_model": env.action_model, "on_target": env.on_target, "max_steps": env.max_steps}
     tasks = [
         EvaluationTask(name, n, rules | {"source": mixture.source(n)}, episodes)
         for (name, mixture), n in itertools.product(SETS.items(), TEAMS)

@@ -79,7 +79,7 @@ TABLES = (
             "report-repaired:temperature=0",
         ),
     ),
-    ResultTable("report-800", ("pibt", "lacam:clock=work", "mappo+pibt", *TURNING)),
+    ResultTable("report-800", ("pibt", "lacam:clock=work", "mappo+pibt", "oneshot+pibt")),
     ResultTable(
         "lorr-2023-example",
         (*LIFELONG, *CRISSCROSS, "lifelong:temperature=0", "lifelong+pibt:temperature=0", "central", "central+pibt"),
