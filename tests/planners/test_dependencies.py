@@ -1,4 +1,5 @@
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from mapf_pz.errors import FormatError
 from mapf_pz.instances import InstanceList, RandomObstacles
 from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.planners import (
+    CBS,
     PIBT,
     DependencyGraph,
     Execution,
@@ -503,6 +505,10 @@ class CountedSIPP(Counted, PrioritizedSIPP):
     pass
 
 
+class CountedCBS(Counted, CBS):
+    pass
+
+
 def played(model, delayed, kind=CountedLaCAM, on_target="nothing", max_steps=150, seed=0, **options):
     """Return the environment, the planner and the number of steps of an episode."""
     env = mapf_pz.parallel_env(
@@ -587,10 +593,10 @@ def test_without_delays_no_move_is_blocked(model, on_target, seed):
     assert env.simulator.terminated[0]
 
 
-def late_in_a_corridor(kind=CountedLaCAM, **options):
+def late_in_a_corridor(kind, **options):
     """Return the steps in which a planner plans, if one of two agents is delayed in steps 2 to 12."""
     simulator = simulator_of(drawn("a......A ######## b......B"), 20, "uniform", 0)
-    planner = kind(anytime=False, **options)
+    planner = kind(**options)
     planner.compile("cardinal")
     planner.plans, found = 0, []
     while not simulator.over[0]:
@@ -603,12 +609,16 @@ def late_in_a_corridor(kind=CountedLaCAM, **options):
     return found
 
 
-def test_the_executions_replan_at_different_times():
-    assert late_in_a_corridor(execution="graph") == [1]
-    assert late_in_a_corridor(execution="replan") == [1, *range(3, 14)]
-    assert late_in_a_corridor(execution="both", max_lateness=5) == [1, 7, 12]
-    assert late_in_a_corridor(execution="both", max_lateness=11) == [1, 13]
-    assert late_in_a_corridor(execution="both", max_lateness=12) == [1]
+@pytest.mark.parametrize(
+    "kind", [partial(CountedLaCAM, anytime=False), partial(CountedSIPP, anytime=False), CountedCBS]
+)
+def test_the_executions_replan_at_different_times(kind):
+    assert late_in_a_corridor(kind, execution="graph") == [1]
+    assert late_in_a_corridor(kind, execution="switch") == [1]
+    assert late_in_a_corridor(kind, execution="replan") == [1, *range(3, 14)]
+    assert late_in_a_corridor(kind, execution="both", max_lateness=5) == [1, 7, 12]
+    assert late_in_a_corridor(kind, execution="both", max_lateness=11) == [1, 13]
+    assert late_in_a_corridor(kind, execution="both", max_lateness=12) == [1]
 
 
 def test_both_goes_on_with_the_graph_if_no_plan_is_found():
@@ -617,7 +627,7 @@ def test_both_goes_on_with_the_graph_if_no_plan_is_found():
             path = super().plan(problem, time_limit)
             return path if self.plans <= 1 else None
 
-    assert late_in_a_corridor(Once, execution="both", max_lateness=5) == [1, 7, 12]
+    assert late_in_a_corridor(Once, anytime=False, execution="both", max_lateness=5) == [1, 7, 12]
 
 
 def test_agents_off_their_paths_need_another_plan():

@@ -32,15 +32,26 @@ class CBS(PlanFollower):
 
     optimal: ClassVar[bool] = True
 
-    def __init__(self, env: MapfEnv | None = None, seed: int = 0, time_limit: float = 1.0) -> None:
+    def __init__(
+        self,
+        env: MapfEnv | None = None,
+        seed: int = 0,
+        time_limit: float = 1.0,
+        execution: str = "replan",
+        max_lateness: int = 5,
+    ) -> None:
         """Create the planner.
 
         Args:
             env: the environment to act in, or a wrapper of it. With None, only `solve` can be used.
             seed: random seed, which has no effect.
             time_limit: time limit in seconds of each call of `act` that has to plan.
+            execution: what to do when agents are delayed: see `PlanFollower`.
+            max_lateness: with `both`, by how many steps an agent is late that needs another plan: see `PlanFollower`.
+
+        Raises `ValueError` for an unknown execution, and a `max_lateness` below 1.
         """
-        super().__init__(env, seed, time_limit, anytime=False)
+        super().__init__(env, seed, time_limit, anytime=False, execution=execution, max_lateness=max_lateness)
 
     def plan(self, problem: Problem, time_limit: float) -> Path | None:
         """Return the paths with the lowest sum of costs; None: they were not found in time, or there are none."""
