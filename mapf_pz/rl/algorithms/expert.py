@@ -9,6 +9,7 @@ from typing import cast
 import numpy as np
 import torch
 from tensordict import TensorDictBase
+from torch import Tensor
 from torchrl.data import Bounded, Composite, TensorSpec
 from torchrl.envs import Transform
 
@@ -20,6 +21,11 @@ from mapf_pz.rl.environments.execution import reset_environments, simulator_of
 
 NO_LABEL = -1
 """In place of an expert's action where there is none."""
+
+
+def is_labeled(agents: TensorDictBase) -> Tensor:
+    """Return which agent steps (..., N) have a label to learn from; disappeared agents have none."""
+    return (agents.get("expert_action") != NO_LABEL) & agents.get("active").squeeze(-1)
 
 
 class ExpertActions(Transform):

@@ -12,7 +12,7 @@ from torch.nn.functional import cross_entropy
 from torchrl.envs import Transform
 
 from mapf_pz.rl.algorithms.algorithm import Algorithm
-from mapf_pz.rl.algorithms.expert import NO_LABEL, ExpertActions
+from mapf_pz.rl.algorithms.expert import NO_LABEL, ExpertActions, is_labeled
 from mapf_pz.rl.algorithms.learner import Learner
 from mapf_pz.rl.algorithms.replay import make_replay
 from mapf_pz.rl.algorithms.symmetries import Symmetries
@@ -69,9 +69,8 @@ class ImitationLearner(Learner):
         """
         agents = batch.get("agents")
         label = agents.get("expert_action")
-        learned = (label != NO_LABEL) & agents.get("active").squeeze(-1)
         rests = (label == wait_action(self.config.task.env.action_model)) & agents.get("at_goal").squeeze(-1)
-        weights = torch.where(rests, self.config.imitation.wait_share, 1.0) * learned
+        weights = torch.where(rests, self.config.imitation.wait_share, 1.0) * is_labeled(agents)
         return float((weights * (agents.get("logits").argmax(-1) == label)).sum() / weights.sum())
 
     def _improve(self, samples: TensorDictBase) -> Tensor:

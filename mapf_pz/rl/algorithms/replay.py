@@ -10,7 +10,7 @@ from tensordict import NestedKey, TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
-from mapf_pz.rl.algorithms.expert import NO_LABEL
+from mapf_pz.rl.algorithms.expert import NO_LABEL, is_labeled
 from mapf_pz.rl.algorithms.learner import Data
 from mapf_pz.rl.algorithms.state_buffer import StateBuffer
 from mapf_pz.rl.config import TrainConfig
@@ -86,8 +86,7 @@ class ObservationReplay(Replay):
         """Add the labeled steps of a batch; the oldest ones are dropped if need be."""
         batch = to_device(batch, self._device)
         agents, label = batch.get("agents"), batch.get(("agents", "expert_action"))
-        learned = (label != NO_LABEL) & agents.get("active").squeeze(-1)
-        learned &= ~self._repeats(label, agents.get("at_goal").squeeze(-1))
+        learned = is_labeled(agents) & ~self._repeats(label, agents.get("at_goal").squeeze(-1))
         kept = learned.any(-1) if self._whole_teams else learned
         entries = {str(number): batch.get(key)[kept] for number, key in enumerate(self._keys)}
         label = label.masked_fill(~learned, NO_LABEL)[kept]
