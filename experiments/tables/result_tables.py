@@ -99,6 +99,7 @@ TABLES = (
             *("mappo-cardinal", *IMITATED_ONE_SHOT),
         ),
     ),
+    ResultTable("delays-turning", ("pibt", "epibt", "lacam:clock=work,execution=graph", "mappo", *TURNING)),
     ResultTable("delays-lifelong", (*LIFELONG, "lifelong", "lifelong+pibt:temperature=0")),
     ResultTable("standard", ("pibt", "mappo", "mappo+pibt", "ippo", "mappo-cardinal", *TURNING)),
     ResultTable("central-4", ("central-ppo",)),
@@ -109,7 +110,6 @@ TABLES = (
 TURNING_ONE_SHOT = (*ONE_SHOT, "mappo", "mappo+pibt", *TURNING)
 TURNING_LIFELONG = (*LIFELONG, *CRISSCROSS, "lifelong", "lifelong+pibt:temperature=0")
 NOT_MEASURED = (
-    ResultTable("delays-turning", ("pibt", "epibt", "lacam:clock=work,execution=graph", "mappo", *TURNING)),
     ResultTable("pogema-random-turning", TURNING_ONE_SHOT),
     ResultTable("pogema-random-lifelong-turning", TURNING_LIFELONG),
     ResultTable("pogema-mazes-turning", TURNING_ONE_SHOT),
