@@ -38,8 +38,11 @@ def test_results_of_runs_and_their_table(tmp_path, trained):
         imitation.main(imitation.Options(tmp_path, **chosen, seeds=seeds, episodes=2))
     assert [config.seed for config in configs] == [0, 1]
     assert {config.agent_steps for config in configs} == {500_000}
-    name, lines = tables[-2]
+    (name, lines), *others = tables[-3:]
     assert name == "imitation oneshot-cardinal"
     assert lines[0] == "| imitation of LaCAM | seeds | million agent steps | hours | mazes 4 |"
     assert lines[2:] == ["| embeddings | 2 | 0.5 | 1.5 | 1.00; 1.00 |"]
-    assert tables[-1] == ("imitation lifelong-cardinal", tables[-1][1][:2])
+    assert [(name, lines[2:]) for name, lines in others] == [
+        ("imitation lifelong-cardinal", []),
+        ("imitation oneshot", []),
+    ]
