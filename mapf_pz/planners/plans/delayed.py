@@ -51,10 +51,11 @@ def execute_delayed(graph: DependencyGraph, delays: Delays, seed: int, switch: b
     while num_steps < 2 * MAX_STEPS:
         delayed = delayed_agents(delay_rules(delays), key, num_steps, graph.num_agents)
         execution = SwitchableExecution(graph) if switch else Execution(graph)
-        done, waits_for = [execution.done], []
-        for waiting in execution.steps(delayed):
-            waits_for.append(waiting)
+        done, waits_for = [], []
+        for late in execution.steps(delayed):
             done.append(execution.done)
+            waits_for.append(execution.waiting_for(late))
+        done.append(execution.done)
         if execution.is_finished:
             plan, alone = graph.plan_of(np.stack(done)), costs_alone(graph.num_actions, delayed)
             waited = np.array(waits_for, np.int64).reshape(-1, graph.num_agents)

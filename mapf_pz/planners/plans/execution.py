@@ -106,11 +106,11 @@ class Execution:
         if delayed.shape[1:] != self.done.shape:
             raise ValueError(f"delayed: expected the shape (T', {len(self.done)}), got {delayed.shape}")
         nobody = np.zeros(len(self.done), np.bool_)
-        done = [self.done, *(self.done for _ in self.steps(chain(delayed, repeat(nobody))))]
+        done = [*(self.done for _ in self.steps(chain(delayed, repeat(nobody)))), self.done]
         return self.graph.plan_of(np.stack(done))
 
-    def steps(self, delayed: Iterable[Bools]) -> Iterator[Ints]:
-        """Execute a step after each call of `next`, until all actions are executed, and yield `waiting_for` in it.
+    def steps(self, delayed: Iterable[Bools]) -> Iterator[Bools]:
+        """Yield the delayed agents (N,) before each step, which is then executed, until all actions are executed.
 
         Args:
             delayed: for each step, the agents (N,) bool that do not act.
@@ -118,9 +118,8 @@ class Execution:
         for late in delayed:
             if self.is_finished:
                 return
-            waiting = self.waiting_for(late)
+            yield late
             self.advance(self.permitted(late), late)
-            yield waiting
 
     def lateness(self, step: int) -> Ints:
         """Return by how many steps (N,) each agent is behind the plan after `step` steps; 0 if it is not."""
