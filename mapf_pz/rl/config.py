@@ -215,6 +215,10 @@ class ModelConfig:
     feature `pose`. With communication, `central-ppo` acts for any number of agents, also different from training."""
     communication_radius: Natural | None = None
     """Maximum distance of agents that exchange embeddings, in rows and in columns; None: all agents do."""
+    decision_rounds: Count = 1
+    """Number of rounds in which agents sample their actions: in each, those that are most certain decide, and the
+    others then observe their decisions. With 1, all decide at the same time; more require `communication` and imitation
+    (`dagger`)."""
     mask_actions: bool = False
     """Whether agents sample only actions that their action mask allows (Huang and Ontañón, 2022); not available for
     `central-ppo`, whose action is a matrix of real numbers."""

@@ -19,6 +19,9 @@ from mapf_pz.rl.algorithms.symmetries import Symmetries
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.environments.execution import ExecutePreferences, SamplePreferences
 from mapf_pz.rl.environments.recorded_states import RecordStates
+from mapf_pz.rl.networks.actors import Actor
+from mapf_pz.rl.networks.joint_actor import DecisionRounds, JointActor, random_decisions
+from mapf_pz.rl.networks.observation_shape import ObservationShape
 from mapf_pz.simulator.actions import wait_action
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.observation import ObservationLayout
@@ -40,6 +43,7 @@ class ImitationLearner(Learner):
         parameters = list(network.parameters())
         self.device = parameters[0].device
         self._network, self._keys = self.compiled(network), keys
+        self._undecided = network.undecided if isinstance(network, JointActor) else None
         rate = config.optimization.learning_rate
         self.optimizer = torch.optim.Adam([{"params": parameters, "initial_lr": rate}], lr=rate)
         self._symmetries = None
@@ -75,15 +79,23 @@ class ImitationLearner(Learner):
 
     def _improve(self, samples: TensorDictBase) -> Tensor:
         """Take one gradient step, and return the loss."""
-        inputs, label = [samples.get(str(number)) for number in range(len(self._keys))], samples.get("label")
+        inputs, actions = [samples.get(str(number)) for number in range(len(self._keys))], samples.get("expert_action")
         if self._symmetries is not None:
-            which = torch.randint(self._symmetries.number, (len(label),)).to(self.device)
-            inputs, label = self._symmetries.transform(which, *inputs), self._symmetries.transform_actions(which, label)
+            which = torch.randint(self._symmetries.number, (len(actions),)).to(self.device)
+            inputs = self._symmetries.transform(which, *inputs)
+            actions = self._symmetries.transform_actions(which, actions)
+        learned = samples.get("learned")
         if self._history is not None:
             inputs[1] = self._history.dropped(inputs[1], self.config.imitation.history_dropout)
+        if self._undecided is not None:
+            rounds = self.config.model.decision_rounds
+            decided = random_decisions(actions, actions != NO_LABEL, rounds, self._undecided)
+            inputs, learned = [*inputs, decided], learned & (decided == self._undecided)
+        label = actions.masked_fill(~learned, NO_LABEL)
         with self.autocast():
             (logits,) = self._network(*inputs)
-            loss = cross_entropy(logits.flatten(0, -2), label.flatten(), ignore_index=NO_LABEL)
+            losses = cross_entropy(logits.flatten(0, -2), label.flatten(), ignore_index=NO_LABEL, reduction="sum")
+            loss = losses / learned.sum().clamp(min=1)
         self.step(loss, self.config.optimization.max_grad_norm)
         return loss.detach()
 
@@ -116,11 +128,26 @@ class Imitation(Algorithm):
     """
 
     def __init__(self, config: TrainConfig) -> None:
-        """Build the network; raises `ValueError` with `recurrent`."""
+        """Build the network; raises `ValueError` with `recurrent`, and for `decision_rounds`."""
         if config.model.recurrent:
             expected = f"0 with {config.algorithm}, which uses single steps"
             raise ValueError(f"recurrent={config.model.recurrent}: expected {expected}")
+        if config.model.decision_rounds > 1 and config.model.mask_actions:
+            raise ValueError(f"decision_rounds={config.model.decision_rounds}: expected 1 with mask_actions")
         super().__init__(config)
+
+    @staticmethod
+    def make_network(config: TrainConfig) -> nn.Module:
+        """Return the network of the logits, newly initialized."""
+        if config.model.decision_rounds > 1:
+            return JointActor(ObservationShape.of_task(config.task), config.model)
+        return Algorithm.make_network(config)
+
+    def start_from(self, network: nn.Module) -> None:
+        """Start from the weights of a network, as in `Algorithm`; if agents decide in rounds, also of one without."""
+        if isinstance(self.network, JointActor) and type(network) is Actor:
+            network.decision = self.network.decision
+        super().start_from(network)
 
     @staticmethod
     def acting_temperature(config: TrainConfig) -> float:
@@ -128,9 +155,13 @@ class Imitation(Algorithm):
         return config.imitation.temperature
 
     def make_actor(self) -> TensorDictModuleBase:
-        """Return the network, followed by sampling."""
-        sampling = SamplePreferences(self.acting_temperature(self.config))
+        """Return the network, followed by sampling, or sampling in rounds."""
         keys: list[NestedKey] = [("agents", "preferences")]
+        temperature = self.acting_temperature(self.config)
+        if isinstance(self.network, JointActor):
+            sampler = DecisionRounds(self.network, self.config.model.decision_rounds, temperature)
+            return TensorDictModule(sampler, self.observation_keys(), [*self.parameters, *keys])
+        sampling = SamplePreferences(temperature)
         modules: list[Any] = [self.network_module(), TensorDictModule(sampling, self.parameters, keys)]
         return TensorDictSequential(*modules)
 

@@ -188,7 +188,10 @@ class PPOAlgorithm(Algorithm):
     """The network and the distribution of actions, as the loss uses them."""
 
     def __init__(self, config: TrainConfig) -> None:
-        """Build the networks and the loss."""
+        """Build the networks and the loss; raises `ValueError` with `decision_rounds`."""
+        if config.model.decision_rounds > 1:
+            expected = f"1 with {config.algorithm}, whose agents act at the same time"
+            raise ValueError(f"decision_rounds={config.model.decision_rounds}: expected {expected}")
         super().__init__(config)
         self.loss = self.make_loss()
         """The loss; its value estimator bootstraps truncated episodes, but not terminated ones."""

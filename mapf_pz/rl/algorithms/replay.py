@@ -23,9 +23,9 @@ from mapf_pz.simulator.actions import wait_action
 class Replay(ABC):
     """A buffer of labeled agent steps, and minibatches of them.
 
-    A minibatch has the network's inputs as `"0"`, `"1"`, ..., and the expert's actions as `"label"`, which is
-    `NO_LABEL` for agent steps that are not learned from. Of waits at goals only a part is learned from, since most are
-    alike.
+    A minibatch has the network's inputs as `"0"`, `"1"`, ..., the expert's actions as `"expert_action"`, and as
+    `"learned"` (bool) which of them are learned from: those of present agents in labeled states. Of waits at goals only
+    a part is learned from, since most are alike.
     """
 
     data: Data | None = None
@@ -89,8 +89,8 @@ class ObservationReplay(Replay):
         learned = is_labeled(agents) & ~self._repeats(label, agents.get("at_goal").squeeze(-1))
         kept = learned.any(-1) if self._whole_teams else learned
         entries = {str(number): batch.get(key)[kept] for number, key in enumerate(self._keys)}
-        label = label.masked_fill(~learned, NO_LABEL)[kept]
-        self._buffer.extend(TensorDict({**entries, "label": label}, batch_size=[int(kept.sum())]))
+        entries |= {"expert_action": label[kept], "learned": learned[kept]}
+        self._buffer.extend(TensorDict(entries, batch_size=[int(kept.sum())]))
 
     def sample(self) -> TensorDictBase:
         """Return a minibatch; each item has the same probability."""
@@ -127,10 +127,11 @@ class StateReplay(Replay):
         rng = np.random.default_rng(int(torch.randint(2**62, ())))
         image, features, at_goal, actions = self._states.sample(rng, self._imitation.recent_size // self._num_agents)
         label = torch.from_numpy(actions)
-        label[self._repeats(label, torch.from_numpy(at_goal))] = NO_LABEL
+        learned = (label != NO_LABEL) & ~self._repeats(label, torch.from_numpy(at_goal))
         entries = {str(k): torch.from_numpy(part).to(self._dtype) for k, part in enumerate((image, features))}
         inputs = {name: entries[name] for name, _ in zip(entries, self._keys, strict=False)}
-        return to_device(TensorDict({**inputs, "label": label}, batch_size=[len(label)]), self._device)
+        found = TensorDict({**inputs, "expert_action": label, "learned": learned}, batch_size=[len(label)])
+        return to_device(found, self._device)
 
 
 def make_replay(config: TrainConfig, keys: list[NestedKey], device: torch.device) -> Replay:

@@ -32,6 +32,8 @@ class Seen(NamedTuple):
     """(R, F) float32, if features are observed."""
     mask: Tensor | None = None
     """(R, A) int8: 1 for actions that are allowed. None: all are allowed."""
+    noise: Tensor | None = None
+    """(R, A) float32, from the exponential distribution: what a network that samples samples by."""
 
 
 class Memory:
@@ -94,7 +96,7 @@ class BatchedNetwork:
         """Return the outputs for agents that act in teams of `size`."""
         rows = 1 if self._stacks else size  # of a team in the network's input
         num_teams = math.ceil(MIN_ROWS / rows)
-        inputs = [_teams(part, size, num_teams) for part in (seen.image, seen.features) if part is not None]
+        inputs = [_teams(part, size, num_teams) for part in (seen.image, seen.features, seen.noise) if part is not None]
         if self._stacks:
             inputs = [part.flatten(1, 2) for part in inputs]
         outputs = self._run_recurrent(inputs, seen, memories, rows) if self._recurrent else self._network(*inputs)
@@ -127,8 +129,8 @@ class BatchedNetwork:
 def _with_size(seen: Seen, rows: Tensor, size: int) -> Seen:
     """Return the observations of some rows, which are episodes with `size` agents."""
     agents = [seen.agents[row] for row in rows.tolist()]
-    features = None if seen.features is None else seen.features[rows]
-    return Seen([size] * (len(rows) // size), agents, seen.image[rows], features)
+    features, noise = (None if part is None else part[rows] for part in (seen.features, seen.noise))
+    return Seen([size] * (len(rows) // size), agents, seen.image[rows], features, noise=noise)
 
 
 def _teams(rows: Tensor, size: int, least: int) -> Tensor:

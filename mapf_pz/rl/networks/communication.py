@@ -158,7 +158,10 @@ class CommunicatingEncoder(nn.Module):
 
     def forward(self, image: Tensor, features: Tensor) -> Tensor:
         """Return the embeddings `(..., N, hidden)` of observations `(..., N, K, h, w)` and `(..., N, F)`."""
-        embedding = self.encoder(image, features)
+        return self.communicate(self.encoder(image, features), features)
+
+    def communicate(self, embedding: Tensor, features: Tensor) -> Tensor:
+        """Return embeddings `(..., N, hidden)` after all rounds, for agents with the features `(..., N, F)`."""
         lead = embedding.shape[:-2]
         pose = widened(features[..., self._pose])
         pose = pose.reshape(-1, *pose.shape[-2:])

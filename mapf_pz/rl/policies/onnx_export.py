@@ -3,7 +3,9 @@
 Requires onnx, onnxscript and onnxruntime: `mapf-pz[onnx]`. The inputs are `image` and, if they are observed,
 `features`, of B teams of N agents, which may be any numbers; of a network for a fixed number of agents, the channels
 and features of all agents of a team, in sequence. The outputs are the `logits` of the actions, or of a
-centralized policy the `means` and `scales` of the preferences.
+centralized policy the `means` and `scales` of the preferences. Agents that decide in rounds also have the input
+`noise` (B, N, A), from the exponential distribution with the rate 1, and the output `preferences`: each agent takes
+the action that it prefers.
 """
 
 from __future__ import annotations
@@ -61,15 +63,15 @@ def export_onnx(policy: LearnedPolicy, path: str | Path) -> Exported:
         raise ValueError("recurrent policies cannot be exported")
     onnx, onnxruntime = _packages()
     seen = _observations(policy)
-    recorder = _Recorder(policy.network)
+    recorder = _Recorder(policy.sampler)
     expected = _run(policy, recorder, seen)
-    inputs = ["image"] + ["features"] * bool(policy.config.task.env.features)
-    outputs = ["means", "scales"] if isinstance(policy, TeamPolicy) else ["logits"]
+    inputs = ["image"] + ["features"] * (seen.features is not None) + ["noise"] * (seen.noise is not None)
+    outputs = ["means", "scales"] if isinstance(policy, TeamPolicy) else ["logits", "preferences"][: len(expected)]
     dimensions = ("B", "N") if policy.num_agents is None else ("B",)
     dynamic = dict.fromkeys(range(len(dimensions)), torch.export.Dim.DYNAMIC)
     with _quiet():
         program = torch.onnx.export(
-            policy.network,
+            policy.sampler,
             recorder.inputs,
             input_names=inputs,
             output_names=outputs,
@@ -123,7 +125,11 @@ def _observations(policy: LearnedPolicy) -> Seen:
     observed = simulator.observe()
     image, features = (torch.from_numpy(part.copy()).flatten(0, 1) for part in (observed.image, observed.features))
     agents = list(range(num_agents)) * num_envs
-    return Seen([num_agents] * num_envs, agents, image, features if features.shape[-1] else None)
+    seen = Seen([num_agents] * num_envs, agents, image, features if features.shape[-1] else None)
+    if policy.config.model.decision_rounds == 1:
+        return seen
+    noise = rng.exponential(size=(num_envs * num_agents, simulator.num_actions))
+    return seen._replace(noise=torch.from_numpy(noise.astype(np.float32)))
 
 
 def _run(policy: LearnedPolicy, network: Any, seen: Seen) -> tuple[Tensor, ...]:

@@ -17,6 +17,7 @@ from mapf_pz.rl.algorithms.named import algorithm_of
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.environments.execution import action_probabilities, sampled_preferences
 from mapf_pz.rl.networks.batched_network import BatchedNetwork, Memory, Seen
+from mapf_pz.rl.networks.joint_actor import DecisionRounds, JointActor
 from mapf_pz.rl.networks.observation_shape import ObservationShape, described, shapes_of
 from mapf_pz.rl.policies.decision import AttentionRecorder, Decision
 from mapf_pz.simulator.actions import ACTION_MODES
@@ -73,7 +74,12 @@ class LearnedPolicy(ABC):
         self._seed = seed
         self._observer: Callable[[Decision], object] | None = None
         model = config.model
-        self._batched = BatchedNetwork(self.network, model.communication > 0, self.num_agents, model.recurrent)
+        self.sampler = self.network
+        """What is called: the network, or, if agents decide in rounds, their sampling, which has noise as an input."""
+        if model.decision_rounds > 1:
+            assert isinstance(network, JointActor)
+            self.sampler = DecisionRounds(network, model.decision_rounds, self.temperature)
+        self._batched = BatchedNetwork(self.sampler, model.communication > 0, self.num_agents, model.recurrent)
         self.reset_states()
 
     @property
@@ -186,12 +192,23 @@ class LearnedPolicy(ABC):
 class SharedPolicy(LearnedPolicy):
     """Each agent acts by itself, and all share one network: works with any number of agents."""
 
+    def rate(self, seen: Seen, memories: Sequence[Memory]) -> Floats:
+        """Return the preferences as in `LearnedPolicy`."""
+        if self.sampler is not self.network:
+            seen = seen._replace(noise=self._noise(seen, memories))
+        return super().rate(seen, memories)
+
     def _prefer(self, outputs: tuple[Tensor, ...], seen: Seen, memories: Sequence[Memory]) -> Tensor:
-        logits = _masked(outputs[0], seen.mask)
-        noise = torch.empty_like(logits)
+        if seen.noise is not None:
+            return outputs[1]
+        return sampled_preferences(_masked(outputs[0], seen.mask), self.temperature, self._noise(seen, memories))
+
+    def _noise(self, seen: Seen, memories: Sequence[Memory]) -> Tensor:
+        """Return noise (R, A) from the exponential distribution, sampled by the generators of the episodes."""
+        noise = torch.empty(len(seen.image), self._shape.actions)
         for part, memory in zip(noise.split(list(seen.counts)), memories, strict=True):
             part.exponential_(generator=memory.generator)
-        return sampled_preferences(logits, self.temperature, noise)
+        return noise
 
     def _distribution(self, outputs: tuple[Tensor, ...], seen: Seen) -> dict[str, Floats]:
         return {"probabilities": action_probabilities(_masked(outputs[0], seen.mask), self.temperature).numpy()}

@@ -1,0 +1,107 @@
+"""Actors that decide in rounds: later decisions depend on earlier ones.
+
+If each agent samples its action by itself, two agents for which either order is equally good both go, or both wait,
+half of the time. If one decides first and the other observes it, the actions of all agents are a sample of a joint
+distribution. The order of decisions is free, as in order-agnostic autoregressive models (Hoogeboom et al.,
+*Autoregressive Diffusion Models*, ICLR 2022): the network learns from states in which any agents have decided. Several
+agents decide in the same round, the most certain ones first (Chang et al., *MaskGIT*, CVPR 2022). In DMM (Cognitive AI
+Systems, 2026), agents of MAPF also exchange their intended actions in rounds.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from mapf_pz.rl.config import ModelConfig
+from mapf_pz.rl.environments.execution import sampled_preferences
+from mapf_pz.rl.networks.actors import Actor
+from mapf_pz.rl.networks.communication import CommunicatingEncoder
+from mapf_pz.rl.networks.observation_shape import ObservationShape
+
+
+class JointActor(Actor):
+    """Logits `(..., N, A)` of agents of which some have decided; they observe each other's decisions."""
+
+    encoder: CommunicatingEncoder
+
+    def __init__(self, shape: ObservationShape, config: ModelConfig) -> None:
+        """Build the layers of `Actor`, and embeddings of decisions; raises `ValueError` without communication."""
+        if not config.communication:
+            raise ValueError(f"decision_rounds={config.decision_rounds}: expected 1 without communication")
+        super().__init__(shape, config)
+        self.undecided = shape.actions
+        """In place of the action of an agent that has not decided."""
+        self.decision = nn.Embedding(shape.actions + 1, config.hidden)
+        nn.init.zeros_(self.decision.weight)
+
+    def forward(
+        self, image: Tensor, features: Tensor | None = None, decided: Tensor | None = None
+    ) -> tuple[Tensor, ...]:
+        """Return the logits; `decided` (..., N) int64 are actions or `undecided`. None: all agents are undecided."""
+        assert features is not None  # they include the pose
+        embedding = self.encoder.encoder(image, features)
+        if decided is None:
+            decided = embedding.new_full(embedding.shape[:-1], self.undecided, dtype=torch.int64)
+        return self.decide(embedding, features, decided)
+
+    def decide(self, embedding: Tensor, features: Tensor, decided: Tensor) -> tuple[Tensor, ...]:
+        """Return the logits for embeddings `(..., N, hidden)` of observations with these features."""
+        return self.act(self.encoder.communicate(embedding + self.decision(decided), features))
+
+
+class DecisionRounds(nn.Module):
+    """Samples the actions of all agents in rounds."""
+
+    def __init__(self, actor: JointActor, rounds: int, temperature: float) -> None:
+        """Sample from an actor's distribution p, or from the one proportional to p^(1 / temperature)."""
+        super().__init__()
+        self.actor = actor
+        self._rounds, self._temperature = rounds, temperature
+
+    def forward(self, image: Tensor, features: Tensor, noise: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """Return logits and preferences `(..., N, A)`: the agents' actions are those that they prefer.
+
+        Args:
+            image: the images `(..., N, K, h, w)`.
+            features: the features `(..., N, F)`.
+            noise: `(..., N, A)`, as in `sampled_preferences`; None: it is sampled by torch's generator.
+        """
+        undecided = self.actor.undecided
+        embedding = self.actor.encoder.encoder(image, features)
+        decided = torch.full_like(embedding[..., 0], undecided, dtype=torch.int64)
+        logits = embedding.new_zeros((*embedding.shape[:-1], undecided))
+        preferences = noise = torch.empty_like(logits).exponential_() if noise is None else noise
+        for number in range(1, self._rounds + 1):
+            waiting = decided == undecided
+            (latest,) = self.actor.decide(embedding, features, decided)
+            logits = torch.where(waiting.unsqueeze(-1), latest.float(), logits)
+            preferences = sampled_preferences(logits, self._temperature, noise)
+            # Those that have decided come first, so they stay among the first.
+            certainty = torch.where(waiting, logits.softmax(-1).amax(-1), 2.0)
+            among_first = _rank(certainty) * self._rounds < decided.shape[-1] * number
+            decided = torch.where(among_first, preferences.argmax(-1), undecided)
+        return logits, preferences
+
+
+def _rank(values: Tensor) -> Tensor:
+    """Return the rank of each of the values (..., N), 0 for the largest; the first of equal values has the lowest.
+
+    This is a stable sort, which has no form in ONNX.
+    """
+    numbers = torch.arange(values.shape[-1], device=values.device)
+    one, other = values.unsqueeze(-1), values.unsqueeze(-2)
+    return ((other > one) | ((other == one) & (numbers < numbers.unsqueeze(-1)))).sum(-1)
+
+
+def random_decisions(actions: Tensor, known: Tensor, rounds: int, undecided: int) -> Tensor:
+    """Return decisions (S, N) as in a random one of the rounds, of random agents.
+
+    Args:
+        actions: (S, N) int64: the agents' actions in S states.
+        known: (S, N) bool: which actions are known; other agents remain undecided.
+        rounds: the number of rounds.
+        undecided: in place of the action of an agent that has not decided.
+    """
+    share = torch.randint(rounds, (len(actions), 1), device=actions.device) / rounds
+    return actions.masked_fill(~known | (torch.rand(actions.shape, device=actions.device) >= share), undecided)

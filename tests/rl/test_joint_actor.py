@@ -1,0 +1,173 @@
+"""Agents that decide in rounds: who decides when, that decisions are heard, and that actions fit together."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+from tensordict import TensorDict
+
+import mapf_pz
+from mapf_pz.rl import load_policy, train
+from mapf_pz.rl.algorithms.named import ALGORITHMS
+from mapf_pz.rl.config import ImitationConfig
+from mapf_pz.rl.environments.execution import sampled_preferences
+from mapf_pz.rl.networks.joint_actor import DecisionRounds, JointActor
+from mapf_pz.rl.training.train import resume
+from tests.helpers.small_run import TINY, changed, untimed
+
+ROUNDS = 3
+MODEL = dataclasses.replace(
+    TINY.model, hidden=32, head=(8,), communication=1, communication_radius=2, decision_rounds=ROUNDS
+)
+CONFIG = dataclasses.replace(
+    TINY,
+    algorithm="dagger",
+    task=changed(TINY.task, features=("action_advantage", "pose", "time")),
+    model=MODEL,
+    imitation=ImitationConfig(expert="pibt", expert_share=0.5),
+    agent_steps=384,
+)
+
+
+def config(rounds=ROUNDS, **changes):
+    return dataclasses.replace(CONFIG, model=dataclasses.replace(MODEL, decision_rounds=rounds), **changes)
+
+
+def actor(rounds=ROUNDS):
+    """An actor with large random weights, so that decisions have a clear effect."""
+    torch.manual_seed(0)
+    network = ALGORITHMS["dagger"](config(rounds)).network
+    with torch.no_grad():
+        for parameter in network.parameters():
+            torch.nn.init.normal_(parameter, std=0.3)
+    return network
+
+
+def observations(num_teams=4, num_agents=6):
+    """Observations of teams of agents in a row."""
+    shape, generator = ALGORITHMS["dagger"](CONFIG).observation_shape, torch.Generator().manual_seed(1)
+    image = torch.rand(num_teams, num_agents, *shape.image, generator=generator)
+    features = torch.rand(num_teams, num_agents, shape.features, generator=generator)
+    features[..., shape.pose] = torch.tensor([0.0, 0, 1, 0, 0, 0])
+    features[..., shape.pose.start] = torch.arange(num_agents) / 32768
+    return image, features
+
+
+def exponential(image, actions=4):
+    return torch.empty(*image.shape[:2], actions).exponential_(generator=torch.Generator().manual_seed(2))
+
+
+@pytest.mark.parametrize("temperature", [0.0, 0.5])
+@pytest.mark.parametrize(("rounds", "num_agents"), [(2, 6), (3, 6), (4, 6), (6, 6), (9, 4), (3, 1)])
+def test_the_most_certain_agents_decide_first_and_the_others_know_what(rounds, num_agents, temperature):
+    network, seen = actor(rounds), observations(num_agents=num_agents)
+    noise = exponential(seen[0])
+    with torch.no_grad():
+        logits, preferences = DecisionRounds(network, rounds, temperature)(*seen, noise)
+        assert torch.equal(preferences, sampled_preferences(logits, temperature, noise))
+        for team in range(len(noise)):
+            decided = torch.full((num_agents,), network.undecided)
+            for number in range(1, rounds + 1):
+                (latest,) = network(*(part[team] for part in seen), decided)
+                waiting = (decided == network.undecided).nonzero().flatten().tolist()
+                by_certainty = sorted(waiting, key=lambda i: -float(latest[i].softmax(-1).max()))
+                all_in_all = -(-num_agents * number // rounds)
+                for i in by_certainty[: all_in_all - (num_agents - len(waiting))]:
+                    torch.testing.assert_close(logits[team, i], latest[i], rtol=1e-4, atol=1e-4)
+                    decided[i] = preferences[team, i].argmax()
+
+
+def test_agents_of_equal_certainty_do_not_decide_together():
+    network = actor(2)
+    image, features = (part[:, :1].expand(-1, 4, *part.shape[2:]).clone() for part in observations(1))
+    with torch.no_grad():
+        logits, _ = DecisionRounds(network, 2, 0.0)(image, features, exponential(image))
+    assert torch.equal(logits[0, 0], logits[0, 1])
+    assert torch.equal(logits[0, 2], logits[0, 3])
+    assert not torch.allclose(logits[0, 0], logits[0, 2])
+
+
+def one_goes(algorithm, number):
+    """Steps of two agents side by side, of which a random one goes and the other one waits; they observe the same."""
+    shape = algorithm.observation_shape
+    first = torch.randint(2, (number, 1))
+    size = torch.Size([number, 2])
+    features = torch.zeros(number, 2, shape.features)
+    features[..., shape.pose] = torch.tensor([[0.0, 0, 1, 0, 0, 0], [0.0, 1 / 32768, 0, 0, 1, 0]])
+    agents = {
+        "observation": TensorDict({"image": torch.zeros(*size, *shape.image), "features": features}, batch_size=size),
+        "expert_action": torch.cat([3 * first, 3 - 3 * first], -1),
+        "at_goal": torch.zeros(*size, 1, dtype=torch.bool),
+        "active": torch.ones(*size, 1, dtype=torch.bool),
+        "logits": torch.zeros(*size, 4),
+    }
+    return TensorDict({"agents": TensorDict(agents, batch_size=size)}, batch_size=size[:1])
+
+
+@pytest.mark.parametrize(("rounds", "least", "most"), [(1, 0.4, 0.6), (2, 0.97, 1)])
+def test_actions_fit_together(rounds, least, most):
+    optimization = dataclasses.replace(CONFIG.optimization, learning_rate=3e-3, minibatch_size=64)
+    task = changed(CONFIG.task, num_agents=2)
+    torch.manual_seed(0)
+    algorithm = ALGORITHMS["dagger"](config(rounds, task=task, optimization=optimization))
+    learner = algorithm.make_learner()
+    for _ in range(60):
+        learner.learn(one_goes(algorithm, 256), 0)
+    batch = one_goes(algorithm, 2000)
+    with torch.no_grad():
+        actions = algorithm.actor(batch)["agents", "preferences"].argmax(-1)
+    goes = actions == 0
+    assert least <= float((goes.sum(-1) == 1).float().mean()) <= most
+    assert 0.25 <= float(goes[:, 0].float().mean()) <= 0.75  # not always the same agent
+
+
+def test_a_run_is_trained_and_resumed_and_its_policy_decides_in_rounds(tmp_path):
+    once = train(CONFIG, tmp_path / "once")
+    folder = train(dataclasses.replace(CONFIG, agent_steps=192), tmp_path / "run")
+    resume(folder, agent_steps=384)
+    assert untimed(folder)[0] == untimed(once)[0]
+    policy = load_policy(folder, deterministic=True)
+    env = mapf_pz.parallel_env(**policy.env_kwargs, num_agents=5)
+    observed, _ = env.reset(seed=0)
+    seen = [torch.from_numpy(np.stack([o[key] for o in observed.values()])) for key in ("image", "features")]
+    assert isinstance(policy.network, JointActor)
+    with torch.no_grad():
+        expected, _ = DecisionRounds(policy.network, ROUNDS, 0.0)(*(part[None] for part in seen))
+    found = np.stack(list(policy.preferences(observed).values()))
+    np.testing.assert_allclose(found, expected[0].numpy(), rtol=1e-4, atol=1e-5)
+    decisions = []
+    policy.watch(decisions.append)
+    policy.act(observed)
+    assert decisions[0].probabilities.shape == (5, 4)
+
+
+def test_a_run_starts_from_a_policy_whose_agents_decide_at_once(tmp_path):
+    start = train(config(1, agent_steps=192), tmp_path / "start")
+    still = dataclasses.replace(CONFIG.optimization, learning_rate=1e-9)
+    folder = train(config(agent_steps=192, initial_policy=str(start), optimization=still), tmp_path / "run")
+    seen = observations()
+    with torch.no_grad():
+        (before,), (after,) = load_policy(start).network(*seen), load_policy(folder).network(*seen)
+    torch.testing.assert_close(after, before, rtol=1e-4, atol=1e-4)
+    with pytest.raises(ValueError, match="initial_policy: not the networks of this configuration"):
+        train(config(1, initial_policy=str(folder)), tmp_path / "other")
+
+
+@pytest.mark.parametrize(
+    ("name", "model", "message"),
+    [
+        ("dagger", {"communication": 0}, "decision_rounds=3: expected 1 without communication"),
+        ("dagger", {"mask_actions": True}, "decision_rounds=3: expected 1 with mask_actions"),
+        ("dagger", {"decision_rounds": 0}, "decision_rounds=0: expected a whole number, 1 or more"),
+        ("mappo", {}, "decision_rounds=3: expected 1 with mappo, whose agents act at the same time"),
+        ("central-ppo", {}, "decision_rounds=3: expected 1 with central-ppo, whose agents act at the same time"),
+    ],
+)
+def test_bad_settings(tmp_path, name, model, message):
+    def run():
+        changed_model = dataclasses.replace(MODEL, **model)
+        train(dataclasses.replace(CONFIG, algorithm=name, model=changed_model), tmp_path)
+
+    with pytest.raises(ValueError, match=message):
+        run()
