@@ -283,6 +283,7 @@ CASES = {
             "--head": "--head 3",
             "--communication": "--communication 1",
             "--communication-radius": "--communication-radius 3",
+            "--decision-rounds": "--decision-rounds 2 --communication 1 --hidden 32 --features pose",
             "--mask-actions": "--mask-actions",
             "--num-envs": "--num-envs 8",
             "--steps-per-batch": "--steps-per-batch 8",

@@ -25,6 +25,7 @@ POLICIES = {
     "communication, recurrent": lambda: untrained(
         task={"features": ("pose",)}, communication=1, hidden=32, recurrent=8
     ),
+    "rounds": lambda: untrained("dagger", task={"features": ("pose",)}, communication=1, hidden=32, decision_rounds=3),
     "masks": lambda: untrained(mask_actions=True),
     "images": lambda: untrained(task={"features": ()}),
 }

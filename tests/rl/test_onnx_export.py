@@ -21,6 +21,7 @@ POLICIES = {
     "images": lambda: untrained(task={"features": ()}),
     "stacked": lambda: untrained("central-ppo"),
     "communication": lambda: untrained(task={"features": ("pose",)}, communication=1, hidden=32),
+    "rounds": lambda: untrained("dagger", task={"features": ("pose",)}, communication=1, hidden=32, decision_rounds=3),
     "residual": lambda: untrained(encoder="residual"),
 }
 
@@ -46,7 +47,8 @@ def test_the_outputs_are_those_of_the_policy(name, tmp_path):
         for part, shape in exported.inputs.items()
     }
     with torch.no_grad():
-        expected = policy.network(*(torch.from_numpy(inputs[part]) for part in ("image", "features") if part in inputs))
+        names = [part for part in ("image", "features", "noise") if part in inputs]
+        expected = policy.sampler(*(torch.from_numpy(inputs[part]) for part in names))
     expected = expected if isinstance(expected, tuple) else (expected,)
     found = session.run(None, inputs)
     assert len(found) == len(exported.outputs)

@@ -41,9 +41,11 @@ class JointActor(Actor):
         """Return the logits; `decided` (..., N) int64 are actions or `undecided`. None: all agents are undecided."""
         assert features is not None  # they include the pose
         embedding = self.encoder.encoder(image, features)
-        if decided is None:
-            decided = embedding.new_full(embedding.shape[:-1], self.undecided, dtype=torch.int64)
-        return self.decide(embedding, features, decided)
+        return self.decide(embedding, features, self.no_decisions(embedding) if decided is None else decided)
+
+    def no_decisions(self, embedding: Tensor) -> Tensor:
+        """Return decisions (..., N) of agents with embeddings `(..., N, hidden)` that are all undecided."""
+        return torch.full_like(embedding[..., 0], self.undecided, dtype=torch.int64)
 
     def decide(self, embedding: Tensor, features: Tensor, decided: Tensor) -> tuple[Tensor, ...]:
         """Return the logits for embeddings `(..., N, hidden)` of observations with these features."""
@@ -69,7 +71,7 @@ class DecisionRounds(nn.Module):
         """
         undecided = self.actor.undecided
         embedding = self.actor.encoder.encoder(image, features)
-        decided = torch.full_like(embedding[..., 0], undecided, dtype=torch.int64)
+        decided = self.actor.no_decisions(embedding)
         logits = embedding.new_zeros((*embedding.shape[:-1], undecided))
         preferences = noise = torch.empty_like(logits).exponential_() if noise is None else noise
         for number in range(1, self._rounds + 1):
