@@ -23,6 +23,8 @@ from mapf_pz.simulator.kernels.observation.features import POSE_UNIT
 
 HEADS = 4
 """Number of attention heads."""
+MAX_CONFLICT_DISTANCE = 2
+"""Largest number of moves between two agents whose moves can conflict: both may move to the cell between them."""
 _DIRECTIONS = len(HEADING_STEPS)
 _WAVE_SIZE = 2 * _DIRECTIONS  # a complex number for each direction
 
@@ -37,6 +39,8 @@ class Team:
     """(B, N, 1, W, 4) complex64: e^(i phase) at the agent's position, of W waves in each direction on the map."""
     bias: Tensor
     """(B, heads, N, N) float32, added to the attention logits of each pair of agents; -inf: they do not communicate."""
+    near: Tensor
+    """(B, N, N) bool: whether the moves of two agents can conflict, since they are at most two moves apart."""
 
     @classmethod
     def of_poses(cls, pose: Tensor, radius: int | None, num_waves: int) -> Team:
@@ -48,15 +52,16 @@ class Team:
         8, 16, ... cells.
         """
         position, headings = pose[..., :2] / POSE_UNIT, pose[..., 2:]
-        distance = (position.unsqueeze(-2) - position.unsqueeze(-3)).abs().amax(-1)
-        allowed = headings.sum(-1).gt(0).unsqueeze(-2).expand_as(distance)
+        offset = (position.unsqueeze(-2) - position.unsqueeze(-3)).abs()
+        distance, present = offset.amax(-1), headings.sum(-1).gt(0).unsqueeze(-2)
+        allowed, near = present.expand_as(distance), present & (offset.sum(-1) <= MAX_CONFLICT_DISTANCE)
         if radius is not None:
             allowed = allowed & (distance <= radius)
         allowed = allowed | torch.eye(distance.shape[-1], dtype=torch.bool, device=pose.device)
         slopes = 2.0 ** -torch.arange(HEADS, device=pose.device).view(-1, 1, 1)
         bias = (-slopes * distance.unsqueeze(-3)).masked_fill(~allowed.unsqueeze(-3), -math.inf)
         turns = (headings.argmax(-1, keepdim=True) + torch.arange(_DIRECTIONS, device=pose.device)) % _DIRECTIONS
-        return cls(turns, _phases(position, num_waves), bias)
+        return cls(turns, _phases(position, num_waves), bias, near)
 
     def to_map(self, vectors: Tensor) -> Tensor:
         """Transform vectors (B, N, V, D) from the agents' frames to the frame of the map.
@@ -155,17 +160,20 @@ class CommunicatingEncoder(nn.Module):
         self.encoder = make_encoder(shape, config)
         self.rounds = nn.ModuleList(CommunicationRound(config.hidden) for _ in range(config.communication))
         self._pose, self._radius = shape.pose, config.communication_radius
+        self._num_waves = config.hidden // (HEADS * _WAVE_SIZE)
 
     def forward(self, image: Tensor, features: Tensor) -> Tensor:
         """Return the embeddings `(..., N, hidden)` of observations `(..., N, K, h, w)` and `(..., N, F)`."""
-        return self.communicate(self.encoder(image, features), features)
+        return self.communicate(self.encoder(image, features), self.team(features))
 
-    def communicate(self, embedding: Tensor, features: Tensor) -> Tensor:
-        """Return embeddings `(..., N, hidden)` after all rounds, for agents with the features `(..., N, F)`."""
-        lead = embedding.shape[:-2]
+    def team(self, features: Tensor) -> Team:
+        """Return the teams of agents with the features `(..., N, F)`; all dimensions before N become one."""
         pose = widened(features[..., self._pose])
-        pose = pose.reshape(-1, *pose.shape[-2:])
-        team = Team.of_poses(pose, self._radius, embedding.shape[-1] // (HEADS * _WAVE_SIZE))
+        return Team.of_poses(pose.reshape(-1, *pose.shape[-2:]), self._radius, self._num_waves)
+
+    def communicate(self, embedding: Tensor, team: Team) -> Tensor:
+        """Return the embeddings `(..., N, hidden)` after all rounds."""
+        lead = embedding.shape[:-2]
         embedding = embedding.reshape(-1, *embedding.shape[-2:])
         for communicate in self.rounds:
             embedding = communicate(embedding, team)

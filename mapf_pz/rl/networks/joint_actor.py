@@ -4,8 +4,8 @@ If each agent samples its action by itself, two agents for which either order is
 half of the time. If one decides first and the other observes it, the actions of all agents are a sample of a joint
 distribution. The order of decisions is free, as in order-agnostic autoregressive models (Hoogeboom et al.,
 *Autoregressive Diffusion Models*, ICLR 2022): the network learns from states in which any agents have decided. Several
-agents decide in the same round, the most certain ones first (Chang et al., *MaskGIT*, CVPR 2022). In DMM (Cognitive AI
-Systems, 2026), agents of MAPF also exchange their intended actions in rounds.
+agents decide in the same round, those first that are most certain (Chang et al., *MaskGIT*, CVPR 2022). In DMM
+(Cognitive AI Systems, 2026), agents of MAPF also exchange their intended actions in rounds.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from mapf_pz.rl.config import ModelConfig
 from mapf_pz.rl.environments.execution import sampled_preferences
 from mapf_pz.rl.networks.actors import Actor
-from mapf_pz.rl.networks.communication import CommunicatingEncoder
+from mapf_pz.rl.networks.communication import CommunicatingEncoder, Team
 from mapf_pz.rl.networks.observation_shape import ObservationShape
 
 
@@ -41,19 +41,24 @@ class JointActor(Actor):
         """Return the logits; `decided` (..., N) int64 are actions or `undecided`. None: all agents are undecided."""
         assert features is not None  # they include the pose
         embedding = self.encoder.encoder(image, features)
-        return self.decide(embedding, features, self.no_decisions(embedding) if decided is None else decided)
+        decided = self.no_decisions(embedding) if decided is None else decided
+        return self.decide(embedding, self.encoder.team(features), decided)
 
     def no_decisions(self, embedding: Tensor) -> Tensor:
         """Return decisions (..., N) of agents with embeddings `(..., N, hidden)` that are all undecided."""
         return torch.full_like(embedding[..., 0], self.undecided, dtype=torch.int64)
 
-    def decide(self, embedding: Tensor, features: Tensor, decided: Tensor) -> tuple[Tensor, ...]:
-        """Return the logits for embeddings `(..., N, hidden)` of observations with these features."""
-        return self.act(self.encoder.communicate(embedding + self.decision(decided), features))
+    def decide(self, embedding: Tensor, team: Team, decided: Tensor) -> tuple[Tensor, ...]:
+        """Return the logits for embeddings `(..., N, hidden)` of the observations of a team."""
+        return self.act(self.encoder.communicate(embedding + self.decision(decided), team))
 
 
 class DecisionRounds(nn.Module):
-    """Samples the actions of all agents in rounds."""
+    """Samples the actions of all agents in rounds.
+
+    In each round, an agent decides if no undecided agent that is more certain is near enough for a conflict; in the
+    last round, all others decide.
+    """
 
     def __init__(self, actor: JointActor, rounds: int, temperature: float) -> None:
         """Sample from an actor's distribution p, or from the one proportional to p^(1 / temperature)."""
@@ -70,34 +75,31 @@ class DecisionRounds(nn.Module):
             noise: `(..., N, A)`, as in `sampled_preferences`; None: it is sampled by torch's generator.
         """
         undecided = self.actor.undecided
-        embedding = self.actor.encoder.encoder(image, features)
+        embedding, team = self.actor.encoder.encoder(image, features), self.actor.encoder.team(features)
         decided = self.actor.no_decisions(embedding)
-        logits = embedding.new_zeros((*embedding.shape[:-1], undecided))
+        near = team.near.reshape(*decided.shape, -1)
+        logits = embedding.new_zeros((*decided.shape, undecided))
         preferences = noise = torch.empty_like(logits).exponential_() if noise is None else noise
         for number in range(1, self._rounds + 1):
             waiting = decided == undecided
-            (latest,) = self.actor.decide(embedding, features, decided)
+            (latest,) = self.actor.decide(embedding, team, decided)
             logits = torch.where(waiting.unsqueeze(-1), latest.float(), logits)
             preferences = sampled_preferences(logits, self._temperature, noise)
-            # Those that have decided come first, so they stay among the first.
-            certainty = torch.where(waiting, logits.softmax(-1).amax(-1), 2.0)
-            among_first = _rank(certainty) * self._rounds < decided.shape[-1] * number
-            decided = torch.where(among_first, preferences.argmax(-1), undecided)
+            certainty = torch.where(waiting, logits.softmax(-1).amax(-1), 0.0)
+            deciding = waiting & ~(near & _precedes(certainty)).any(-1) if number < self._rounds else waiting
+            decided = torch.where(deciding, preferences.argmax(-1), decided)
         return logits, preferences
 
 
-def _rank(values: Tensor) -> Tensor:
-    """Return the rank of each of the values (..., N), 0 for the largest; the first of equal values has the lowest.
-
-    This is a stable sort, which has no form in ONNX.
-    """
-    numbers = torch.arange(values.shape[-1], device=values.device)
-    one, other = values.unsqueeze(-1), values.unsqueeze(-2)
-    return ((other > one) | ((other == one) & (numbers < numbers.unsqueeze(-1)))).sum(-1)
+def _precedes(certainty: Tensor) -> Tensor:
+    """Return in row i which agents are more certain than agent i, (..., N, N); of equal ones, the first agent is."""
+    numbers = torch.arange(certainty.shape[-1], device=certainty.device)
+    one, other = certainty.unsqueeze(-1), certainty.unsqueeze(-2)
+    return (other > one) | ((other == one) & (numbers < numbers.unsqueeze(-1)))
 
 
 def random_decisions(actions: Tensor, known: Tensor, rounds: int, undecided: int) -> Tensor:
-    """Return decisions (S, N) as in a random one of the rounds, of random agents.
+    """Return decisions (S, N) of random agents: in each state of 0, 1, ..., or rounds - 1 of as many shares of them.
 
     Args:
         actions: (S, N) int64: the agents' actions in S states.
