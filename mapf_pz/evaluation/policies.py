@@ -38,7 +38,7 @@ SHIELD_SUFFIX = "+pibt"
 """Suffix of a policy's name: PIBT executes its preferences such that no move is blocked."""
 WEIGHTS_OPTION = "edge_weights="
 """Option of planners: the guidance graph that determines their costs."""
-_TRAINED_OPTIONS = {"temperature": None}
+_TRAINED_OPTIONS = {"temperature": None, "decision_rounds": None}
 _SHIELD_OPTIONS = {"patience": PATIENCE, "depth": DEPTH}
 
 
@@ -55,7 +55,7 @@ def policy_factory(
               a guidance graph for its costs, such as `edge_weights=crisscross`;
             - the name of a trained policy of the package, the folder of a training run, or an address `hf://USER/NAME`
               on the Hugging Face Hub, optionally followed by `+pibt` and options, such as `mappo:temperature=0.5` or
-              `mappo+pibt:patience=2,temperature=0.5`;
+              `mappo+pibt:patience=2,temperature=0.5`; `decision_rounds` is one for a policy that decides in rounds;
             - `package.module:Class`, a planner or policy of your own in a module that has been imported, also followed
               by `+pibt` and options. Options are arguments of the class other than `env` and `seed`, which it gets if
               it has them. A policy that is an object, `package.module:name`, has no options.
@@ -122,7 +122,10 @@ def _factory_of_trained(name: str, seed: int, deterministic: bool, trust_remote_
         )
     allowed = _TRAINED_OPTIONS | (_SHIELD_OPTIONS if shielded != trained else {})
     chosen = allowed | parse_options(shielded, allowed, options)
-    return TrainedFactory(trained, seed, deterministic, chosen.pop("temperature"), chosen, trust_remote_code)
+    sampling = {option: chosen.pop(option) for option in _TRAINED_OPTIONS}
+    return TrainedFactory(
+        trained, seed, deterministic, **sampling, shield_options=chosen, trust_remote_code=trust_remote_code
+    )
 
 
 def check_observed(name: str, keywords: Mapping[str, Any]) -> None:
@@ -248,6 +251,8 @@ class TrainedFactory:
     """Whether it takes the most likely action instead of sampling one."""
     temperature: float | None
     """Temperature of the sampling; None: that of its training."""
+    decision_rounds: int | None
+    """Number of rounds in which agents decide; None: that of its training."""
     shield_options: dict[str, Any]
     """Options of the safety layer that executes its preferences; empty: there is none."""
     trust_remote_code: bool = False
@@ -261,11 +266,12 @@ class TrainedFactory:
         folder = policy_folder(self.name)
         arrays = {file.name: file for file in folder.glob("*.safetensors")}
         weights = arrays.pop(WEIGHTS, None)
+        rounds = {} if self.decision_rounds is None else {"decision_rounds": self.decision_rounds}
         return {
             "policy": "trained",
             "weights": digest(weights),
             "configuration": digest([_configuration(folder / CONFIG), arrays]),
-            "options": self.shield_options | {"temperature": self.temperature},
+            "options": self.shield_options | {"temperature": self.temperature} | rounds,
             "deterministic": self.deterministic,
             "seed": self.seed,
         }
@@ -274,7 +280,9 @@ class TrainedFactory:
         """Return the environment and the policy; raises `ValueError` if the policy needs another action model."""
         from mapf_pz.rl.policies.load import load_policy  # import torch only when it is needed
 
-        policy = load_policy(self.name, self.seed, self.deterministic, self.temperature, self.trust_remote_code)
+        policy = load_policy(
+            self.name, self.seed, self.deterministic, self.temperature, self.trust_remote_code, self.decision_rounds
+        )
         _check_actions(f"policy {self.name!r}", policy, keywords)
         env = make_env(policy, **keywords)
         return env, Shield(policy, env, **self.shield_options) if self.shield_options else policy

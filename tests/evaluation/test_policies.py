@@ -113,8 +113,11 @@ def test_wrong_guidance_graphs_of_planners(name, message):
         ("epibt:depth=[5]", "option 'depth=[5]': expected a number, True or False"),
         ("epibt:depth=None", "option 'depth=None': expected a number, True or False"),
         ("epibt:depth=9", "depth=9: expected a number of actions from 1 to 8"),
-        ("mappo:patience=2", "option 'patience=2': mappo has the options temperature"),
-        ("mappo+pibt:swap=2", "option 'swap=2': mappo+pibt has the options temperature, patience, depth"),
+        ("mappo:patience=2", "option 'patience=2': mappo has the options temperature, decision_rounds"),
+        (
+            "mappo+pibt:swap=2",
+            "option 'swap=2': mappo+pibt has the options temperature, decision_rounds, patience, depth",
+        ),
         ("mappo+pibt:temperature=low", "option 'temperature=low': expected a number, True or False"),
     ],
 )
@@ -184,6 +187,9 @@ def test_options_of_trained_policies():
     [
         ("mappo:temperature=-1", "temperature=-1: expected a finite number, 0 or more"),
         ("mappo:temperature=1e999", "option 'temperature=1e999': expected -1073741824 to 1073741824"),
+        ("mappo:decision_rounds=2", "decision_rounds=2: expected 1, as in the policy's training"),
+        ("mappo:decision_rounds=0", "decision_rounds=0: expected a whole number, 1 or more"),
+        ("mappo:decision_rounds=1.5", "decision_rounds=1.5: expected a whole number, 1 or more"),
         ("central-ppo:temperature=-1", "temperature=-1: expected a finite number, 0 or more"),
         ("mappo+pibt:patience=-1", "patience=-1: expected a whole number, 0 or more"),
         ("mappo+pibt:patience=1.5", "patience=1.5: expected a whole number, 0 or more"),

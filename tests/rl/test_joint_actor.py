@@ -8,6 +8,7 @@ import torch
 from tensordict import TensorDict
 
 import mapf_pz
+from mapf_pz.evaluation import EvaluationTask, evaluate
 from mapf_pz.rl import load_policy, train
 from mapf_pz.rl.algorithms.named import ALGORITHMS
 from mapf_pz.rl.config import ImitationConfig
@@ -142,6 +143,25 @@ def test_a_run_is_trained_and_resumed_and_its_policy_decides_in_rounds(tmp_path)
     policy.watch(decisions.append)
     policy.act(observed)
     assert decisions[0].probabilities.shape == (5, 4)
+
+
+def test_a_policy_acts_with_another_number_of_rounds(tmp_path):
+    folder = train(dataclasses.replace(CONFIG, agent_steps=192), tmp_path)
+    louder = actor().state_dict()
+    taken = {}
+    for rounds in (None, ROUNDS, 1, 6):
+        policy = load_policy(folder, decision_rounds=rounds)
+        policy.network.load_state_dict(louder)
+        env = mapf_pz.parallel_env(**policy.env_kwargs, map="empty-8-8", num_agents=20)
+        preferences = policy.preferences(env.reset(seed=0)[0])
+        taken[rounds] = np.stack(list(preferences.values())).tolist(), policy.identity
+    assert taken[None] == taken[ROUNDS]
+    for part in (0, 1):
+        assert len({str(each[part]) for each in taken.values()}) == 3
+    task = EvaluationTask("empty-8-8", 4, {"map": "empty-8-8", "max_steps": 16}, episodes=2)
+    assert {episode.policy for episode in evaluate([f"{folder}:decision_rounds=2"], [task])} == {
+        f"{folder}:decision_rounds=2"
+    }
 
 
 def test_a_run_starts_from_a_policy_whose_agents_decide_at_once(tmp_path):

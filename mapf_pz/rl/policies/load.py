@@ -34,6 +34,7 @@ def load_policy(
     deterministic: bool = False,
     temperature: float | None = None,
     trust_remote_code: bool = False,
+    decision_rounds: int | None = None,
 ) -> LearnedPolicy:
     """Load a trained policy. It does not change with its files: they are read once.
 
@@ -46,12 +47,14 @@ def load_policy(
             temperature at which the policy acted in its training, `Algorithm.acting_temperature`.
         trust_remote_code: load a policy whose configuration names code outside this package
             (`package.module:name`), which importing runs.
+        decision_rounds: number of rounds in which agents decide, 1 or more, of a policy that has learned with more than
+            1; None: as in its training. More rounds leave fewer conflicts, and take longer.
 
     Raises:
         FileNotFoundError: There is no such policy.
         ImportError, OSError: The policy cannot be downloaded.
         FormatError: The files do not fit together, are too large, or name code without `trust_remote_code`.
-        ValueError: The temperature is negative or not finite.
+        ValueError: The temperature is negative or not finite, or the policy cannot have so many rounds.
     """
     folder = policy_folder(policy)
     config = _config_in(folder, policy, trust_remote_code)
@@ -66,7 +69,7 @@ def load_policy(
     kind = TeamPolicy if algorithm.centralized else SharedPolicy
     if temperature is None:
         temperature = algorithm.acting_temperature(config)
-    return kind(network, config, seed, deterministic, temperature)
+    return kind(network, config, seed, deterministic, temperature, decision_rounds)
 
 
 def policy_config(policy: str | Path, trust_remote_code: bool = False) -> TrainConfig:

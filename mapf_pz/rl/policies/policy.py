@@ -50,6 +50,7 @@ class LearnedPolicy(ABC):
         seed: int = 0,
         deterministic: bool = False,
         temperature: float = 1.0,
+        decision_rounds: int | None = None,
     ) -> None:
         """Wrap a network.
 
@@ -59,8 +60,10 @@ class LearnedPolicy(ABC):
             seed: random seed.
             deterministic: take the most likely action instead of sampling, as with temperature 0.
             temperature: temperature of the sampling, 0 or more.
+            decision_rounds: number of rounds in which agents decide. None: as in training.
 
-        Raises `ValueError` for a temperature that is negative or not finite.
+        Raises `ValueError` for a temperature that is negative or not finite, and for a number of rounds that is not a
+        whole number, 1 or more, or that the network has not learned.
         """
         if not 0 <= temperature < math.inf:
             raise ValueError(f"temperature={temperature}: expected a finite number, 0 or more")
@@ -74,11 +77,15 @@ class LearnedPolicy(ABC):
         self._seed = seed
         self._observer: Callable[[Decision], object] | None = None
         model = config.model
+        self._decision_rounds = model.decision_rounds if decision_rounds is None else decision_rounds
+        if not isinstance(self._decision_rounds, int) or self._decision_rounds < 1:
+            raise ValueError(f"decision_rounds={decision_rounds}: expected a whole number, 1 or more")
         self.sampler = self.network
         """What is called: the network, or, if agents decide in rounds, their sampling, which has noise as an input."""
-        if model.decision_rounds > 1:
-            assert isinstance(network, JointActor)
-            self.sampler = DecisionRounds(network, model.decision_rounds, self.temperature)
+        if isinstance(network, JointActor):
+            self.sampler = DecisionRounds(network, self._decision_rounds, self.temperature)
+        elif self._decision_rounds > 1:
+            raise ValueError(f"decision_rounds={decision_rounds}: expected 1, as in the policy's training")
         self._batched = BatchedNetwork(self.sampler, model.communication > 0, self.num_agents, model.recurrent)
         self.reset_states()
 
@@ -87,6 +94,8 @@ class LearnedPolicy(ABC):
         """The digests of the weights and the configuration, and the settings: see `mapf_pz.evaluation.identity`."""
         weights = {name: weight.numpy(force=True) for name, weight in self.network.state_dict().items()}
         settings = {"seed": self._seed, "temperature": self.temperature}
+        if self._decision_rounds != self.config.model.decision_rounds:
+            settings["decision_rounds"] = self._decision_rounds
         return {"policy": "object", "weights": digest(weights), "configuration": digest(self.config)} | settings
 
     def act(self, observations: dict[str, Any], infos: Infos | None = None) -> dict[str, int]:
