@@ -21,7 +21,7 @@ POLICIES = {
     "images": lambda: untrained(task={"features": ()}),
     "stacked": lambda: untrained("central-ppo"),
     "communication": lambda: untrained(task={"features": ("pose",)}, communication=1, hidden=32),
-    "rounds": lambda: untrained("dagger", task={"features": ("pose",)}, communication=1, hidden=32, decision_rounds=3),
+    "rounds": lambda: untrained("dagger", task={"features": ("pose",)}, communication=1, hidden=32, decision_rounds=2),
     "residual": lambda: untrained(encoder="residual"),
 }
 
