@@ -21,6 +21,7 @@ from mapf_pz.rl.networks.joint_actor import DecisionRounds, JointActor
 from mapf_pz.rl.networks.observation_shape import ObservationShape, described, shapes_of
 from mapf_pz.rl.policies.decision import AttentionRecorder, Decision
 from mapf_pz.simulator.actions import ACTION_MODES
+from mapf_pz.simulator.config import check_whole
 from mapf_pz.simulator.simulator import Observation, Simulator
 
 Infos: TypeAlias = "Mapping[str, Mapping[str, Any]]"
@@ -78,8 +79,7 @@ class LearnedPolicy(ABC):
         self._observer: Callable[[Decision], object] | None = None
         model = config.model
         self._decision_rounds = model.decision_rounds if decision_rounds is None else decision_rounds
-        if not isinstance(self._decision_rounds, int) or self._decision_rounds < 1:
-            raise ValueError(f"decision_rounds={decision_rounds}: expected a whole number, 1 or more")
+        check_whole("decision_rounds", self._decision_rounds, least=1)
         self.sampler = self.network
         """What is called: the network, or, if agents decide in rounds, their sampling, which has noise as an input."""
         if isinstance(network, JointActor):
