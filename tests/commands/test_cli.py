@@ -334,7 +334,7 @@ def test_render_a_trained_policy(capsys, tmp_path, monkeypatch):
     policies = pytest.importorskip("mapf_pz.rl.policies.load")
     policy = Waits()
     (tmp_path / "run").mkdir()
-    known = {(str(tmp_path / "run"), 7, False, None, False): policy}
+    known = {(str(tmp_path / "run"), 7, False, None, False, None): policy}
     monkeypatch.setattr(policies, "load_policy", lambda *arguments: known[arguments])
     options = ["--policy", tmp_path / "run", "--seed", 7, "--max-steps", 4, "--num-agents", 2]
     status, out, err = run(capsys, "render", tmp_path / "a.gif", *options)
