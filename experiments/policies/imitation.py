@@ -3,7 +3,8 @@
 Policies imitate LaCAM with one goal per agent, or windowed planning in lifelong episodes, on PRIMAL2's mazes, random
 maps and warehouses. Those with cardinal actions differ in whether agents exchange embeddings, in whether they act under
 the safety layer while they learn, in how often LaCAM plans again, and in whether states are turned and mirrored.
-They are evaluated with and without the layer on generated mazes and random maps that none of them has learned on.
+`oneshot-cardinal` continues from one of these policies, and its agents decide in rounds.
+All are evaluated with and without the layer on generated mazes and random maps that none of them has learned on.
 `docs/results/imitation.csv` gets the results of each run, which is not repeated then, and
 `docs/explanation/imitation.md` the tables. Runs that were stopped go on.
 """
@@ -37,13 +38,15 @@ EXPERTS = {
     "oneshot": "LaCAM, agents that turn",
 }
 """The planner that each preset imitates."""
-BUNDLED = "augmented"
-"""The setting of the bundled policies, that of the presets."""
+BUNDLED = {"oneshot-cardinal": "in rounds", "lifelong-cardinal": "augmented", "oneshot": "augmented"}
+"""The settings of the bundled policies, those of the presets."""
+FIRST_RUN = "runs/imitation/oneshot-cardinal-augmented-0"
+"""Where all runs in rounds continue from."""
 EARLIER: dict[str, dict[str, Any]] = {
     "oneshot-cardinal": {"expert_share": 0.5, "segment_steps": 32, "augment": False},
     "lifelong-cardinal": {"expert": "windowed:rounds=1,window=12", "augment": False},
 }
-"""How policies with cardinal actions imitate in all settings but `BUNDLED`. They take half as many gradient steps."""
+"""How policies with cardinal actions imitate in the settings before `augmented`, with half as many gradient steps."""
 EDGE_WEIGHTS = {"oneshot-cardinal": "uniform", "lifelong-cardinal": "crisscross"}
 """The edge weights that agents observe in their costs to go in these settings."""
 METRICS = {"oneshot-cardinal": "CSR", "lifelong-cardinal": "avg_throughput", "oneshot": "CSR"}
@@ -90,18 +93,39 @@ class Options(StudyOptions):
 
 def settings(preset: str) -> Iterator[Variation]:
     """Yield the settings of a preset."""
+    bundled = Variation(BUNDLED[preset], PRESETS[preset])
+    if preset == "oneshot-cardinal":
+        yield replace(bundled, config=replace(bundled.config, initial_policy=FIRST_RUN))
+    augmented = _augmented(bundled)
     if preset in EARLIER:
-        yield from _earlier_settings(preset)
-    yield Variation(BUNDLED, PRESETS[preset])
+        yield from _earlier_settings(preset, augmented.config)
+    yield augmented
 
 
-def _earlier_settings(preset: str) -> Iterator[Variation]:
-    """Yield the settings of a preset with cardinal actions that are not its own."""
-    task = PRESETS[preset].task
+def setting(preset: str, name: str) -> Variation:
+    """Return a setting of a preset."""
+    return next(one for one in settings(preset) if one.name == name)
+
+
+def _augmented(bundled: Variation) -> Variation:
+    """Return the setting `augmented` of the preset with this bundled policy."""
+    if bundled.config.model.decision_rounds == 1:
+        return bundled
+    return bundled.with_(
+        "augmented",
+        model={"decision_rounds": 1},
+        optimization={"learning_rate": 2e-3},
+        imitation={"history_dropout": 0.0},
+    )
+
+
+def _earlier_settings(preset: str, augmented: TrainConfig) -> Iterator[Variation]:
+    """Yield the settings of a preset with cardinal actions that were before `augmented`."""
+    task = augmented.task
     task = replace(task, env=replace(task.env, edge_weights=EDGE_WEIGHTS[preset]), mixture=small_maps(task.mixture))
-    optimization = replace(PRESETS[preset].optimization, num_epochs=1)
-    imitation = replace(PRESETS[preset].imitation, **EARLIER[preset])
-    config = replace(PRESETS[preset], task=task, optimization=optimization, imitation=imitation)
+    optimization = replace(augmented.optimization, num_epochs=1)
+    imitation = replace(augmented.imitation, **EARLIER[preset])
+    config = replace(augmented, task=task, optimization=optimization, imitation=imitation)
     unshielded = Variation("embeddings, no layer", config)
     together = unshielded.with_("embeddings", task={"shield": True})
     alone = {"communication": 0, "communication_radius": None}

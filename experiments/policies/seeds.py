@@ -28,7 +28,6 @@ from mapf_pz.evaluation.reports.report import grouped
 from mapf_pz.rl import load_policy
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.policies.folder import policy_folder
-from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.progress import read_progress
 
 IMAGE = FILES / "seeds.png"
@@ -72,8 +71,9 @@ def learn(preset: str, seed: int, options: Options) -> None:
     missing = list(STUDY.missing((preset, seed, suite) for suite in names if names[suite]))
     if not missing:
         return
-    run = folder(options.output, f"{preset}-{imitation.BUNDLED}", seed)
-    imitation.trained(PRESETS[preset], seed, PRESETS[preset].agent_steps, run)
+    setting = imitation.setting(preset, imitation.BUNDLED[preset])
+    run = folder(options.output, f"{preset}-{setting.name}", seed)
+    imitation.trained(setting.config, seed, setting.config.agent_steps, run)
     if not same(load_policy(run).config, load_policy(preset).config):
         raise SystemExit(f"{run}: expected the configuration of the bundled policy, apart from the seed")
     add_curve(preset, seed, run)

@@ -202,7 +202,7 @@ _LIFELONG_CARDINAL = replace(
 _LACAM = ImitationConfig(
     expert="lacam:time_limit=0.1,clock=work", expert_share=0.3, segment_steps=4, temperature=0.5, augment=True
 )
-_ONESHOT_CARDINAL = replace(
+_ONE_ROUND = replace(
     _LIFELONG_CARDINAL,
     task=replace(
         _LIFELONG_CARDINAL.task,
@@ -220,20 +220,32 @@ _ONESHOT_CARDINAL = replace(
     agent_steps=11_000_000,
 )
 
-# The same for agents that turn. In plans, waits follow waits, and a policy that sees this in its last actions waits
-# forever; so it often learns without them.
+# Agents decide in rounds, so that of those in conflict not all go, or all wait. In plans, waits follow waits, and a
+# policy that sees this in its last actions waits forever; so it often learns without them. The run continues from one
+# of `_ONE_ROUND`: see `policies/README.md`.
+_ONESHOT_CARDINAL = replace(
+    _ONE_ROUND,
+    model=replace(_ONE_ROUND.model, decision_rounds=4),
+    optimization=replace(_ONE_ROUND.optimization, learning_rate=1e-3),
+    imitation=replace(_LACAM, history_dropout=0.25),
+    agent_steps=3_000_000,
+    checkpoint_interval=500_000,
+    validation_interval=1_000_000,
+)
+
+# Agents that turn, with one round.
 _ONESHOT = replace(
-    _ONESHOT_CARDINAL,
+    _ONE_ROUND,
     task=replace(
-        _ONESHOT_CARDINAL.task,
+        _ONE_ROUND.task,
         env=replace(
-            _ONESHOT_CARDINAL.task.env,
+            _ONE_ROUND.task.env,
             max_steps=256,
             action_model="rotate",
             channels=_LIFELONG.task.env.channels,
         ),
         mixture=replace(
-            _ONESHOT_CARDINAL.task.mixture,
+            _ONE_ROUND.task.mixture,
             maps=("primal2", "primal2", "random", "random", "warehouse"),
             height=(17, 28),
             width=(17, 28),

@@ -67,7 +67,7 @@ def test_other_seeds_are_measured_once(tmp_path, trained):
     others = [seed for seed in range(3) if seed != bundled]
     for _ in range(2):
         seeds.main(seeds.Options(tmp_path, **OPTIONS))
-    runs = [tmp_path / f"{PRESET}-augmented-{seed}" for seed in others]
+    runs = [tmp_path / f"{PRESET}-in-rounds-{seed}" for seed in others]
     assert trained == [({PRESET: f"{run}", f"{PRESET}+pibt": f"{run}+pibt"}, "s") for run in runs]
     rows = read_rows(tmp_path / "seeds.csv")
     assert [(int(row["seed"]), row["policy"], row["mean"]) for row in rows] == [
@@ -79,7 +79,7 @@ def test_other_seeds_are_measured_once(tmp_path, trained):
     last = read_progress(policy_folder(PRESET))[-1]
     for seed in others:
         rows = [row for row in read_rows(tmp_path / "curves.csv") if row["seed"] == str(seed)]
-        assert len(rows) > 10
+        assert len(rows) >= 3
         assert (float(rows[-1]["agent_steps"]), float(rows[-1]["value"])) == pytest.approx(
             (last["agent_steps"], last["validation_CSR"]), rel=1e-5
         )
@@ -94,7 +94,7 @@ def test_runs_with_another_configuration_are_refused(tmp_path, trained, monkeypa
         save_config(run, replace(load_policy(run).config, agent_steps=7))
 
     monkeypatch.setattr(seeds.imitation, "trained", other)
-    with pytest.raises(SystemExit, match=r"augmented-\d: expected the configuration of the bundled policy, apart from"):
+    with pytest.raises(SystemExit, match=r"in-rounds-\d: expected the configuration of the bundled policy, apart from"):
         seeds.main(seeds.Options(tmp_path, **OPTIONS))
     assert not trained
 

@@ -77,16 +77,16 @@ class DecisionRounds(nn.Module):
         undecided = self.actor.undecided
         embedding, team = self.actor.encoder.encoder(image, features), self.actor.encoder.team(features)
         decided = self.actor.no_decisions(embedding)
-        near = team.near.reshape(*decided.shape, -1)
+        near = team.near().reshape(*decided.shape, -1)
         logits = embedding.new_zeros((*decided.shape, undecided))
         preferences = noise = torch.empty_like(logits).exponential_() if noise is None else noise
-        for number in range(1, self._rounds + 1):
+        for _ in range(self._rounds):
             waiting = decided == undecided
             (latest,) = self.actor.decide(embedding, team, decided)
             logits = torch.where(waiting.unsqueeze(-1), latest.float(), logits)
             preferences = sampled_preferences(logits, self._temperature, noise)
             certainty = torch.where(waiting, logits.softmax(-1).amax(-1), 0.0)
-            deciding = waiting & ~(near & _precedes(certainty)).any(-1) if number < self._rounds else waiting
+            deciding = waiting & ~(near & _precedes(certainty)).any(-1)
             decided = torch.where(deciding, preferences.argmax(-1), decided)
         return logits, preferences
 
