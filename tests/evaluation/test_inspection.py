@@ -82,7 +82,7 @@ def collected(name, temperature):
 
 @pytest.mark.parametrize("temperature", [1.0, 0.5])
 def test_probabilities_are_those_of_the_network(temperature):
-    inspection, (logits,) = collected("oneshot-cardinal", temperature)
+    inspection, (logits,) = collected("lifelong-cardinal", temperature)
     powers = np.exp(logits / temperature)
     np.testing.assert_allclose(inspection.probabilities, powers / powers.sum(-1, keepdims=True), atol=1e-4)
     np.testing.assert_allclose(inspection.probabilities.sum(-1), 1, atol=1e-5)
@@ -91,7 +91,7 @@ def test_probabilities_are_those_of_the_network(temperature):
 
 
 def test_the_most_likely_action_has_probability_one_at_temperature_zero():
-    inspection, (logits,) = collected("oneshot-cardinal", 0.0)
+    inspection, (logits,) = collected("lifelong-cardinal", 0.0)
     assert (inspection.probabilities == np.eye(5)[logits.argmax(-1)]).all()
 
 
