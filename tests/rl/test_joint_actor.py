@@ -179,8 +179,12 @@ def test_a_run_starts_from_a_policy_whose_agents_decide_at_once(tmp_path):
 @pytest.mark.parametrize(
     ("name", "model", "message"),
     [
-        ("dagger", {"communication": 0}, "decision_rounds=3: expected 1 without communication"),
-        ("dagger", {"mask_actions": True}, "decision_rounds=3: expected 1 with mask_actions"),
+        ("dagger", {"communication": 0}, "decision_rounds=3: expected 1 without communication, and with mask_actions"),
+        (
+            "dagger",
+            {"mask_actions": True},
+            "decision_rounds=3: expected 1 without communication, and with mask_actions",
+        ),
         ("dagger", {"decision_rounds": 0}, "decision_rounds=0: expected a whole number, 1 or more"),
         ("mappo", {}, "decision_rounds=3: expected 1 with mappo, whose agents act at the same time"),
         ("central-ppo", {}, "decision_rounds=3: expected 1 with central-ppo, whose agents act at the same time"),

@@ -37,6 +37,8 @@ class Algorithm(ABC):
     """Keys of the network's outputs, the parameters of the action distribution."""
     centralized: ClassVar[bool] = False
     """Whether one policy acts for all agents, instead of each agent acting by itself."""
+    added_layers: ClassVar[tuple[str, ...]] = ()
+    """Names of the network's layers that an `Actor` with the same configuration does not have."""
 
     def __init__(self, config: TrainConfig) -> None:
         """Build the networks."""
@@ -48,9 +50,16 @@ class Algorithm(ABC):
         """The policy that acts in the environments; its output includes the action of `transforms`."""
 
     def start_from(self, network: nn.Module) -> None:
-        """Start from the weights of a network with the same layers; raises `ValueError` if it has others."""
+        """Start from the weights of a network with the same layers, or of an `Actor` without `added_layers`.
+
+        Raises `ValueError` if it has others.
+        """
+        weights = network.state_dict()
+        if type(network) is Actor:
+            own = self.network.state_dict().items()
+            weights |= {name: weight for name, weight in own if name.partition(".")[0] in self.added_layers}
         try:
-            self.network.load_state_dict(network.state_dict())
+            self.network.load_state_dict(weights)
         except RuntimeError as error:
             reason = " ".join(str(error).split())
             raise ValueError(f"initial_policy: not the networks of this configuration: {reason[:200]}") from None

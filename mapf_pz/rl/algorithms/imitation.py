@@ -19,7 +19,6 @@ from mapf_pz.rl.algorithms.symmetries import Symmetries
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.environments.execution import ExecutePreferences, SamplePreferences
 from mapf_pz.rl.environments.recorded_states import RecordStates
-from mapf_pz.rl.networks.actors import Actor
 from mapf_pz.rl.networks.joint_actor import DecisionRounds, JointActor, random_decisions
 from mapf_pz.rl.networks.observation_shape import ObservationShape
 from mapf_pz.simulator.actions import wait_action
@@ -127,13 +126,13 @@ class Imitation(Algorithm):
     The policy acts by itself, or under the safety layer, as it will be used.
     """
 
+    added_layers = ("decision",)
+
     def __init__(self, config: TrainConfig) -> None:
-        """Build the network; raises `ValueError` with `recurrent`, and for `decision_rounds`."""
+        """Build the network; raises `ValueError` with `recurrent`, and as `JointActor`."""
         if config.model.recurrent:
             expected = f"0 with {config.algorithm}, which uses single steps"
             raise ValueError(f"recurrent={config.model.recurrent}: expected {expected}")
-        if config.model.decision_rounds > 1 and config.model.mask_actions:
-            raise ValueError(f"decision_rounds={config.model.decision_rounds}: expected 1 with mask_actions")
         super().__init__(config)
 
     @staticmethod
@@ -142,12 +141,6 @@ class Imitation(Algorithm):
         if config.model.decision_rounds > 1:
             return JointActor(ObservationShape.of_task(config.task), config.model)
         return Algorithm.make_network(config)
-
-    def start_from(self, network: nn.Module) -> None:
-        """Start from the weights of a network, as in `Algorithm`; if agents decide in rounds, also of one without."""
-        if isinstance(self.network, JointActor) and type(network) is Actor:
-            network.decision = self.network.decision
-        super().start_from(network)
 
     @staticmethod
     def acting_temperature(config: TrainConfig) -> float:

@@ -26,9 +26,7 @@ from mapf_pz.rl.environments.centralize import Centralize
 from mapf_pz.rl.environments.execution import ExecutePreferences, OrderActions
 from mapf_pz.rl.environments.transfer import to_device
 from mapf_pz.rl.networks.actors import (
-    Actor,
     LocalCritic,
-    MatrixActor,
     TeamCritic,
     add_recurrence,
     make_matrix_actor,
@@ -308,6 +306,7 @@ class CentralPPO(PPOAlgorithm):
     """
 
     parameters: ClassVar[list[NestedKey]] = [("team", "loc"), ("team", "scale")]
+    added_layers = ("log_scale",)
     action_key = ("next", "agents", "taken")
     centralized = True
 
@@ -326,12 +325,6 @@ class CentralPPO(PPOAlgorithm):
         """Return a network; without communication it is for exactly the number of agents in the configuration."""
         shape = ObservationShape.of_task(config.task)
         return add_recurrence(make_matrix_actor(shape, config.task.num_agents, config.model), config.model)
-
-    def start_from(self, network: nn.Module) -> None:
-        """Start from the weights of a network, as in `Algorithm`; with communication, also of one of logits."""
-        if isinstance(self.network, MatrixActor) and type(network) is Actor:
-            network.log_scale = self.network.log_scale
-        super().start_from(network)
 
     @classmethod
     def fixed_num_agents(cls, config: TrainConfig) -> int | None:

@@ -26,9 +26,13 @@ class JointActor(Actor):
     encoder: CommunicatingEncoder
 
     def __init__(self, shape: ObservationShape, config: ModelConfig) -> None:
-        """Build the layers of `Actor`, and embeddings of decisions; raises `ValueError` without communication."""
-        if not config.communication:
-            raise ValueError(f"decision_rounds={config.decision_rounds}: expected 1 without communication")
+        """Build the layers of `Actor`, and embeddings of decisions.
+
+        Raises `ValueError` without communication, and with `mask_actions`.
+        """
+        if not config.communication or config.mask_actions:
+            expected = "1 without communication, and with mask_actions"
+            raise ValueError(f"decision_rounds={config.decision_rounds}: expected {expected}")
         super().__init__(shape, config)
         self.undecided = shape.actions
         """In place of the action of an agent that has not decided."""
