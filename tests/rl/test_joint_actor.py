@@ -91,6 +91,18 @@ def test_agents_decide_together_if_they_cannot_conflict(distance, number):
     assert (logits == alone).all(-1).sum(-1).tolist() == [number] * 5
 
 
+@pytest.mark.parametrize(("distance", "rounds"), [(1, 2), (3, 1)])
+def test_rounds_end_when_all_agents_have_decided(distance, rounds, monkeypatch):
+    network, pose, decided = actor(), ALGORITHMS["dagger"](CONFIG).observation_shape.pose, []
+    image, features = (part[:, :2] for part in observations())
+    features[:, 1, pose.start] += (distance - 1) / 32768
+    decide = network.decide
+    monkeypatch.setattr(network, "decide", lambda *parts: decided.append(parts[-1]) or decide(*parts))
+    with torch.no_grad():
+        DecisionRounds(network, 9, 0.0)(image, features)
+    assert len(decided) == rounds
+
+
 def one_goes(algorithm, number):
     """Steps of two agents side by side, of which a random one goes and the other one waits; they observe the same."""
     shape = algorithm.observation_shape

@@ -61,7 +61,7 @@ class DecisionRounds(nn.Module):
     """Samples the actions of all agents in rounds.
 
     In each round, an agent decides if no undecided agent that is more certain is near enough for a conflict; in the
-    last round, all others decide.
+    last round, all others decide. The rounds end when all have decided.
     """
 
     def __init__(self, actor: JointActor, rounds: int, temperature: float) -> None:
@@ -86,6 +86,8 @@ class DecisionRounds(nn.Module):
         preferences = noise = torch.empty_like(logits).exponential_() if noise is None else noise
         for _ in range(self._rounds):
             waiting = decided == undecided
+            if not torch.compiler.is_exporting() and not waiting.any():  # an exported graph has no branches
+                break
             (latest,) = self.actor.decide(embedding, team, decided)
             logits = torch.where(waiting.unsqueeze(-1), latest.float(), logits)
             preferences = sampled_preferences(logits, self._temperature, noise)
