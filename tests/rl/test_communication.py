@@ -6,7 +6,6 @@ import json
 import numpy as np
 import pytest
 import torch
-from tensordict import TensorDict
 from torch.nn.functional import one_hot
 from torchrl.modules import set_recurrent_mode
 
@@ -23,6 +22,7 @@ from mapf_pz.rl.environments.collect import collecting
 from mapf_pz.rl.networks.communication import CommunicatingEncoder
 from mapf_pz.rl.networks.observation_shape import ObservationShape
 from mapf_pz.rl.training.train import resume
+from tests.helpers.labeled_steps import labeled_steps
 from tests.helpers.small_run import TINY, changed, untimed
 
 SHAPE = ObservationShape((2, 3, 3), 8, 4, slice(2, 8))
@@ -204,19 +204,6 @@ def test_the_loss_finds_the_log_probs_that_the_collector_acted_with(name, recurr
     torch.testing.assert_close(found, batch[group, "action_log_prob"], rtol=1e-4, atol=1e-4)
 
 
-def imitated(labels, image, features):
-    """A batch of S environment steps of N agents, with the expert's actions (S, N)."""
-    size = labels.shape
-    agents = {
-        "observation": TensorDict({"image": image, "features": features}, batch_size=size),
-        "expert_action": labels,
-        "at_goal": torch.zeros(*size, 1, dtype=torch.bool),
-        "active": torch.ones(*size, 1, dtype=torch.bool),
-        "logits": torch.zeros(*size, 4),
-    }
-    return TensorDict({"agents": TensorDict(agents, batch_size=size)}, batch_size=size[:1])
-
-
 def labeled_by_the_other(algorithm, number, generator):
     """Steps of two agents side by side, in which each agent's label depends only on what the other one observes."""
     shape = algorithm.observation_shape
@@ -225,7 +212,7 @@ def labeled_by_the_other(algorithm, number, generator):
     signal = torch.rand(number, 2, generator=generator).round()
     features[..., 0] = signal
     features[..., shape.pose] = torch.tensor([[0.0, 0, 1, 0, 0, 0], [0.0, 1 / 32768, 0, 0, 1, 0]])
-    return imitated(signal.flip(-1).long(), image, features)
+    return labeled_steps(signal.flip(-1).long(), image, features)
 
 
 @pytest.mark.parametrize(("radius", "least", "most"), [(1, 0, 0.1), (0, 0.5, 1)])
@@ -253,7 +240,7 @@ def test_labels_that_are_not_learned_from_have_no_gradient_but_their_agents_are_
     def learned(changes):
         torch.manual_seed(0)
         learner = ALGORITHMS["dagger"](algorithm.config).make_learner()
-        batch = imitated(labels, image, features)
+        batch = labeled_steps(labels, image, features)
         batch.update(changes)
         row = learner.learn(batch, 0)
         assert row["buffer"] == 24 * 3  # environment steps without any label are not stored

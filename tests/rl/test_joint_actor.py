@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
-from tensordict import TensorDict
 
 import mapf_pz
 from mapf_pz.evaluation import EvaluationTask, evaluate
@@ -15,6 +14,7 @@ from mapf_pz.rl.config import ImitationConfig
 from mapf_pz.rl.environments.execution import sampled_preferences
 from mapf_pz.rl.networks.joint_actor import DecisionRounds, JointActor
 from mapf_pz.rl.training.train import resume
+from tests.helpers.labeled_steps import labeled_steps
 from tests.helpers.small_run import TINY, changed, untimed
 
 ROUNDS = 3
@@ -107,17 +107,9 @@ def one_goes(algorithm, number):
     """Steps of two agents side by side, of which a random one goes and the other one waits; they observe the same."""
     shape = algorithm.observation_shape
     first = torch.randint(2, (number, 1))
-    size = torch.Size([number, 2])
     features = torch.zeros(number, 2, shape.features)
     features[..., shape.pose] = torch.tensor([[0.0, 0, 1, 0, 0, 0], [0.0, 1 / 32768, 0, 0, 1, 0]])
-    agents = {
-        "observation": TensorDict({"image": torch.zeros(*size, *shape.image), "features": features}, batch_size=size),
-        "expert_action": torch.cat([3 * first, 3 - 3 * first], -1),
-        "at_goal": torch.zeros(*size, 1, dtype=torch.bool),
-        "active": torch.ones(*size, 1, dtype=torch.bool),
-        "logits": torch.zeros(*size, 4),
-    }
-    return TensorDict({"agents": TensorDict(agents, batch_size=size)}, batch_size=size[:1])
+    return labeled_steps(torch.cat([3 * first, 3 - 3 * first], -1), torch.zeros(number, 2, *shape.image), features)
 
 
 @pytest.mark.parametrize(("rounds", "least", "most"), [(1, 0.4, 0.6), (2, 0.97, 1)])
