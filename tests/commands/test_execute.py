@@ -12,6 +12,7 @@ from mapf_pz.instances import load_map, write_map, write_scenario
 from mapf_pz.instances.delays import Delays
 from mapf_pz.instances.instance import Grid, Instance, Scenario
 from mapf_pz.planners import DependencyGraph, Plan, execute_delayed, validate
+from mapf_pz.planners.plans import delayed
 from mapf_pz.planners.plans.files import read_plan, write_plan
 from mapf_pz.planners.plans.record import record_execution
 from mapf_pz.render.recording import episode_data
@@ -100,8 +101,9 @@ def test_the_page_is_that_of_the_first_seed(capsys, options, tmp_path):
     assert shown["metrics"] == {"SoC": execution.plan.sum_of_costs, "makespan": execution.plan.makespan}
 
 
-def test_delays_of_a_problem(capsys, tmp_path):
+def test_delays_of_a_problem(capsys, tmp_path, monkeypatch):
     """They are those of its file, unless others are given."""
+    monkeypatch.setattr(delayed, "MAX_STEPS", 1000)
     write_map(load_map("empty-8-8"), tmp_path / "a.map")
     for name, cells in (("agents", [0, 8]), ("tasks", [3, 11])):
         (tmp_path / f"a.{name}").write_text("\n".join(map(str, [2, *cells])))

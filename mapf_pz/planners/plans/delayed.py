@@ -48,16 +48,15 @@ def execute_delayed(graph: DependencyGraph, delays: Delays, seed: int, switch: b
     """
     key = int(np.random.default_rng(seed).integers(2**64, dtype=np.uint64))
     num_steps = 2 * int(graph.steps.max(initial=0)) + 1
+    execution = SwitchableExecution(graph) if switch else Execution(graph)
+    done, waits_for = [], []
     while num_steps < 2 * MAX_STEPS:
         delayed = delayed_agents(delay_rules(delays), key, num_steps, graph.num_agents)
-        execution = SwitchableExecution(graph) if switch else Execution(graph)
-        done, waits_for = [], []
-        for late in execution.steps(delayed):
+        for late in execution.steps(delayed[len(done) :]):
             done.append(execution.done)
             waits_for.append(execution.waiting_for(late))
-        done.append(execution.done)
         if execution.is_finished:
-            plan, alone = graph.plan_of(np.stack(done)), costs_alone(graph.num_actions, delayed)
+            plan, alone = graph.plan_of(np.stack([*done, execution.done])), costs_alone(graph.num_actions, delayed)
             waited = np.array(waits_for, np.int64).reshape(-1, graph.num_agents)
             return DelayedExecution(plan, alone, delayed[: len(waited)], waited)
         num_steps *= 2  # the delays of the first steps stay the same
