@@ -28,8 +28,8 @@ LIMITS = {
     "mappo-cardinal": _SMALL,
     "oneshot": "In mazes with many agents, some do not arrive in time. With 800 agents, its sum of costs is far above "
     "that of LaCAM, which it imitates.",
-    "oneshot-cardinal": "In mazes with many agents, some do not arrive in time. The safety layer helps there, and makes "
-    "paths longer where the policy needs no help.",
+    "oneshot-cardinal": "In mazes with many agents, some do not arrive in time. The safety layer helps there, and "
+    "makes paths longer where the policy needs no help.",
     "report-repaired": "It acts for exactly 10 agents, and was trained on one map with its optimized edge weights.",
 }
 """What each policy cannot do."""
