@@ -94,12 +94,12 @@ class Options(StudyOptions):
 def settings(preset: str) -> Iterator[Variation]:
     """Yield the settings of a preset."""
     bundled = Variation(BUNDLED[preset], PRESETS[preset])
-    if preset == "oneshot-cardinal":
-        yield replace(bundled, config=replace(bundled.config, initial_policy=FIRST_RUN))
     augmented = _augmented(bundled)
     if preset in EARLIER:
         yield from _earlier_settings(preset, augmented.config)
     yield augmented
+    if bundled is not augmented:
+        yield replace(bundled, config=replace(bundled.config, initial_policy=FIRST_RUN))
 
 
 def setting(preset: str, name: str) -> Variation:
