@@ -1,6 +1,6 @@
-"""Search for better settings of `oneshot-cardinal` by successive halving: `python -m experiments.policies.candidates`.
+"""Search for better settings of `oneshot-cardinal-one-round` by successive halving: `python -m experiments.policies.candidates`.
 
-Candidates differ in one thing from the preset without decision rounds. All are trained for a short time, the better
+Candidates differ in one thing from the preset. All are trained for a short time, the better
 half again for twice as long, and so on. They learn and are evaluated without the safety layer, on maps that no policy
 learns on. `docs/results/candidates.csv` gets the results, whose runs are not repeated,
 `docs/results/candidate-curves.csv` the progress of the trainings, and `docs/explanation/imitation.md` the table.
@@ -20,9 +20,10 @@ from experiments.pages import FILES, key_of, spread, write_table
 from experiments.policies import imitation
 from experiments.report.reproduction import Variation
 from experiments.study import Study, StudyOptions, check_known, folder
+from mapf_pz.rl.presets import PRESETS
 from mapf_pz.rl.progress import read_progress
 
-PRESET = "oneshot-cardinal"
+PRESET = "oneshot-cardinal-one-round"
 PAGE = imitation.PAGE
 KEY = ("candidate", "seed", "agent_steps")
 """Columns that determine a run."""
@@ -34,7 +35,7 @@ CURVES = Study(FILES / "candidate-curves.csv", KEY, ("agent_steps_so_far", "hour
 
 def candidates() -> Iterator[Variation]:
     """Yield the preset and what differs from it in one thing."""
-    base = Variation("preset", imitation.setting(PRESET, "augmented").config)
+    base = Variation("preset", PRESETS[PRESET])
     yield base
     yield base.with_("not augmented", imitation={"augment": False})
     yield base.with_("half the gradient steps", optimization={"num_epochs": 1})

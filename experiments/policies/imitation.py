@@ -32,6 +32,8 @@ from mapf_pz.rl.progress import read_progress
 from mapf_pz.rl.training.train import resume, train
 
 PAGE = PAGES / "imitation.md"
+RUNS = Path("runs/imitation")
+"""Folder of all runs."""
 EXPERTS = {
     "oneshot-cardinal": "LaCAM",
     "lifelong-cardinal": "windowed planning, lifelong",
@@ -40,8 +42,10 @@ EXPERTS = {
 """The planner that each preset imitates."""
 BUNDLED = {"oneshot-cardinal": "in rounds", "lifelong-cardinal": "augmented", "oneshot": "augmented"}
 """The settings of the bundled policies, those of the presets."""
-FIRST_RUN = "runs/imitation/oneshot-cardinal-augmented-0"
-"""Where all runs in rounds continue from."""
+FIRST_RUNS = {"oneshot-cardinal": "oneshot-cardinal-one-round"}
+"""The presets of the runs, with the setting `augmented`, from which those of other presets continue."""
+FIRST_RUN_SEED = 0
+"""Seed of the run from which those with all seeds continue."""
 EARLIER: dict[str, dict[str, Any]] = {
     "oneshot-cardinal": {"expert_share": 0.5, "segment_steps": 32, "augment": False},
     "lifelong-cardinal": {"expert": "windowed:rounds=1,window=12", "augment": False},
@@ -77,7 +81,7 @@ STUDY = Study(
 class Options(StudyOptions):
     """Options of the experiment."""
 
-    output: Path = Path("runs/imitation")
+    output: Path = RUNS
     """Folder of all runs."""
     presets: tuple[str, ...] = tuple(EXPERTS)
     """The presets."""
@@ -93,30 +97,18 @@ class Options(StudyOptions):
 
 def settings(preset: str) -> Iterator[Variation]:
     """Yield the settings of a preset."""
-    bundled = Variation(BUNDLED[preset], PRESETS[preset])
-    augmented = _augmented(bundled)
+    augmented = Variation("augmented", PRESETS[FIRST_RUNS.get(preset, preset)])
     if preset in EARLIER:
         yield from _earlier_settings(preset, augmented.config)
     yield augmented
-    if bundled is not augmented:
-        yield replace(bundled, config=replace(bundled.config, initial_policy=FIRST_RUN))
+    if preset in FIRST_RUNS:
+        first_run = folder(RUNS, f"{preset}-augmented", FIRST_RUN_SEED)
+        yield Variation(BUNDLED[preset], replace(PRESETS[preset], initial_policy=str(first_run)))
 
 
-def setting(preset: str, name: str) -> Variation:
-    """Return a setting of a preset."""
-    return next(one for one in settings(preset) if one.name == name)
-
-
-def _augmented(bundled: Variation) -> Variation:
-    """Return the setting `augmented` of the preset with this bundled policy."""
-    if bundled.config.model.decision_rounds == 1:
-        return bundled
-    return bundled.with_(
-        "augmented",
-        model={"decision_rounds": 1},
-        optimization={"learning_rate": 2e-3},
-        imitation={"history_dropout": 0.0},
-    )
+def bundled(preset: str) -> Variation:
+    """Return the setting of the bundled policy of a preset."""
+    return next(setting for setting in settings(preset) if setting.name == BUNDLED[preset])
 
 
 def _earlier_settings(preset: str, augmented: TrainConfig) -> Iterator[Variation]:

@@ -71,7 +71,7 @@ def learn(preset: str, seed: int, options: Options) -> None:
     missing = list(STUDY.missing((preset, seed, suite) for suite in names if names[suite]))
     if not missing:
         return
-    setting = imitation.setting(preset, imitation.BUNDLED[preset])
+    setting = imitation.bundled(preset)
     run = folder(options.output, f"{preset}-{setting.name}", seed)
     imitation.trained(setting.config, seed, setting.config.agent_steps, run)
     if not same(load_policy(run).config, load_policy(preset).config):

@@ -113,7 +113,8 @@ _REPORT_PUBLISHED = replace(
     optimization=replace(_REPORT.optimization, steps_per_batch=512, num_epochs=10, final_learning_rate=1.0),
 )
 
-# A centralized policy for any number of agents. The run continues from an imitated policy: see `policies/README.md`.
+# A centralized policy for any number of agents. The run continues from an imitated policy: see
+# `policies/bundled/README.md`.
 _CENTRAL_TEAM = TrainConfig(
     task=TaskConfig(
         env=replace(
@@ -222,7 +223,7 @@ _ONE_ROUND = replace(
 
 # Agents decide in rounds, so that of those in conflict not all go, or all wait. In plans, waits follow waits, and a
 # policy that sees this in its last actions waits forever; so it often learns without them. The run continues from one
-# of `_ONE_ROUND`: see `policies/README.md`.
+# with one round: see `policies/bundled/README.md`.
 _ONESHOT_CARDINAL = replace(
     _ONE_ROUND,
     model=replace(_ONE_ROUND.model, decision_rounds=4),
@@ -258,7 +259,7 @@ _ONESHOT = replace(
 )
 
 # Imitation of LaCAM by one policy for all agents, without the safety layer, in crowded warehouses with aisles of one
-# cell. The costs of `crisscross` make them one-way. The run continues from another: see `policies/README.md`.
+# cell. The costs of `crisscross` make them one-way. The run continues from another: see `policies/bundled/README.md`.
 _CENTRAL_WAREHOUSE = replace(
     _ONESHOT,
     task=replace(
@@ -308,6 +309,7 @@ PRESETS: dict[str, TrainConfig] = {
     "lifelong-cardinal": _LIFELONG_CARDINAL,
     "oneshot": _ONESHOT,
     "oneshot-cardinal": _ONESHOT_CARDINAL,
+    "oneshot-cardinal-one-round": _ONE_ROUND,
 }
 """The presets of `mapf-pz train NAME`; every field can be changed on the command line."""
 
@@ -326,6 +328,7 @@ SUMMARIES = {
     "lifelong": "Imitation of windowed planning in lifelong episodes, agents that turn.",
     "lifelong-cardinal": "Imitation of windowed planning in lifelong episodes, cardinal actions.",
     "oneshot": "Imitation of LaCAM in episodes with one goal per agent, agents that turn.",
-    "oneshot-cardinal": "Imitation of LaCAM in episodes with one goal per agent, cardinal actions.",
+    "oneshot-cardinal": "Imitation of LaCAM in episodes with one goal per agent, cardinal actions, decision rounds.",
+    "oneshot-cardinal-one-round": "The same with one decision round: the policy that `oneshot-cardinal` starts from.",
 }
 """A sentence about each preset."""

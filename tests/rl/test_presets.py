@@ -63,6 +63,15 @@ def test_the_default_run():
                 8_000_000,
             ),
         ),
+        (
+            "oneshot-cardinal-one-round",  # mapf_pz/rl/policies/bundled/README.md
+            (
+                (48, (17, 32), (17, 32), (0.1, 0.3), 128, (9, 9)),
+                ("conv", (48, 48), 192, (128,)),
+                (64, 32, 2, 128, 2e-3, 0.01),
+                11_000_000,
+            ),
+        ),
     ],
 )
 def test_presets_without_a_bundled_policy(name, expected):
