@@ -1,9 +1,9 @@
-"""Search for better settings of `oneshot-cardinal-one-round` by successive halving: `python -m experiments.policies.candidates`.
+"""Search for better settings of a preset by successive halving: `python -m experiments.policies.candidates`.
 
-Candidates differ in one thing from the preset. All are trained for a short time, the better
-half again for twice as long, and so on. They learn and are evaluated without the safety layer, on maps that no policy
-learns on. `docs/results/candidates.csv` gets the results, whose runs are not repeated,
-`docs/results/candidate-curves.csv` the progress of the trainings, and `docs/explanation/imitation.md` the table.
+Candidates differ from `oneshot-cardinal-one-round` in one thing. All are trained for a short time, the better half
+again for twice as long, and so on. They learn and are evaluated without the safety layer, on maps that no policy learns
+on. `docs/results/candidates.csv` gets the results, whose runs are not repeated, `docs/results/candidate-curves.csv` the
+progress of the trainings, and `docs/explanation/imitation.md` the table.
 """
 
 from __future__ import annotations
