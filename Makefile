@@ -1,5 +1,5 @@
 # make train      sets everything up, trains a policy, evaluates it and shows it: see runs/quickstart
-# make test       sets everything up and runs the tests
+# make test       sets everything up and runs the tests, but for the slow ones: make -f tests/Makefile slow
 # make lint       checks style, types and words; make format corrects the style
 # make docs       builds the documentation: site/index.html
 # make examples   runs the examples that need separate virtual environments, which it creates
@@ -31,7 +31,7 @@ train: $(VENV)/installed
 
 # By files, so that what the tests of a file share is made once.
 test: $(VENV)/developed
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow'
 	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest -n 2 --dist loadfile $(KERNEL_TESTS)
 
 lint: $(VENV)/developed

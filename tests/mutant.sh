@@ -11,7 +11,7 @@ rules() {
     # Of the slowest, some.
     tests 90 tests/simulator/test_collision_table.py tests/environment/test_env.py tests/simulator/test_cost_to_go.py \
         "$reference" \
-        -k "not (ten_thousand or api or registries or seeds or aec or reproducible or nothing-many or nothing-one \
+        -k "not (thousands_of_steps or api or registries or seeds or aec or reproducible or nothing-many or nothing-one \
             or restart-one or (hands and (cardinal-soft or rotate-block or cardinal-priority or rotate-priority-nothing)) \
             or (observations and (cardinal-soft-nothing or cardinal-soft-finish or rotate-priority \
             or rotate-block_both-finish or rotate-block_both-restart or cardinal-block_both-nothing \

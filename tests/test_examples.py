@@ -65,7 +65,7 @@ def test_evaluate_your_policy(run):
     [
         ("train_mappo.py", "CSR on 2 unseen maps"),
         ("train_ippo.py", "32 agents on 20 x 20: ISR"),
-        ("train_centralized_ppo.py", "CSR on 2 scenarios"),
+        pytest.param("train_centralized_ppo.py", "CSR on 2 scenarios", marks=pytest.mark.slow),
     ],
 )
 @pytest.mark.usefixtures("without_figures")
@@ -90,6 +90,7 @@ def test_custom_parts(run_with_torch, tmp_path, algorithm):
     assert output.splitlines()[-1] == "custom_parts:Pooled"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["report", "report-repaired"])
 def test_the_report_with_stable_baselines(run_with_torch, tmp_path, preset):
     pytest.importorskip("torchrl")
@@ -101,6 +102,7 @@ def test_the_report_with_stable_baselines(run_with_torch, tmp_path, preset):
     assert {"progress.csv", "results.json"} <= {file.name for file in tmp_path.iterdir()}
 
 
+@pytest.mark.slow
 def test_the_report_as_published(run_with_torch, tmp_path):
     """A run goes on from its last evaluation, with the environments and the agents that have finished in them."""
     pytest.importorskip("torchrl")
@@ -120,6 +122,7 @@ def test_a_shared_policy_of_stable_baselines(run_with_torch):
     assert "CSR on 2 unseen maps" in run_with_torch("shared_sb3.py", "--steps", 2048, "--episodes", 2)
 
 
+@pytest.mark.slow
 def test_ppo_in_one_file(run_with_torch):
     small = ("--agent-steps", 70_000, "--num-envs", 4, "--minibatch-size", 256, "--episodes", 8)
     *told, last = run_with_torch("cleanrl_ppo.py", *small).splitlines()

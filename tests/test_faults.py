@@ -44,12 +44,14 @@ def until_killed(kill_some, kills, size, folder):
             return counters
 
 
+@pytest.mark.slow
 def test_a_killed_evaluation_resumes(tmp_path):
     counters = until_killed(kill_evaluations, 2, 400, tmp_path)
     assert counters.resumes == 2
     assert counters.written >= 2
 
 
+@pytest.mark.slow
 def test_a_killed_training_run_resumes(tmp_path):
     pytest.importorskip("torchrl")
     until_killed(kill_trainings, 1, 20, tmp_path)

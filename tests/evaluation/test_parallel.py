@@ -99,6 +99,7 @@ def test_ray_has_to_be_installed(monkeypatch):
         list(run_jobs(squared, [1], "ray"))
 
 
+@pytest.mark.slow
 def test_errors_on_ray_are_raised_here(monkeypatch):
     ray = pytest.importorskip("ray")
     monkeypatch.setenv("RAY_AUTH_MODE", "disabled")

@@ -141,6 +141,7 @@ EXCEEDING = {("RHCR", 8): 20, ("RHCR", 16): 2, ("RHCR", 24): 3, ("RHCR", 32): 3,
 """The published lifelong results in mazes that are above the throughput of agents that never wait, of 128 each."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", instance_names())
 def test_the_benchmarks_results_are_possible_on_its_instances(name):
     counts = AGENTS[name.split("-")[1]]

@@ -53,6 +53,7 @@ def test_environments_on_random_maps_without_torchrl(capsys, monkeypatch):
     assert "│   PettingZooWrapper" not in text
 
 
+@pytest.mark.slow
 def test_environments_of_startup(capsys, monkeypatch):
     exec(startup.FIRST_STEP, {})
     one_kernel = "import numpy; from mapf_pz.instances import components; components(numpy.ones((3, 3), bool))"
@@ -166,6 +167,7 @@ class Observed:
 """
 
 
+@pytest.mark.slow
 def test_beside_pogema(capsys, monkeypatch, tmp_path):
     monkeypatch.setattr("experiments.speed.candidates.find_spec", lambda name: None)
     words = [*SMALL, "--height", 7, "--width", 7, "--view-size", 3, 3, "--pogema", sys.executable]
@@ -183,6 +185,7 @@ def test_beside_pogema(capsys, monkeypatch, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_beside_other_environments(capsys, monkeypatch, tmp_path):
     monkeypatch.setattr("experiments.speed.candidates.find_spec", lambda name: None)
     (tmp_path / "rware").mkdir()

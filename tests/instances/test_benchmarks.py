@@ -130,6 +130,7 @@ def test_problems_equal_the_examples(benchmark):
             assert np.array_equal(getattr(bundled, part), getattr(source, part))
 
 
+@pytest.mark.slow
 def test_instances_equal_pogemas(pogema_benchmark):
     for name, own in pogema.SETS.items():
         assert load_pogema(name) == read_pogema(pogema_benchmark / f"{own}.mapf.json")
@@ -137,6 +138,7 @@ def test_instances_equal_pogemas(pogema_benchmark):
         assert load_pogema(f"{name}-lifelong", 2) == read_pogema(pogema_benchmark / f"{own}.lmapf.json", 2)
 
 
+@pytest.mark.slow
 def test_published_results_equal_pogemas(pogema_benchmark):
     for pack, own in pogema.SETS.items():
         files = (pogema_benchmark / f"{own}.{name}.csv" for name in ("results", "results-2026", "results-dmm"))

@@ -196,6 +196,7 @@ def test_agents_that_share_goals_keep_arriving(model):
     assert env.simulator.agents[0]["arrivals"].sum() > 40
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
 def test_more_time_gives_shorter_paths_in_a_warehouse(model):
     grid = generate.warehouse(columns=4, rows=6, length=6, depth=2, aisle=1)

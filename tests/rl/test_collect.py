@@ -66,6 +66,7 @@ def test_processes(tmp_path):
     assert len(observed.unique()) > 50
 
 
+@pytest.mark.slow
 def test_ray(tmp_path, monkeypatch):
     ray = pytest.importorskip("ray")
     monkeypatch.setenv("RAY_AUTH_MODE", "disabled")

@@ -63,6 +63,7 @@ def rollout(config, steps, max_steps=None):
         return env.rollout(steps, algorithm.actor, break_when_any_done=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_known_transitions_surprise_less(kind):
     config = curious(kind, update_fraction=1.0)

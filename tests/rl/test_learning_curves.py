@@ -19,6 +19,7 @@ RECORDED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "num_learners"), [*((name, 1) for name in TASKS), ("mappo", 2)])
 def test_three_runs_learn_as_fast_as_recorded(name, num_learners):
     config = dataclasses.replace(TASKS[name], num_learners=num_learners)

@@ -32,7 +32,9 @@ def packages():
         pytest.importorskip(name)
 
 
-@pytest.mark.parametrize("name", POLICIES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if name == "rounds" else []) for name in POLICIES]
+)
 def test_the_outputs_are_those_of_the_policy(name, tmp_path):
     import onnxruntime
 

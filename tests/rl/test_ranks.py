@@ -150,6 +150,7 @@ def test_a_run_continues_after_a_kill_and_with_another_number_of_learners(tmp_pa
     assert active_children() == []
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_all_learners(tmp_path):
     # The kernels are compiled and cached by the same training here, so that the processes print nothing about it.
     assert main([*LONG.replace("400000", "96").split(), "--output", str(tmp_path / "first")]) == 0
@@ -165,6 +166,7 @@ def test_an_interrupt_ends_all_learners(tmp_path):
     assert read_position(Checkpoints(tmp_path / "run").latest()).updates == len(rows(tmp_path / "run"))
 
 
+@pytest.mark.slow
 def test_torchrun_trains_like_processes_that_are_started_here(tmp_path):
     words = [*LONG.replace("400000", "288").split(), "--curiosity", "rnd"]
     launch = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", "-m", "mapf_pz"]

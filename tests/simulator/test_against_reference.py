@@ -218,7 +218,7 @@ def any_delays(rng):
 
 
 @pytest.mark.parametrize(COMBINATION_NAMES, COMBINATIONS)
-def test_ten_thousand_steps(action_model, collision_system, on_target):
+def test_thousands_of_steps(action_model, collision_system, on_target):
     rng = np.random.default_rng(COMBINATIONS.index((action_model, collision_system, on_target)))
     steps = arrived = terminated = truncated = blocked = 0
     for shape, num_agents, max_steps, num_steps in (((4, 5), 9, 25, 160), ((3, 3), 4, 30, 100), ((2, 3), 2, 60, 250)):
@@ -233,15 +233,15 @@ def test_ten_thousand_steps(action_model, collision_system, on_target):
             delays=None if num_agents == 9 else any_delays(rng),
             view_size=(1, 1),
         )
-        lockstep = Lockstep(config, num_envs=20, seed=int(rng.integers(2**32)))
+        lockstep = Lockstep(config, num_envs=8, seed=int(rng.integers(2**32)))
         for _ in range(num_steps):
             lockstep.step()
         counts = lockstep.counts
         steps, arrived, blocked = steps + counts["steps"], arrived + counts["arrived"], blocked + counts["blocked"]
         terminated, truncated = terminated + counts["terminated"], truncated + counts["truncated"]
-    assert steps >= 10_000
-    assert min(blocked, arrived, truncated) > 200  # else this test has seen nothing
-    assert terminated == 0 if on_target == "restart" else terminated > 20
+    assert steps >= 4_000
+    assert min(blocked, arrived, truncated) > 80  # else this test has seen nothing
+    assert terminated == 0 if on_target == "restart" else terminated > 8
 
 
 @pytest.mark.parametrize(COMBINATION_NAMES, COMBINATIONS)

@@ -66,6 +66,7 @@ def count(*arguments, prefix="", **environment):
 ALL = "['_label', '_shortest_length', '_shortest_lengths']"
 
 
+@pytest.mark.slow
 def test_what_another_process_compiles_is_loaded(tmp_path):
     folder = tmp_path / "cache"
     jobs, compiled = count("2", NUMBA_CACHE_DIR=str(folder))

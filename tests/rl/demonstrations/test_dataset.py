@@ -128,6 +128,7 @@ def test_the_seed_determines_the_batches(tmp_path):
     assert any(not np.array_equal(a.actions, b.actions) for a, b in zip(one, other, strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("forked_processes")
 def test_interruptions_and_processes_do_not_change_the_result(tmp_path):
     config = small(solved_only=False)
