@@ -65,7 +65,7 @@ def test_workflows_run_the_commands_of_the_project():
     ci = jobs("ci.yml")
     locally = re.findall(r"(?m)^make .+", read(".ci/run"))
     assert len(locally) == 3
-    assert {*locally, "make -f tests/Makefile lowest"} <= set(commands(*ci.values()))
+    assert {*locally, "make -f tests/Makefile lowest", "make -f tests/Makefile slow"} <= set(commands(*ci.values()))
     assert {name for name, job in ci.items() if "needs" not in job} == {"environment"}
     assert all(job.get("needs") in (None, "environment") for job in ci.values())
     assert "parallel_api" in commands(ci["environment"])[-1]
