@@ -55,6 +55,13 @@ def observations(num_teams=4, num_agents=6):
     return image, features
 
 
+def pairs(distance, num_teams):
+    """Observations of teams of two agents."""
+    image, features = (part[:, :2] for part in observations(num_teams))
+    features[:, 1, ALGORITHMS["dagger"](CONFIG).observation_shape.pose.start] = distance / 32768
+    return image, features
+
+
 def exponential(image, actions=4):
     return torch.empty(*image.shape[:2], actions).exponential_(generator=torch.Generator().manual_seed(2))
 
@@ -82,9 +89,7 @@ def test_the_most_certain_agents_of_those_near_decide_first_and_the_others_know_
 
 @pytest.mark.parametrize(("distance", "number"), [(1, 1), (2, 1), (3, 2)])
 def test_agents_decide_together_if_they_cannot_conflict(distance, number):
-    network, pose = actor(2), ALGORITHMS["dagger"](CONFIG).observation_shape.pose
-    image, features = (part[:, :2] for part in observations(5))
-    features[:, 1, pose.start] += (distance - 1) / 32768
+    network, (image, features) = actor(2), pairs(distance, num_teams=5)
     with torch.no_grad():
         (alone,) = network(image, features)
         logits, _ = DecisionRounds(network, 2, 0.0)(image, features, exponential(image))
@@ -93,13 +98,11 @@ def test_agents_decide_together_if_they_cannot_conflict(distance, number):
 
 @pytest.mark.parametrize(("distance", "rounds"), [(1, 2), (3, 1)])
 def test_rounds_end_when_all_agents_have_decided(distance, rounds, monkeypatch):
-    network, pose, decided = actor(), ALGORITHMS["dagger"](CONFIG).observation_shape.pose, []
-    image, features = (part[:, :2] for part in observations())
-    features[:, 1, pose.start] += (distance - 1) / 32768
+    network, decided = actor(), []
     decide = network.decide
     monkeypatch.setattr(network, "decide", lambda *parts: decided.append(parts[-1]) or decide(*parts))
     with torch.no_grad():
-        DecisionRounds(network, 9, 0.0)(image, features)
+        DecisionRounds(network, 9, 0.0)(*pairs(distance, num_teams=4))
     assert len(decided) == rounds
 
 

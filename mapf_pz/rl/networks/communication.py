@@ -39,8 +39,8 @@ class Team:
     """(B, N, 1, W, 4) complex64: e^(i phase) at the agent's position, of W waves in each direction on the map."""
     bias: Tensor
     """(B, heads, N, N) float32, added to the attention logits of each pair of agents; -inf: they do not communicate."""
-    position: Tensor
-    """(B, N, 2) float32: row and column."""
+    offsets: Tensor
+    """(B, N, N, 2) float32: the rows and columns between each two agents."""
     present: Tensor
     """(B, N) bool: False for agents that have disappeared."""
 
@@ -54,7 +54,8 @@ class Team:
         8, 16, ... cells.
         """
         position, headings = pose[..., :2] / POSE_UNIT, pose[..., 2:]
-        distance, present = _offsets(position).amax(-1), headings.sum(-1).gt(0)
+        offsets = (position.unsqueeze(-2) - position.unsqueeze(-3)).abs()
+        distance, present = offsets.amax(-1), headings.sum(-1).gt(0)
         allowed = present.unsqueeze(-2).expand_as(distance)
         if radius is not None:
             allowed = allowed & (distance <= radius)
@@ -62,11 +63,11 @@ class Team:
         slopes = 2.0 ** -torch.arange(HEADS, device=pose.device).view(-1, 1, 1)
         bias = (-slopes * distance.unsqueeze(-3)).masked_fill(~allowed.unsqueeze(-3), -math.inf)
         turns = (headings.argmax(-1, keepdim=True) + torch.arange(_DIRECTIONS, device=pose.device)) % _DIRECTIONS
-        return cls(turns, _phases(position, num_waves), bias, position, present)
+        return cls(turns, _phases(position, num_waves), bias, offsets, present)
 
     def near(self) -> Tensor:
         """Return whether the moves of two agents can conflict, (B, N, N) bool: they are at most two moves apart."""
-        return self.present.unsqueeze(-2) & (_offsets(self.position).sum(-1) <= MAX_CONFLICT_DISTANCE)
+        return self.present.unsqueeze(-2) & (self.offsets.sum(-1) <= MAX_CONFLICT_DISTANCE)
 
     def to_map(self, vectors: Tensor) -> Tensor:
         """Transform vectors (B, N, V, D) from the agents' frames to the frame of the map.
@@ -86,11 +87,6 @@ class Team:
         waves = vectors.unflatten(-1, (-1, _WAVE_SIZE))  # pairs of real numbers, since in ONNX only those are gathered
         pairs = torch.stack([2 * directions, 2 * directions + 1], -1).flatten(-2)
         return waves.gather(-1, pairs[:, :, None, None].expand_as(waves)).flatten(-2)
-
-
-def _offsets(position: Tensor) -> Tensor:
-    """Return the rows and columns (B, N, N, 2) between each two agents at `position` (B, N, 2)."""
-    return (position.unsqueeze(-2) - position.unsqueeze(-3)).abs()
 
 
 def _times(vectors: Tensor, phases: Tensor) -> Tensor:
