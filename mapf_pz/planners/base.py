@@ -216,6 +216,8 @@ class PlanFollower(Planner):
     def reset_states(self) -> None:
         """Reset all per-episode state. Call it before each episode."""
         super().reset_states()
+        self.has_plan = False
+        """Whether the latest actions are those of a plan; otherwise, all agents wait."""
         self._goals: Ints = np.zeros(0, np.int32)
         self._follower: StepFollower | GraphFollower | None = None
         self._pause = 0  # steps between the latest attempt, if it failed, and the next one
@@ -254,6 +256,7 @@ class PlanFollower(Planner):
         agents = simulator.agents[b]
         self._pause = max(1, 2 * self._pause) if path is None and not self.unsolvable else 0
         self._pause_left = self._pause
+        self.has_plan = path is not None
         if path is None:
             here = agents[agents["active"]][None]
             path = Path(here["cell"], here["heading"])

@@ -9,7 +9,7 @@ from tensordict import TensorDict
 from torchrl.envs import Compose, TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
-from mapf_pz.planners import BatchShield, planner_of
+from mapf_pz.planners import BatchShield, LaCAM, planner_of
 from mapf_pz.rl import BatchedMapfEnv, load_policy, train
 from mapf_pz.rl.algorithms.expert import NO_LABEL, ExpertActions
 from mapf_pz.rl.algorithms.imitation import ImitationLearner
@@ -93,6 +93,16 @@ def test_a_planner_of_whole_paths_labels_only_the_segments_that_it_controls():
     assert ((labels == NO_LABEL).all(-1) | labeled).all()  # all agents or none
     assert (labeled[:, :4] == labeled[:, :1]).all()
     assert 3 <= labeled[:, 0].sum() <= 17
+
+
+def test_without_a_plan_there_are_no_labels_and_the_policy_acts(monkeypatch):
+    monkeypatch.setattr(LaCAM, "plan", lambda *_: None)
+    config = imitating(expert="lacam", expert_share=1.0)
+    env, actor = environments(config)
+    torch.manual_seed(0)
+    steps = env.rollout(8, actor, break_when_any_done=False)["agents"]
+    assert (steps["expert_action"] == NO_LABEL).all()
+    assert (steps["position"] != steps["position"][:, :1]).any()
 
 
 def batch_of(labels, at_goal, features):

@@ -35,7 +35,8 @@ class ExpertActions(Transform):
     policy or, with the probability `expert_share`, by the expert (DAgger: Ross et al., 2011).
 
     Planners that plan one step at a time label every state. A planner of whole paths labels only the segments that it
-    controls: it plans at the start of the segment, from a state that the policy has reached.
+    controls: it plans at the start of the segment, from a state that the policy has reached. While it has no plan,
+    there are no labels, and the policy acts.
     """
 
     def __init__(self, config: ImitationConfig, seed: int, num_threads: int = 1) -> None:
@@ -97,7 +98,9 @@ class ExpertActions(Transform):
             self._labels[b] = label
 
     def _decide(self, b: int) -> Ints:
-        return self._experts[b].decide(self._simulator, b)
+        expert = self._experts[b]
+        actions = expert.decide(self._simulator, b)
+        return actions if not isinstance(expert, PlanFollower) or expert.has_plan else np.full_like(actions, NO_LABEL)
 
     def _with_labels(self, tensordict: TensorDictBase) -> TensorDictBase:
         return tensordict.set(("agents", "expert_action"), torch.from_numpy(self._labels.copy()))
@@ -107,7 +110,7 @@ class ExpertActions(Transform):
         actions = tensordict.get(("agents", "action"), None)
         if actions is not None and self._acts.any():
             acts, labels = (torch.from_numpy(part).to(actions.device) for part in (self._acts, self._labels))
-            tensordict.set(("agents", "action"), torch.where(acts[:, None], labels, actions))
+            tensordict.set(("agents", "action"), torch.where(acts[:, None] & (labels != NO_LABEL), labels, actions))
         return tensordict
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
