@@ -8,7 +8,15 @@ import pytest
 from experiments.tables import measured_numbers, results
 from experiments.tables.paired import episodes_of, paired_rows, values_of
 from experiments.tables.result_tables import NOT_MEASURED, TABLES, ResultTable, markdown
-from experiments.tables.results import as_json, differences, is_reproducible, load_results, repeated, with_published
+from experiments.tables.results import (
+    as_json,
+    changes,
+    differences,
+    is_reproducible,
+    load_results,
+    repeated,
+    with_published,
+)
 from mapf_pz._internal.digest import digest
 from mapf_pz.evaluation import Episode, load_suite, policy_factory
 
@@ -332,10 +340,19 @@ def test_the_fastest_sample_of_each_policy_is_repeated():
     assert [sample["runtime"] for sample in repeated(samples)] == [0.1, 0.4, 0.2, 0.7, 0.5]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("table", TABLES, ids=lambda table: table.suite)
-def test_episodes_end_as_when_they_were_measured(table, request, monkeypatch):
+@pytest.fixture(params=TABLES, ids=lambda table: table.suite)
+def measured(request, monkeypatch):
+    """A table whose instances and policies are there."""
     pytest.importorskip("torchrl")
-    if table.suite == "lorr-2023":  # its problems are not bundled
+    if request.param.suite == "lorr-2023":  # its problems are not bundled
         monkeypatch.setenv("MAPF_PZ_BENCHMARK", str(request.getfixturevalue("benchmark")))
-    assert list(differences(table, quick=0.1)) == []  # `experiments.tables.results check` repeats more
+    return request.param
+
+
+def test_policies_and_tasks_are_those_that_were_measured(measured):
+    assert list(changes(measured)) == []
+
+
+@pytest.mark.slow
+def test_episodes_end_as_when_they_were_measured(measured):
+    assert list(differences(measured, quick=0.1)) == []  # `experiments.tables.results check` repeats more
