@@ -53,8 +53,7 @@ TABLES = (
     ResultTable("pogema-mazes-lifelong", (*LIFELONG, *CRISSCROSS, "lacam:anytime=False", *LEARNED, *IMITATED)),
     ResultTable("pogema-warehouse", (*ONE_SHOT, *LEARNED, *IMITATED_ONE_SHOT)),
     ResultTable("pogema-warehouse-lifelong", (*LIFELONG, *CRISSCROSS, *LEARNED, *IMITATED)),
-    # `oneshot-cardinal` has not been measured in cities since its agents decide in rounds.
-    ResultTable("pogema-cities", (*ONE_SHOT, *LEARNED)),
+    ResultTable("pogema-cities", (*ONE_SHOT, *LEARNED, *IMITATED_ONE_SHOT)),
     ResultTable("pogema-cities-lifelong", (*LIFELONG, *CRISSCROSS, *LEARNED, *IMITATED)),
     # The maps of the puzzles are smaller than the views of the trained policies.
     ResultTable("pogema-puzzles", ONE_SHOT[:3]),
