@@ -64,7 +64,7 @@ def test_ctrl_c_while_processes_start(tmp_path):
     assert (end.status, end.lines) == (130, ["mapf-pz evaluate: interrupted"])
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_an_evaluation_resumes_after_a_full_disk(tmp_path, jobs):
     words = evaluate_words(tmp_path / "out", 20, jobs)
     end = complete(words, room=3000)

@@ -349,7 +349,7 @@ def test_another_evaluation_in_the_folder(capsys, tmp_path):
 
 
 @pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks up processes in /proc")
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_interrupted_and_called_again(capsys, tmp_path, jobs):
     words = ["--policy", "pibt", *SMALL[:-1], 1_000_000, "--jobs", jobs, "--output", tmp_path]
     command = [sys.executable, "-m", "mapf_pz", "evaluate", *map(str, words)]

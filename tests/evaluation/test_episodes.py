@@ -274,6 +274,7 @@ def test_processes_do_the_same():
     assert outcome(names, tasks, 1) == outcome(names, tasks, 2)
 
 
+@pytest.mark.slow
 def test_ray_does_the_same(monkeypatch):
     ray = pytest.importorskip("ray")
     monkeypatch.setenv("RAY_AUTH_MODE", "disabled")

@@ -239,6 +239,7 @@ def test_every_table_is_measured_by_its_command():
         assert {row["policy"] for row in found["rows"]} == set(table.policies)
 
 
+@pytest.mark.slow
 def test_tables_without_results_can_be_measured():
     for table in NOT_MEASURED:
         assert not (results.FILES / f"{table.suite}.json").exists(), "it belongs to TABLES"

@@ -152,7 +152,7 @@ SIZES = [("cardinal", (3, 3), 3), ("cardinal", (1, 6), 3), ("cardinal", (2, 4), 
 
 
 @pytest.mark.parametrize(("model", "size", "num_agents"), SIZES)
-@settings(max_examples=15)
+@settings(max_examples=8)
 @given(seed=st.integers(0, 2**31))
 def test_plans_of_agents_that_disappear(model, size, num_agents, seed):
     instance = small_instance(model, size, num_agents, seed)
