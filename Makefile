@@ -32,7 +32,7 @@ train: $(VENV)/installed
 # By files, so that what the tests of a file share is made once.
 test: $(VENV)/developed
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow'
-	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest -n 2 --dist loadfile $(KERNEL_TESTS)
+	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow' $(KERNEL_TESTS)
 
 lint: $(VENV)/developed
 	$(BIN)/ruff check

@@ -49,10 +49,12 @@ def test_a_policy_is_small_and_what_its_preset_makes(name):
     assert config == dataclasses.replace(preset, seed=config.seed, precision=config.precision)
 
 
+@pytest.mark.parametrize("episodes", [4, pytest.param(12, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", [name for name in NAMES if not PRESETS[name].task.shield])
-def test_a_policy_routes_agents(name):
+def test_a_policy_routes_agents(name, episodes):
     task = load_suite(SUITES.get(name, "standard"))[0]
-    assert np.mean([episode["ISR"] for episode in run_episodes(policy_factory(name), task, range(4))]) > 0.95
+    ends = run_episodes(policy_factory(name), task, range(episodes))
+    assert np.mean([episode["ISR"] for episode in ends]) > 0.95
 
 
 @pytest.mark.slow
