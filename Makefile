@@ -14,8 +14,7 @@
 PYTHON ?= python3
 VENV := .venv$(if $(filter file,$(origin PYTHON)),,-$(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])'))
 BIN := $(VENV)/bin
-OUTSIDE_TESTS := tests/environment/test_env.py tests/wrappers tests/instances/test_library.py tests/render
-KERNEL_TESTS := $(addprefix tests/simulator/test_, properties.py symmetry.py collision_table.py cost_to_go.py)
+OUTSIDE_TESTS := tests/environment/test_env.py tests/wrappers/test_centralized.py tests/instances/test_library.py tests/render
 
 LIBRARIES := rllib benchmarl skrl tianshou xuance
 PEER_rware := rware==2.0.0
@@ -32,7 +31,6 @@ train: $(VENV)/installed
 # By files, so that what the tests of a file share is made once.
 test: $(VENV)/developed
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow'
-	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow' $(KERNEL_TESTS)
 
 lint: $(VENV)/developed
 	$(BIN)/ruff check

@@ -192,6 +192,7 @@ def is_elsewhere(address):
     return address.strip().startswith(("http:", "https:", "//"))
 
 
+@pytest.mark.slow
 def test_the_site_loads_nothing_from_elsewhere(site):
     pages, styles = sorted(site.rglob("*.html")), sorted(site.rglob("*.css"))
     assert len(pages) >= 25
@@ -214,6 +215,7 @@ def test_the_site_loads_nothing_from_elsewhere(site):
             assert not is_elsewhere(address), f"{style.relative_to(site)} loads {address}"
 
 
+@pytest.mark.slow
 def test_search_works_in_pages_opened_as_files(site, new_page):
     page = new_page((site / "reference" / "rules.html").as_uri())
     page.set_default_timeout(600_000)  # ms, so that a page that waits in vain fails in the end
@@ -228,6 +230,7 @@ def test_search_works_in_pages_opened_as_files(site, new_page):
 PARTS = ("", "evaluation", "guidance", "instances", "planners", "render", "rl", "wrappers")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", [f"mapf_pz.{part}".rstrip(".") for part in PARTS])
 def test_the_site_has_all_public_names(site, module):
     if module == "mapf_pz.rl":
@@ -241,6 +244,7 @@ def test_the_site_has_all_public_names(site, module):
         assert homes, f"{module}.{name} is on no page of docs/reference/api/"
 
 
+@pytest.mark.slow
 def test_the_site_has_all_commands(site):
     text = (site / "reference" / "cli.html").read_text("utf-8")
     for name in COMMANDS:
@@ -248,6 +252,7 @@ def test_the_site_has_all_commands(site):
     assert "--num-agents" in text
 
 
+@pytest.mark.slow
 def test_the_site_has_no_python_files(site):
     assert not list(site.rglob("*.py"))
 

@@ -49,7 +49,7 @@ def solved(server, given, *solvers, **members):
     return run, progress
 
 
-@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("weighted", [True, pytest.param(False, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("solver", "action_model"),
     [

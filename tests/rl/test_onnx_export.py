@@ -24,6 +24,7 @@ POLICIES = {
     "rounds": lambda: untrained("dagger", task={"features": ("pose",)}, communication=1, hidden=32, decision_rounds=2),
     "residual": lambda: untrained(encoder="residual"),
 }
+SLOW = ("communication", "rounds")
 
 
 @pytest.fixture(autouse=True)
@@ -33,7 +34,7 @@ def packages():
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] if name == "rounds" else []) for name in POLICIES]
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in POLICIES]
 )
 def test_the_outputs_are_those_of_the_policy(name, tmp_path):
     import onnxruntime

@@ -340,7 +340,9 @@ def test_edges_of_large_maps(action_model, monkeypatch):
         lockstep.step()
 
 
-@pytest.mark.parametrize("width", [3, 4, 5, 7, 8, 12, 17, 23])
+@pytest.mark.parametrize(
+    "width", [3, 4, 8, *(pytest.param(width, marks=pytest.mark.slow) for width in (5, 7, 12, 17, 23))]
+)
 def test_views_of_every_width(width):
     """Rows of views are copied in blocks of eight, four and one."""
     rng = np.random.default_rng(width)
