@@ -121,36 +121,39 @@ def test_a_plan_with_an_empty_schedule_is_shown(editor, schedule):
     assert page.evaluate("player.episodes[0].steps") == 2
 
 
-@pytest.mark.parametrize(
-    ("names", "files", "message"),
-    [
-        ([], {"a.map": MAP.replace("width 2", "width x")}, "a.map:3: expected 'width' and a number, got 'width x'"),
-        ([], {"a.map": MAP.replace("@", "?")}, "a.map:6: expected one of .GSE@OTW, got '?'"),
-        ([], {"a.map": MAP.replace("@", "")}, "a.map:6: expected a row of 2 cells, got 1"),
-        (["small.map"], {"a.scen": "version 1\n0\ta\t4\t3\n"}, "a.scen:2: expected 9 columns separated by tabs, got 4"),
-        (["small.map"], {"a.scen": "0\ta\t4\t3\t1\t1\t0\t0\t1\n"}, "a.scen:1: expected the start to be a free cell"),
-        (["small.map"], {"a.scen": "0\ta\t9\t3\t1\t1\t0\t0\t1\n"}, "expected the size of map 'small', width 4"),
-        (["small.map"], {"a.json": "{"}, "a.json: expected JSON"),
-        (["small.map"], {"a.json": "{}"}, "a.json: expected 'actionModel' MAPF or MAPF_T, got nothing"),
-        (["small.map"], {"a.json": lorr(actualPaths=["R,X"])}, "expected one of UDLRW as step 2 of agent 0, got 'X'"),
-        (["small.map"], {"a.json": lorr(start=[[0, "x"]])}, "a.json: expected the start of agent 0"),
-        (["small.map"], {"a.json": lorr(teamSize=2)}, "a.json: expected 'start' to be a list of at least 2"),
-        (["small.map"], {"a.csv": "agents,path\n1,r\n"}, "a.csv: expected a scenario to be given"),
-        (BOTH, {"a.csv": "agents,path\n1,rq\n"}, "a.csv: expected one of udlrw as step 2 of agent 0, got 'q'"),
-        (BOTH, {"a.csv": "agents,path\n1,r\n2,r\n"}, "a.csv: expected one plan, got 2"),
-        (BOTH, {"a.txt": "solution=\n0:(0,0),(1,0),(2,0),\n"}, "expected at most 2 agents, as in scenario"),
-        (["small.map"], {"a.txt": "solution=\n0:(0,0),\n2:(0,0),\n"}, "a.txt:3: expected '1:' and cells, got '2:"),
-        (["small.map"], {"a.txt": "solution=\n0:(0,0),(1\n"}, "a.txt:2: expected a cell (x,y), got '(1'"),
-        (["small.map"], {"a.txt": "hello"}, "a.txt:1: expected a plan: "),
-    ],
-)  # fmt: skip
-def test_messages_for_bad_files(editor, tmp_path, names, files, message):
-    page = editor(*names, **{name.replace(".", "__"): text for name, text in files.items()})
-    assert message in page.locator("#message").inner_text()
-    assert not page.locator("#play").is_visible()
-    editor("small.map", a__json=lorr())  # it still works
-    assert page.locator("#play").is_visible()
-    assert page.locator("#playback-message").inner_text() == ""
+BAD_FILES = [
+    ([], {"a.map": MAP.replace("width 2", "width x")}, "a.map:3: expected 'width' and a number, got 'width x'"),
+    ([], {"a.map": MAP.replace("@", "?")}, "a.map:6: expected one of .GSE@OTW, got '?'"),
+    ([], {"a.map": MAP.replace("@", "")}, "a.map:6: expected a row of 2 cells, got 1"),
+    (["small.map"], {"a.scen": "version 1\n0\ta\t4\t3\n"}, "a.scen:2: expected 9 columns separated by tabs, got 4"),
+    (["small.map"], {"a.scen": "0\ta\t4\t3\t1\t1\t0\t0\t1\n"}, "a.scen:1: expected the start to be a free cell"),
+    (["small.map"], {"a.scen": "0\ta\t9\t3\t1\t1\t0\t0\t1\n"}, "expected the size of map 'small', width 4"),
+    (["small.map"], {"a.json": "{"}, "a.json: expected JSON"),
+    (["small.map"], {"a.json": "{}"}, "a.json: expected 'actionModel' MAPF or MAPF_T, got nothing"),
+    (["small.map"], {"a.json": lorr(actualPaths=["R,X"])}, "expected one of UDLRW as step 2 of agent 0, got 'X'"),
+    (["small.map"], {"a.json": lorr(start=[[0, "x"]])}, "a.json: expected the start of agent 0"),
+    (["small.map"], {"a.json": lorr(teamSize=2)}, "a.json: expected 'start' to be a list of at least 2"),
+    (["small.map"], {"a.csv": "agents,path\n1,r\n"}, "a.csv: expected a scenario to be given"),
+    (BOTH, {"a.csv": "agents,path\n1,rq\n"}, "a.csv: expected one of udlrw as step 2 of agent 0, got 'q'"),
+    (BOTH, {"a.csv": "agents,path\n1,r\n2,r\n"}, "a.csv: expected one plan, got 2"),
+    (BOTH, {"a.txt": "solution=\n0:(0,0),(1,0),(2,0),\n"}, "expected at most 2 agents, as in scenario"),
+    (["small.map"], {"a.txt": "solution=\n0:(0,0),\n2:(0,0),\n"}, "a.txt:3: expected '1:' and cells, got '2:"),
+    (["small.map"], {"a.txt": "solution=\n0:(0,0),(1\n"}, "a.txt:2: expected a cell (x,y), got '(1'"),
+    (["small.map"], {"a.txt": "hello"}, "a.txt:1: expected a plan: "),
+]  # fmt: skip
+"""The files that are opened before, bad ones, and a part of the message."""
+
+
+def test_messages_for_bad_files(editor):
+    for names, files, message in BAD_FILES:
+        page = editor(*names, **{name.replace(".", "__"): text for name, text in files.items()})
+        assert message in page.locator("#message").inner_text()
+        assert not page.locator("#play").is_visible()
+        editor("small.map", a__json=lorr())  # it still works
+        assert page.locator("#play").is_visible()
+        assert page.locator("#playback-message").inner_text() == ""
+        page.reload()
+        page.wait_for_selector("body[data-ready]")
 
 
 def test_corrupted_files_never_fail_without_a_message(editor, tmp_path):
