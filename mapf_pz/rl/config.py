@@ -145,7 +145,8 @@ class ImitationConfig:
     """With states, number of the latest agent steps from which half of each minibatch is sampled; the other half is
     sampled from the whole buffer."""
     dataset: str | None = None
-    """The folder of demonstrations that `bc` learns from; other algorithms ignore it."""
+    """The folder that is learned from: with `bc`, demonstrations; with `dagger`, a run with `replay="states"`, whose
+    labeled states are in the buffer from the start. Other algorithms ignore it."""
 
 
 @checked
@@ -320,6 +321,8 @@ class TrainConfig:
         ):
             expected = "0 without an initial_policy, with recurrent networks and with central-ppo"
             raise ValueError(f"kl_coeff={self.ppo.kl_coeff}: expected {expected}")
+        if self.algorithm == "dagger" and self.imitation.dataset is not None and self.imitation.replay != "states":
+            raise ValueError(f"dataset={self.imitation.dataset!r}: expected replay='states' with dagger")
         if self.overlap and self.collector == "single":
             raise ValueError("overlap=True: expected the collector 'processes' or 'ray'")
         obstacle = self._obstacle_to_sharing(1 if self.num_learners == "auto" else self.num_learners)

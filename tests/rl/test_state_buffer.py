@@ -136,6 +136,35 @@ def test_a_run_that_is_resumed_has_all_steps(tmp_path):
     assert len(list((run / "data").glob("*.npz"))) >= 2
 
 
+def learning_from(run, config=CONFIG):
+    return dataclasses.replace(config, imitation=dataclasses.replace(config.imitation, dataset=str(run)))
+
+
+def test_a_run_learns_from_the_steps_of_another(tmp_path):
+    first, second = tmp_path / "first", tmp_path / "second"
+    train(CONFIG, first)
+    collected = float(rows(first)[-1]["buffer"])
+    train(learning_from(first), second)
+    resume(second, agent_steps=2 * CONFIG.agent_steps)
+    sizes = [float(row["buffer"]) for row in rows(second)]
+    assert sizes[: len(rows(first))] == [collected + float(row["buffer"]) for row in rows(first)]
+    assert all(b > a for a, b in pairwise(sizes))
+    saved = sum(len(read_npz(file, ("time",))["time"]) for file in (second / "data").glob("*.npz"))
+    assert saved * TASK.num_agents == sizes[-1] - collected  # its own
+
+
+def test_steps_that_cannot_be_learned_from(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"first: expected the folder of a run with replay='states', and a che"):
+        train(learning_from(tmp_path / "first"), tmp_path / "second")
+    train(CONFIG, tmp_path / "first")
+    other = dataclasses.replace(CONFIG, task=changed(CONFIG.task, num_agents=TASK.num_agents + 1))
+    with pytest.raises(FormatError, match=r"\.npz: expected steps of \d+ agents on maps of"):
+        train(learning_from(tmp_path / "first", other), tmp_path / "second")
+    with pytest.raises(ValueError, match=r"^dataset='.*first': expected replay='states' with dagger$"):
+        learning_from(tmp_path / "first", dataclasses.replace(CONFIG, imitation=TINY.imitation))
+    assert not (tmp_path / "second").exists()
+
+
 @pytest.mark.parametrize("fields", [{"on_target": "finish"}, {"num_frames": 2}])
 def test_environments_whose_states_are_not_kept(fields):
     config = dataclasses.replace(CONFIG, task=changed(CONFIG.task, **fields))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -12,7 +13,7 @@ from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
 from mapf_pz.rl.algorithms.expert import NO_LABEL, is_labeled
 from mapf_pz.rl.algorithms.learner import Data
-from mapf_pz.rl.algorithms.state_buffer import StateBuffer
+from mapf_pz.rl.algorithms.state_buffer import StateBuffer, step_files
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.environments.batched_env import OBSERVATION_DTYPES
 from mapf_pz.rl.environments.recorded_states import states_of
@@ -101,7 +102,10 @@ class StateReplay(Replay):
     """States, in which agents observe again when they are learned from."""
 
     def __init__(self, config: TrainConfig, keys: list[NestedKey], device: torch.device) -> None:
-        """Create an empty buffer: see `Replay`."""
+        """Create a buffer, see `Replay`, with the steps of the run `dataset`, if there is one.
+
+        Raises `FileNotFoundError` if that run has none, and `FormatError` if they are of another environment.
+        """
         super().__init__(config, keys, device)
         self._states = StateBuffer(
             config.task.env_config(),
@@ -109,6 +113,9 @@ class StateReplay(Replay):
             config.optimization.minibatch_size,
             config.num_threads,
         )
+        if config.imitation.dataset is not None:
+            for file in step_files(Path(config.imitation.dataset)):
+                self._states.load(file)
         self.data = self._states
         self._dtype = OBSERVATION_DTYPES[config.observation_precision]
 
@@ -135,6 +142,6 @@ class StateReplay(Replay):
 
 
 def make_replay(config: TrainConfig, keys: list[NestedKey], device: torch.device) -> Replay:
-    """Return the empty replay buffer of a configuration."""
+    """Return the replay buffer of a configuration; raises `ValueError` and others as its class."""
     make = StateReplay if config.imitation.replay == "states" else ObservationReplay
     return make(config, keys, device)

@@ -44,7 +44,20 @@ class Steps:
         return len(self.map)
 
 
+DATA = "data"
+"""In the folder of a run: the folder of the steps that it has learned from."""
 STEP_FIELDS = tuple(field.name for field in fields(Steps))
+
+
+def step_files(run: Path) -> list[Path]:
+    """Return the files of the steps that a run has learned from, the oldest ones first.
+
+    Each has the number of agent steps of the run as its name. Raises `FileNotFoundError` if there are none.
+    """
+    files = sorted((run / DATA).glob("*.npz"))
+    if not files:
+        raise FileNotFoundError(f"{run}: expected the folder of a run with replay='states', and a checkpoint")
+    return files
 
 
 class Sample(NamedTuple):

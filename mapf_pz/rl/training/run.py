@@ -10,6 +10,7 @@ from torch import nn
 
 from mapf_pz.errors import FormatError
 from mapf_pz.rl.algorithms.learner import Learner
+from mapf_pz.rl.algorithms.state_buffer import DATA, step_files
 from mapf_pz.rl.config import TrainConfig
 from mapf_pz.rl.config_file import CONFIG_FILES, config_values, save_config
 from mapf_pz.rl.demonstrations.folder import dataset_files
@@ -21,7 +22,7 @@ from mapf_pz.rl.training.checkpoint import FOLDER, Checkpoints, Position, read_p
 from mapf_pz.rl.training.curves import Run, draw_curves
 from mapf_pz.rl.training.loggers import LOGGER_FOLDERS, ProgressLogger, make_loggers
 
-CURVE, DATA = "learning_curve.png", "data"
+CURVE = "learning_curve.png"
 CURVES = ("CSR", "ISR", "throughput", "agreement", "return")
 """Columns of the progress file that are drawn if there are any."""
 RUN_FILES = (*CONFIG_FILES, WEIGHTS, PROGRESS, CURVE, FOLDER, DATA, *LOGGER_FOLDERS)
@@ -147,6 +148,12 @@ class RunFolder:
 def inputs_digest(config: TrainConfig) -> str:
     """Return the digest of a run's maps and scenarios, its demonstrations, and the weights of its initial policy."""
     initial = None if config.initial_policy is None else policy_folder(config.initial_policy) / WEIGHTS
-    dataset = config.imitation.dataset if config.algorithm == "bc" else None
-    files = {} if dataset is None else {file.name: file for file in dataset_files(Path(dataset))}
+    files = {file.name: file for file in _dataset_files(config)}
     return sources_digest([config.task.source], files, initial)
+
+
+def _dataset_files(config: TrainConfig) -> list[Path]:
+    """Return the files of the data that a run learns from, other than its own."""
+    files_of = {"bc": dataset_files, "dagger": step_files}.get(config.algorithm)
+    dataset = config.imitation.dataset
+    return [] if dataset is None or files_of is None else files_of(Path(dataset))
