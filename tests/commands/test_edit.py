@@ -185,6 +185,7 @@ def test_the_server_runs_until_it_is_interrupted(tmp_path, number):
     assert all(line.startswith("compiling kernels") for line in errors), errors
 
 
+@pytest.mark.slow
 def test_a_port_in_use(tmp_path):
     pytest.importorskip("starlette")
     with running(tmp_path) as (_, address):

@@ -63,6 +63,7 @@ def test_some_columns_in_the_width_of_the_terminal(capsys, monkeypatch, suite):
     assert max(map(len, out)) <= 75
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("forked_processes")
 def test_policies_on_a_suite_in_processes(capsys, suite, tmp_path):
     output = tmp_path / "new" / "out"

@@ -135,7 +135,9 @@ def outcome(capsys, folder, material, case, use, monkeypatch):
     return status, case.ignored(printed), texts
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if name == "policy export" else []) for name in CASES]
+)
 def test_every_option_has_an_effect_or_is_refused(capsys, tmp_path, material, monkeypatch, request, name):
     case = CASES[name]
     if name.startswith(("train", "plot", "dataset export")) or "mappo" in case.words:
