@@ -157,9 +157,17 @@ def test_steps_that_cannot_be_learned_from(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"first: expected the folder of a run with replay='states', and a che"):
         train(learning_from(tmp_path / "first"), tmp_path / "second")
     train(CONFIG, tmp_path / "first")
+    turning = dataclasses.replace(CONFIG, task=changed(CONFIG.task, action_model="rotate"))
+    with pytest.raises(ValueError, match=r"first': expected a run with action_model='rotate', got 'cardinal'$"):
+        train(learning_from(tmp_path / "first", turning), tmp_path / "second")
     other = dataclasses.replace(CONFIG, task=changed(CONFIG.task, num_agents=TASK.num_agents + 1))
     with pytest.raises(FormatError, match=r"\.npz: expected steps of \d+ agents on maps of"):
         train(learning_from(tmp_path / "first", other), tmp_path / "second")
+    (tmp_path / "first" / "config.json").write_text("{}")
+    with pytest.raises(
+        FormatError, match=r"config\.json: expected the configuration of a run, with a task and its env$"
+    ):
+        train(learning_from(tmp_path / "first"), tmp_path / "second")
     with pytest.raises(ValueError, match=r"^dataset='.*first': expected replay='states' with dagger$"):
         learning_from(tmp_path / "first", dataclasses.replace(CONFIG, imitation=TINY.imitation))
     assert not (tmp_path / "second").exists()

@@ -11,10 +11,14 @@ from tensordict import NestedKey, TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
+from mapf_pz._internal.json import JsonObject, parse_object
+from mapf_pz._internal.text import read_text
+from mapf_pz.errors import FormatError
 from mapf_pz.rl.algorithms.expert import NO_LABEL, is_labeled
 from mapf_pz.rl.algorithms.learner import Data
 from mapf_pz.rl.algorithms.state_buffer import StateBuffer, step_files
 from mapf_pz.rl.config import TrainConfig
+from mapf_pz.rl.config_file import CONFIG, config_values
 from mapf_pz.rl.environments.batched_env import OBSERVATION_DTYPES
 from mapf_pz.rl.environments.recorded_states import states_of
 from mapf_pz.rl.environments.transfer import to_device
@@ -98,13 +102,18 @@ class ObservationReplay(Replay):
         return self._buffer.sample()
 
 
+_ALIKE = ("action_model", "on_target", "edge_weights")
+"""What labels depend on, apart from states: fields of the environment."""
+
+
 class StateReplay(Replay):
     """States, in which agents observe again when they are learned from."""
 
     def __init__(self, config: TrainConfig, keys: list[NestedKey], device: torch.device) -> None:
         """Create a buffer, see `Replay`, with the steps of the run `dataset`, if there is one.
 
-        Raises `FileNotFoundError` if that run has none, and `FormatError` if they are of another environment.
+        Raises `FileNotFoundError` if that run has none, and `ValueError` (`FormatError`) if they are of another
+        environment.
         """
         super().__init__(config, keys, device)
         self._states = StateBuffer(
@@ -114,10 +123,19 @@ class StateReplay(Replay):
             config.num_threads,
         )
         if config.imitation.dataset is not None:
-            for file in step_files(Path(config.imitation.dataset)):
-                self._states.load(file)
+            self._load(Path(config.imitation.dataset), config)
         self.data = self._states
         self._dtype = OBSERVATION_DTYPES[config.observation_precision]
+
+    def _load(self, run: Path, config: TrainConfig) -> None:
+        """Add the steps of a run; raises as `__init__`."""
+        files, mine, theirs = step_files(run), config_values(config)["task"]["env"], _saved_env(run / CONFIG)
+        for name in _ALIKE:
+            if theirs.get(name) != mine[name]:
+                expected = f"a run with {name}={mine[name]!r}, got {theirs.get(name)!r}"
+                raise ValueError(f"dataset={str(run)!r}: expected {expected}")
+        for file in files:
+            self._states.load(file)
 
     def __len__(self) -> int:
         """Return the number of agent steps."""
@@ -139,6 +157,15 @@ class StateReplay(Replay):
         inputs = {name: entries[name] for name, _ in zip(entries, self._keys, strict=False)}
         found = TensorDict({**inputs, "expert_action": label, "learned": learned}, batch_size=[len(label)])
         return to_device(found, self._device)
+
+
+def _saved_env(file: Path) -> JsonObject:
+    """Return the fields of the environment in a run's configuration, whose own code, if there is any, does not run."""
+    task = parse_object(read_text(file), file).get("task")
+    env = task.get("env") if isinstance(task, dict) else None
+    if not isinstance(env, dict):
+        raise FormatError(file, "expected the configuration of a run, with a task and its env")
+    return env
 
 
 def make_replay(config: TrainConfig, keys: list[NestedKey], device: torch.device) -> Replay:
