@@ -146,7 +146,7 @@ class RunFolder:
 
 
 def inputs_digest(config: TrainConfig) -> str:
-    """Return the digest of a run's maps and scenarios, its demonstrations, and the weights of its initial policy."""
+    """Return the digest of a run's maps and scenarios, the data of `dataset`, and the weights of its initial policy."""
     initial = None if config.initial_policy is None else policy_folder(config.initial_policy) / WEIGHTS
     files = {file.name: file for file in _dataset_files(config)}
     return sources_digest([config.task.source], files, initial)
