@@ -94,6 +94,10 @@ COMMANDS = {
     "resume": ["train", "resume", "run"],
     "train from a file": ["train", "run/config.json", "--output", "new"],
     "train from a policy": ["train", "mappo", "--initial-policy", "run", "--output", "new", "--evaluate", "none"],
+    "train from states": [
+        *("train", "oneshot-cardinal", "--replay", "states", "--dataset", "run"),
+        *("--output", "new", "--evaluate", "none"),
+    ],
     "train for a suite": ["train", "mappo", "--output", "new", "--evaluate", "suite.json"],
 }
 

@@ -13,6 +13,7 @@ def interruptible() -> Generator[Callable[[], None]]:
     """Let SIGTERM, which job queues and `kill` send, act like Ctrl-C; yield a check to call regularly.
 
     Python drops a `KeyboardInterrupt` that is raised in a finalizer or in a callback from C; the check raises it again.
+    Code in C may convert it into another error, such as a `SystemError`, instead of which it is raised at the end.
     """
     with _interrupts(0) as interrupted:
 
@@ -20,7 +21,12 @@ def interruptible() -> Generator[Callable[[], None]]:
             if interrupted():
                 raise KeyboardInterrupt
 
-        yield check
+        try:
+            yield check
+        except Exception as error:
+            if interrupted():
+                raise KeyboardInterrupt from error
+            raise
 
 
 def interrupts_deferred(on_first: Callable[[], None] = lambda: None) -> AbstractContextManager[Callable[[], bool]]:

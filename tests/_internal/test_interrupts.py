@@ -37,6 +37,25 @@ def test_an_interrupt_that_is_dropped_is_raised_by_the_check(monkeypatch):
             check()
 
 
+def convert_an_interrupt():
+    """Do as Python does with an interrupt that C code has not handed on."""
+    try:
+        send(signal.SIGINT)
+    except KeyboardInterrupt as error:
+        raise SystemError("a function returned a result with an exception set") from error
+
+
+def test_an_interrupt_that_is_converted_is_raised_at_the_end():
+    with pytest.raises(KeyboardInterrupt) as caught, interruptible():
+        convert_an_interrupt()
+    assert isinstance(caught.value.__cause__, SystemError)
+
+
+def test_errors_without_an_interrupt_are_raised_as_they_are():
+    with pytest.raises(SystemError), interruptible():
+        raise SystemError("a function returned a result with an exception set")
+
+
 @pytest.mark.parametrize("sent", [signal.SIGTERM, signal.SIGINT])
 def test_signals_interrupt_and_the_handlers_come_back(sent):
     before = signal.getsignal(sent)

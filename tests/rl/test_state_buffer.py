@@ -1,6 +1,7 @@
 """The replay buffer of states: what is learned from is what was observed."""
 
 import dataclasses
+import shutil
 from itertools import pairwise
 
 import numpy as np
@@ -154,7 +155,7 @@ def test_a_run_learns_from_the_steps_of_another(tmp_path):
 
 
 def test_steps_that_cannot_be_learned_from(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"first: expected the folder of a run with replay='states', and a che"):
+    with pytest.raises(FileNotFoundError, match=r"first/config\.json: no such file$"):
         train(learning_from(tmp_path / "first"), tmp_path / "second")
     train(CONFIG, tmp_path / "first")
     turning = dataclasses.replace(CONFIG, task=changed(CONFIG.task, action_model="rotate"))
@@ -163,10 +164,11 @@ def test_steps_that_cannot_be_learned_from(tmp_path):
     other = dataclasses.replace(CONFIG, task=changed(CONFIG.task, num_agents=TASK.num_agents + 1))
     with pytest.raises(FormatError, match=r"\.npz: expected steps of \d+ agents on maps of"):
         train(learning_from(tmp_path / "first", other), tmp_path / "second")
-    (tmp_path / "first" / "config.json").write_text("{}")
-    with pytest.raises(
-        FormatError, match=r"config\.json: expected the configuration of a run, with a task and its env$"
-    ):
+    shutil.rmtree(tmp_path / "first" / "data")
+    with pytest.raises(FileNotFoundError, match=r"first: expected the folder of a run with replay='states', and a che"):
+        train(learning_from(tmp_path / "first"), tmp_path / "second")
+    (tmp_path / "first" / "config.json").write_text("[]")
+    with pytest.raises(FormatError, match=r"config\.json: "):
         train(learning_from(tmp_path / "first"), tmp_path / "second")
     with pytest.raises(ValueError, match=r"^dataset='.*first': expected replay='states' with dagger$"):
         learning_from(tmp_path / "first", dataclasses.replace(CONFIG, imitation=TINY.imitation))

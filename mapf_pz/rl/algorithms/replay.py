@@ -11,14 +11,11 @@ from tensordict import NestedKey, TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
-from mapf_pz._internal.json import JsonObject, parse_object
-from mapf_pz._internal.text import read_text
-from mapf_pz.errors import FormatError
 from mapf_pz.rl.algorithms.expert import NO_LABEL, is_labeled
 from mapf_pz.rl.algorithms.learner import Data
 from mapf_pz.rl.algorithms.state_buffer import StateBuffer, step_files
 from mapf_pz.rl.config import TrainConfig
-from mapf_pz.rl.config_file import CONFIG, config_values
+from mapf_pz.rl.config_file import CONFIG, config_values, load_config
 from mapf_pz.rl.environments.batched_env import OBSERVATION_DTYPES
 from mapf_pz.rl.environments.recorded_states import states_of
 from mapf_pz.rl.environments.transfer import to_device
@@ -129,10 +126,14 @@ class StateReplay(Replay):
 
     def _load(self, run: Path, config: TrainConfig) -> None:
         """Add the steps of a run; raises as `__init__`."""
-        files, mine, theirs = step_files(run), config_values(config)["task"]["env"], _saved_env(run / CONFIG)
+        files = step_files(run)
+        if not files:
+            raise FileNotFoundError(f"{run}: expected the folder of a run with replay='states', and a checkpoint")
+        other = load_config(run / CONFIG, trust_remote_code=True)  # has been checked at the start of the run
+        mine, theirs = (config_values(one)["task"]["env"] for one in (config, other))
         for name in _ALIKE:
-            if theirs.get(name) != mine[name]:
-                expected = f"a run with {name}={mine[name]!r}, got {theirs.get(name)!r}"
+            if theirs[name] != mine[name]:
+                expected = f"a run with {name}={mine[name]!r}, got {theirs[name]!r}"
                 raise ValueError(f"dataset={str(run)!r}: expected {expected}")
         for file in files:
             self._states.load(file)
@@ -157,15 +158,6 @@ class StateReplay(Replay):
         inputs = {name: entries[name] for name, _ in zip(entries, self._keys, strict=False)}
         found = TensorDict({**inputs, "expert_action": label, "learned": learned}, batch_size=[len(label)])
         return to_device(found, self._device)
-
-
-def _saved_env(file: Path) -> JsonObject:
-    """Return the fields of the environment in a run's configuration, whose own code, if there is any, does not run."""
-    task = parse_object(read_text(file), file).get("task")
-    env = task.get("env") if isinstance(task, dict) else None
-    if not isinstance(env, dict):
-        raise FormatError(file, "expected the configuration of a run, with a task and its env")
-    return env
 
 
 def make_replay(config: TrainConfig, keys: list[NestedKey], device: torch.device) -> Replay:

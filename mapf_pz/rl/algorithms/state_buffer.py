@@ -49,15 +49,13 @@ DATA = "data"
 STEP_FIELDS = tuple(field.name for field in fields(Steps))
 
 
-def step_files(run: Path) -> list[Path]:
+def step_files(run: Path, first: int = 0, last: int | None = None) -> list[Path]:
     """Return the files of the steps that a run has learned from, the oldest ones first.
 
-    Each has the number of agent steps of the run as its name. Raises `FileNotFoundError` if there are none.
+    Each has the number of agent steps of the run as its name: from `first` to `last`, if that is not None.
     """
     files = sorted((run / DATA).glob("*.npz"))
-    if not files:
-        raise FileNotFoundError(f"{run}: expected the folder of a run with replay='states', and a checkpoint")
-    return files
+    return [file for file in files if first <= int(file.stem) and (last is None or int(file.stem) <= last)]
 
 
 class Sample(NamedTuple):

@@ -67,7 +67,7 @@ class RunFolder:
             raise FormatError(self.path / PROGRESS, f"expected {expected}")
         self._saved_steps = position.agent_steps
         if learner.data is not None:
-            for file in self._data_files(first=0, last=position.agent_steps):
+            for file in step_files(self.path, last=position.agent_steps):
                 learner.data.load(file)
         return position.updates
 
@@ -79,7 +79,7 @@ class RunFolder:
         if self._rows:
             self.checkpoints.sweep()
             write_progress(self.path, self._rows)
-            for file in self._data_files(first=self._saved_steps + 1):  # of steps that are collected again
+            for file in step_files(self.path, first=self._saved_steps + 1):  # of steps that are collected again
                 file.unlink()
         else:
             self.checkpoints.clear()
@@ -87,11 +87,6 @@ class RunFolder:
             for name in (PROGRESS, CURVE, WEIGHTS):
                 (self.path / name).unlink(missing_ok=True)
         save_config(self.path, config)
-
-    def _data_files(self, first: int, last: int | None = None) -> list[Path]:
-        """Return the files of collected data that were saved after `first` to `last` agent steps, in this order."""
-        files = sorted((self.path / DATA).glob("*.npz"))
-        return [file for file in files if first <= int(file.stem) and (last is None or int(file.stem) <= last)]
 
     @property
     def seconds(self) -> float:

@@ -61,7 +61,8 @@ def train(
         make_algorithm: creates the algorithm, if it is not the one named by the configuration; `load_policy` always
             uses the network of the named algorithm.
         overwrite: replace an existing run in `output`.
-        trust_remote_code: load an `initial_policy` whose configuration names code outside this package.
+        trust_remote_code: load an `initial_policy`, or a run as `dataset`, whose configuration names code outside this
+            package.
 
     Nothing is written before the networks and the environments have been created, so an invalid configuration leaves
     the folder unchanged.
@@ -86,7 +87,7 @@ def train(
     with locked(run.path if is_first() else None):
         if is_first() and not overwrite:
             run.check_unused()
-        _check_initial_policy(config, trust_remote_code)
+        _check_trusted_inputs(config, trust_remote_code)
         return _run(config, run, None, on_progress, make_algorithm)
 
 
@@ -125,7 +126,7 @@ def resume(
     with locked(run.path if is_first() else None):
         checkpoint = run.checkpoints.latest()
         config = load_config(run.path / CONFIG, trust_remote_code)
-        _check_initial_policy(config, trust_remote_code)
+        _check_trusted_inputs(config, trust_remote_code)
         position = read_position(checkpoint)
         if position.agent_steps != position.updates * config.steps_per_update:
             raise FormatError(checkpoint, f"not a checkpoint of the run that {CONFIG} describes")
@@ -243,10 +244,12 @@ def _synchronize(learner: Learner, done: int = 0) -> int:
     return done
 
 
-def _check_initial_policy(config: TrainConfig, trust_remote_code: bool) -> None:
-    """Raise `FormatError` if the initial policy names code without `trust_remote_code`."""
+def _check_trusted_inputs(config: TrainConfig, trust_remote_code: bool) -> None:
+    """Raise `FormatError` if a policy or run that this one starts from names code without `trust_remote_code`."""
     if config.initial_policy is not None:
         policy_config(config.initial_policy, trust_remote_code)
+    if config.algorithm == "dagger" and config.imitation.dataset is not None:
+        load_config(Path(config.imitation.dataset) / CONFIG, trust_remote_code)
 
 
 def _start_from(policy: str, temperature: float, algorithm: Algorithm) -> None:
