@@ -77,6 +77,13 @@ def test_training(run_with_torch, tmp_path, name, told):
 
 def test_own_torchrl_training(run_with_torch):
     pytest.importorskip("torchrl")
+    *_, last = run_with_torch("torchrl_ppo.py", "--batches", 3, "--epochs", 1).splitlines()
+    assert last.startswith("  24576 agent steps: CSR ")
+
+
+@pytest.mark.slow
+def test_own_torchrl_training_routes(run_with_torch):
+    pytest.importorskip("torchrl")
     *_, last = run_with_torch("torchrl_ppo.py", "--batches", 21, "--epochs", 2).splitlines()
     assert float(last.removeprefix(" 172032 agent steps: CSR ")) > 0.5
 

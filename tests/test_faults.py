@@ -57,6 +57,7 @@ def test_a_killed_training_run_resumes(tmp_path):
     until_killed(kill_trainings, 1, 20, tmp_path)
 
 
+@pytest.mark.slow
 def test_ctrl_c_while_processes_start(tmp_path):
     """They are still loading Python when it comes, and must not tell of it."""
     words = evaluate_words(tmp_path / "out", 50, 2)
@@ -89,6 +90,7 @@ def test_a_line_cut_within_a_character(tmp_path):
     assert untimed(episode_lines(tmp_path)) == untimed(before.decode().splitlines(True)[1:])
 
 
+@pytest.mark.slow
 def test_training_starts_on_a_full_disk(tmp_path):
     pytest.importorskip("torchrl")
     end = complete(train_words(tmp_path, 5), room=100_000)  # less than a checkpoint, and than the policy
@@ -100,6 +102,7 @@ def test_training_starts_on_a_full_disk(tmp_path):
     assert len(progress_lines(tmp_path)) == updates_kept(tmp_path) == 5
 
 
+@pytest.mark.slow
 def test_training_resumes_after_a_full_disk(tmp_path):
     pytest.importorskip("torchrl")
     assert complete(train_words(tmp_path, 5)).status == 0

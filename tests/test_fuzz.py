@@ -188,6 +188,7 @@ def test_a_map_with_a_line_of_a_million_characters(tmp_path, width):
     assert (grid is None) == (width == 6)
 
 
+@pytest.mark.slow
 def test_a_scenario_of_a_million_lines(tmp_path):
     version, line, _ = SCEN.splitlines(keepends=True)
     (tmp_path / "a.scen").write_bytes(version + line * 50_000)

@@ -87,6 +87,7 @@ load_policy(3)
 TYPES = ["MapfEnv", "CentralizedEnv", "BatchedMapfEnv", "CentralizedVectorEnv", "LearnedPolicy", "PIBT"]
 
 
+@pytest.mark.slow
 def test_a_type_checker_knows_the_keywords(tmp_path):
     pytest.importorskip("basedpyright")
     pytest.importorskip("torchrl")

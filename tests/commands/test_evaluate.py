@@ -202,6 +202,7 @@ def test_several_scenarios_and_numbers_of_agents(capsys, tmp_path):
 OURS = "mapf-pz solve {plan} --map {map} --scenario {scen} --planner lacam:anytime=False --action-model cardinal"
 
 
+@pytest.mark.slow
 def test_planners_outside_of_the_package(capsys, tmp_path, monkeypatch):
     """A planner of this package, once inside, once as a program, and once as its plan files."""
     monkeypatch.setenv("PATH", os.pathsep.join([os.path.dirname(sys.executable), os.environ["PATH"]]))

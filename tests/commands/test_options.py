@@ -135,8 +135,11 @@ def outcome(capsys, folder, material, case, use, monkeypatch):
     return status, case.ignored(printed), texts
 
 
+SLOW = ("policy export", "train quickstart", "report", "guidance evaluate", "dataset make", "guidance optimize", "play")
+
+
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] if name == "policy export" else []) for name in CASES]
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in CASES]
 )
 def test_every_option_has_an_effect_or_is_refused(capsys, tmp_path, material, monkeypatch, request, name):
     case = CASES[name]

@@ -45,7 +45,10 @@ def module(tmp_path, monkeypatch):
     sys.modules.pop(MODULE, None)
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    "command",
+    [pytest.param(name, marks=[pytest.mark.slow] if "--jobs" in words else []) for name, words in COMMANDS.items()],
+)
 def test_own_code(module, command, capsys):
     assert main(COMMANDS[command]) == 0, capsys.readouterr().err
 

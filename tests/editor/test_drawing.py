@@ -185,6 +185,7 @@ def test_the_keyboard_draws(editor):
     assert obstacles(editor) == {(1, 1), (1, 2), (2, 2)}
 
 
+@pytest.mark.slow
 def test_undo_after_fifty_random_operations_gives_the_first_state(editor, tmp_path):
     open_small(editor, tmp_path)
     first, rng = drawing(editor), random.Random(3)

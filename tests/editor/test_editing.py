@@ -83,6 +83,7 @@ def test_an_instance_is_drawn_saved_and_solved_as_on_the_command_line(editor, fi
         editor.click("#back-to-drawing")
 
 
+@pytest.mark.slow
 def test_two_solvers_side_by_side_and_an_agent_by_hand(editor):
     draw(editor)
     editor.uncheck("#turning")
@@ -127,6 +128,7 @@ def test_lifelong_episodes_have_a_throughput(editor):
     assert editor.evaluate("player.episodes[0].steps") == 60
 
 
+@pytest.mark.slow
 def test_delayed_agents_are_drawn(editor):
     draw(editor)
     editor.fill("#delays", "often")
@@ -164,6 +166,7 @@ def test_what_the_solver_refuses_is_one_line_in_sight(editor):
     assert is_in_sight(editor, "#message")  # also from the end of the panel
 
 
+@pytest.mark.slow
 def test_the_failure_of_one_of_two_solvers_is_shown_beside_the_episode(editor):
     draw(editor)
     editor.fill("#max-steps", "6")
@@ -176,6 +179,7 @@ def test_the_failure_of_one_of_two_solvers_is_shown_beside_the_episode(editor):
     assert "pibt: " not in editor.locator("#playback-message").inner_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turning", [True, False])
 def test_the_copied_command_finds_the_plan_of_the_page(editor, files, monkeypatch, turning):
     """Also of agents that do not face east, and under the limits of the page."""

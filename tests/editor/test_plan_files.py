@@ -144,6 +144,7 @@ BAD_FILES = [
 """The files that are opened before, bad ones, and a part of the message."""
 
 
+@pytest.mark.slow
 def test_messages_for_bad_files(editor):
     for names, files, message in BAD_FILES:
         page = editor(*names, **{name.replace(".", "__"): text for name, text in files.items()})

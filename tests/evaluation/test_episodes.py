@@ -267,6 +267,7 @@ def outcome(names, tasks, jobs):
     return untimed([episode.metrics for episode in done])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("forked_processes")
 def test_processes_do_the_same():
     pytest.importorskip("torch")

@@ -107,6 +107,7 @@ def test_a_file_that_is_replaced_during_an_evaluation(replaceable, tmp_path):
     assert untimed(again) == untimed(evaluate(policies, tasks))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("output", [True, False])
 def test_a_file_that_is_replaced_before_a_process_reads_it(output, tmp_path):
     policy, keywords, _, replace = weights_files(tmp_path, False)

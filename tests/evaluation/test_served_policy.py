@@ -23,6 +23,7 @@ def requests(env, seed, act):
         env.step(dict(zip(env.agents, actions, strict=True)))
 
 
+@pytest.mark.slow
 def test_a_served_planner_solves_episodes_in_another_process():
     env = mapf_pz.parallel_env(source=RandomObstacles(9, 8, 0.15, 6), action_model="cardinal", **RULES)
     words = ["--collision-system", "soft", "--on-target", "nothing", "--max-steps", "40"]

@@ -56,6 +56,7 @@ def test_every_variation_can_be_trained():
         flaws.FlawedPPO(row.config, row.flaws).transforms(0)
 
 
+@pytest.mark.slow
 def test_a_run_is_kept(tmp_path, monkeypatch):
     options = reproduction.Options(output=tmp_path, agent_steps=8192)
     row = next(reproduction.variations())

@@ -27,6 +27,7 @@ def trained(tmp_path, monkeypatch):
     return runs
 
 
+@pytest.mark.slow
 def test_runs_whose_validations_are_known_are_not_repeated(tmp_path, trained):
     sharing.main(sharing.Options(output=tmp_path, seeds=(0,)))
     assert len(trained) == 8 * 2 * 2, "what agents know, algorithms, densities"

@@ -44,6 +44,7 @@ def test_environments(capsys):
         assert name in text
 
 
+@pytest.mark.slow
 def test_environments_on_random_maps_without_torchrl(capsys, monkeypatch):
     monkeypatch.setattr("experiments.speed.candidates.find_spec", lambda name: None)
     status, out, err = run(capsys, "environments", *SMALL, "--num-threads", 2)
@@ -96,6 +97,7 @@ def test_axes_change_one_thing():
     assert density == {16}
 
 
+@pytest.mark.slow
 def test_environments_of_any_environment(capsys, monkeypatch):
     monkeypatch.setattr("experiments.speed.candidates.find_spec", lambda name: None)
     words = ["--on-target", "restart", "--channels", "view", "heuristic", "--map", "random-12-12-15", "--complete"]

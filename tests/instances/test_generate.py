@@ -151,6 +151,7 @@ def test_walls_of_primal2_go_straight_on():
     assert corners(0.5) == pytest.approx(2 / 3, abs=0.08)
 
 
+@pytest.mark.slow
 def test_mazes_of_primal2_are_as_dense_as_those_of_pogema(pogema_benchmark):
     drawn = json.loads((pogema_benchmark / "02-mazes.maps.json").read_text()).values()
     theirs = [np.mean([cell == "." for row in rows for cell in row]) for rows in drawn]

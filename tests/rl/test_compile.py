@@ -34,6 +34,7 @@ def test_a_compiled_loss_is_the_same(tmp_path, fields):
                 assert float(other[name]) == pytest.approx(float(one[name]), rel=1e-3, nan_ok=True)
 
 
+@pytest.mark.slow
 def test_without_a_compiler(monkeypatch):
     monkeypatch.delenv("CXX", raising=False)
     monkeypatch.setenv("PATH", "")

@@ -29,7 +29,9 @@ def dataset(folder, on_target="nothing"):
 
 @pytest.mark.parametrize("on_target", ["nothing", "finish", "restart"])
 @pytest.mark.parametrize("features", [(), ("time",)])
-@pytest.mark.parametrize("num_envs", [pytest.param(1, marks=pytest.mark.slow), 3, 32])
+@pytest.mark.parametrize(
+    "num_envs", [pytest.param(1, marks=pytest.mark.slow), 3, pytest.param(32, marks=pytest.mark.slow)]
+)
 def test_steps_are_those_of_the_environment(tmp_path, monkeypatch, on_target, features, num_envs):
     monkeypatch.setattr(exporting, "NUM_ENVS", num_envs)
     data = dataset(tmp_path / "data", on_target)

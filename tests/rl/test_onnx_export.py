@@ -24,7 +24,7 @@ POLICIES = {
     "rounds": lambda: untrained("dagger", task={"features": ("pose",)}, communication=1, hidden=32, decision_rounds=2),
     "residual": lambda: untrained(encoder="residual"),
 }
-SLOW = ("communication", "rounds")
+SLOW = ("mappo", "stacked", "communication", "rounds", "residual")
 
 
 @pytest.fixture(autouse=True)
@@ -77,6 +77,7 @@ def test_an_episode_without_torch(name, tmp_path):
         observations = env.step(actions)[0]
 
 
+@pytest.mark.slow
 def test_the_metadata(tmp_path):
     import onnx
 
@@ -93,6 +94,7 @@ def test_a_recurrent_policy(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_network_that_differs_is_not_written(tmp_path, monkeypatch):
     monkeypatch.setattr(onnx_export, "TOLERANCE", 0.0)
     with pytest.raises(RuntimeError, match=r"^the exported network differs from the policy's by "):

@@ -37,6 +37,7 @@ def run(code=CODE, prefix=(), **environment):
     return result.stdout.strip(), [line for line in result.stderr.splitlines() if "Warning" in line]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variable", ["HOME", "NUMBA_CACHE_DIR"])
 def test_without_a_cache_folder_a_private_one_is_used(tmp_path, variable):
     private = tmp_path / f"mapf_pz-{os.getuid()}"
@@ -49,6 +50,7 @@ def test_without_a_cache_folder_a_private_one_is_used(tmp_path, variable):
     assert stat.S_IMODE(private.stat().st_mode) == 0o700
 
 
+@pytest.mark.slow
 def test_a_temporary_folder_that_others_write_to_is_not_used(tmp_path):
     private = tmp_path / f"mapf_pz-{os.getuid()}"
     private.mkdir()
@@ -68,6 +70,7 @@ def test_a_process_that_can_write_nowhere_caches_nothing():
     assert "compiled kernels are not cached: " in warned[0]
 
 
+@pytest.mark.slow
 def test_a_user_without_a_home_in_an_installation_of_another():
     if os.getuid() != 0 or not shutil.which("setpriv") or subprocess.run([*STRANGER, "true"], check=False).returncode:
         pytest.skip("only root may become another user")

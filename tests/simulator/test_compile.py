@@ -76,10 +76,12 @@ def test_what_another_process_compiles_is_loaded(tmp_path):
     assert {file.suffix for file in folder.rglob("*") if file.is_file()} == {".nbc"}
 
 
+@pytest.mark.slow
 def test_on_one_core_the_process_compiles_all_itself(tmp_path):
     assert count("1", NUMBA_CACHE_DIR=str(tmp_path)) == (2, ALL)
 
 
+@pytest.mark.slow
 def test_without_a_cache_the_process_compiles_all_itself():
     nowhere = "import tempfile; tempfile.tempdir = '/dev/null/nowhere'\n"
     assert count("2", prefix=nowhere, NUMBA_CACHE_DIR="/dev/null/nowhere") == (2, ALL)

@@ -315,7 +315,7 @@ def new_tables(free, graph, action_model, num_threads, unit_weights):
     return tables.CostTables(arrays, headings, int(free.sum()), unit_weights, num_threads=num_threads)
 
 
-@pytest.mark.parametrize("steps", [30, pytest.param(80, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("steps", [10, pytest.param(80, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("action_model", MODELS)
 @pytest.mark.parametrize("name", [*GRAPHS, "sampled"])
 def test_around_agents_at_goals_equals_dijkstra_without_their_cells(name, action_model, steps):
