@@ -184,7 +184,9 @@ def test_an_observation_without_features():
     assert curiosity.reward(rollout(config, 5)).shape == (4, 5, 3, 1)
 
 
-@pytest.mark.parametrize("algorithm", ["mappo", "ippo", "central-ppo"])
+@pytest.mark.parametrize(
+    "algorithm", ["mappo", *(pytest.param(name, marks=pytest.mark.slow) for name in ("ippo", "central-ppo"))]
+)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_run_with_curiosity(tmp_path, kind, algorithm):
     folder = train(dataclasses.replace(curious(kind), algorithm=algorithm), tmp_path)
@@ -259,7 +261,7 @@ def test_a_checkpoint_with_curiosity_fits_no_other_run(tmp_path):
             restore(checkpoints.latest(), other)
 
 
-@pytest.mark.parametrize("algorithm", ["mappo", "central-ppo"])
+@pytest.mark.parametrize("algorithm", ["mappo", pytest.param("central-ppo", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_run_with_curiosity_resumes(tmp_path, kind, algorithm):
     with pytest.raises(KeyboardInterrupt):
