@@ -158,7 +158,8 @@ def solvers(process):
     return children(forking, "multiprocessing.forkserver")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_the_server_runs_until_it_is_interrupted(tmp_path, number):
     pytest.importorskip("starlette")
     instance = {"name": "a", "map": "type octile\nheight 1\nwidth 3\nmap\n...\n", "starts": [[0, 0]]}
