@@ -135,67 +135,62 @@ _CENTRAL_TEAM = TrainConfig(
     validation_interval=200_000,
 )
 
-# Imitation of windowed planning, with more agents per free cell than in most evaluations.
-_LIFELONG = TrainConfig(
+# Imitation of windowed planning, with more agents per free cell than in most evaluations. Agents exchange embeddings
+# with those near them, and learn without the safety layer, so that they meet their own conflicts. The costs of
+# `crisscross:0.7` spread them over the aisles of a warehouse, and cost little elsewhere.
+_LIFELONG_CARDINAL = TrainConfig(
     task=TaskConfig(
         env=EnvConfig(
-            num_agents=40,
+            num_agents=48,
             max_steps=256,
+            action_model="cardinal",
             on_target="restart",
             view_size=(9, 9),
             view="centered",
             channels=(
-                *("view", "goal", "orientation", "cost_to_go", "heuristic"),
+                *("view", "goal", "cost_to_go", "heuristic"),
                 *("others_next", "others_heuristic", "other_goals"),
             ),
-            features=("action_advantage", "last_actions", "goal_vector"),
+            features=("action_advantage", "last_actions", "goal_vector", "pose"),
             num_last_actions=2,
+            edge_weights="crisscross:0.7",
             reward=REWARDS["progress"],
         ),
         mixture=MapMixture(
-            maps=("random", "walls", "random", "warehouse"),
+            maps=("primal2", "primal2", "random", "random", "warehouse"),
             height=(17, 21),
             width=(17, 21),
             density=(0.1, 0.3),
             loops=(0.3, 0.95),
         ),
-        shield=True,
     ),
     algorithm="dagger",
-    model=ModelConfig(conv_channels=(48, 48), hidden=192),
+    model=ModelConfig(conv_channels=(48, 48), hidden=192, communication=2, communication_radius=5),
     optimization=OptimizationConfig(
-        num_envs=32, steps_per_batch=16, num_epochs=1, minibatch_size=16, learning_rate=2e-3
+        num_envs=32, steps_per_batch=16, num_epochs=2, minibatch_size=16, learning_rate=2e-3
     ),
-    imitation=ImitationConfig(expert="windowed:rounds=1,window=12", temperature=0.3),
-    agent_steps=2_000_000,
-    checkpoint_interval=200_000,
+    imitation=ImitationConfig(expert="windowed:rounds=2,window=12", temperature=0.3, augment=True),
+    agent_steps=12_000_000,
+    checkpoint_interval=800_000,
     validation_interval=800_000,
     validation_episodes=32,
     precision="auto",
 )
 
-# Agents exchange embeddings with those near them, and learn without the safety layer, so that they meet their own
-# conflicts. The costs of `crisscross:0.7` spread them over the aisles of a warehouse, and cost little elsewhere.
-_LIFELONG_CARDINAL = replace(
-    _LIFELONG,
+# Agents that turn, on small and on larger maps.
+_LIFELONG = replace(
+    _LIFELONG_CARDINAL,
     task=replace(
-        _LIFELONG.task,
+        _LIFELONG_CARDINAL.task,
         env=replace(
-            _LIFELONG.task.env,
-            num_agents=48,
-            action_model="cardinal",
-            channels=tuple(name for name in _LIFELONG.task.env.channels if name != "orientation"),
-            features=(*_LIFELONG.task.env.features, "pose"),
-            edge_weights="crisscross:0.7",
+            _LIFELONG_CARDINAL.task.env,
+            action_model="rotate",
+            channels=("view", "goal", "orientation", *_LIFELONG_CARDINAL.task.env.channels[2:]),
         ),
-        mixture=replace(_LIFELONG.task.mixture, maps=("primal2", "primal2", "random", "random", "warehouse")),
-        shield=False,
+        mixture=replace(_LIFELONG_CARDINAL.task.mixture, height=(17, 28), width=(17, 28)),
     ),
-    model=replace(_LIFELONG.model, communication=2, communication_radius=5),
-    optimization=replace(_LIFELONG.optimization, num_epochs=2),
-    imitation=replace(_LIFELONG.imitation, expert="windowed:rounds=2,window=12", augment=True),
-    agent_steps=12_000_000,
-    checkpoint_interval=800_000,
+    agent_steps=6_000_000,
+    checkpoint_interval=400_000,
 )
 
 # Imitation of LaCAM, which plans from states that the policy has reached. In short segments, more of the labeled states
