@@ -38,9 +38,15 @@ EXPERTS = {
     "oneshot-cardinal": "LaCAM",
     "lifelong-cardinal": "windowed planning, lifelong",
     "oneshot": "LaCAM, agents that turn",
+    "lifelong": "windowed planning, lifelong, agents that turn",
 }
 """The planner that each preset imitates."""
-BUNDLED = {"oneshot-cardinal": "in rounds", "lifelong-cardinal": "augmented", "oneshot": "augmented"}
+BUNDLED = {
+    "oneshot-cardinal": "in rounds",
+    "lifelong-cardinal": "augmented",
+    "oneshot": "augmented",
+    "lifelong": "augmented",
+}
 """The settings of the bundled policies, those of the presets."""
 FIRST_RUNS = {"oneshot-cardinal": "oneshot-cardinal-one-round"}
 """The presets of the runs, with the setting `augmented`, from which those of other presets continue."""
@@ -53,7 +59,12 @@ EARLIER: dict[str, dict[str, Any]] = {
 """How policies with cardinal actions imitate in the settings before `augmented`, with half as many gradient steps."""
 EDGE_WEIGHTS = {"oneshot-cardinal": "uniform", "lifelong-cardinal": "crisscross"}
 """The edge weights that agents observe in their costs to go in these settings."""
-METRICS = {"oneshot-cardinal": "CSR", "lifelong-cardinal": "avg_throughput", "oneshot": "CSR"}
+METRICS = {
+    "oneshot-cardinal": "CSR",
+    "lifelong-cardinal": "avg_throughput",
+    "oneshot": "CSR",
+    "lifelong": "avg_throughput",
+}
 SETS = {
     "mazes": MapMixture(maps=("primal2",), height=(17, 21), width=(17, 21)),
     "random": MapMixture(height=(17, 21), width=(17, 21), density=(0.1, 0.3)),
@@ -67,6 +78,7 @@ SHIELDS = {
     "oneshot-cardinal": ("", "+pibt"),
     "lifelong-cardinal": ("", "+pibt:temperature=0,patience=0"),
     "oneshot": ("", "+pibt"),
+    "lifelong": ("", "+pibt:temperature=0"),
 }
 """What follows the policy's name: without and with the safety layer."""
 STUDY = Study(

@@ -45,4 +45,5 @@ def test_results_of_runs_and_their_table(tmp_path, trained):
     assert [(name, lines[2:]) for name, lines in others] == [
         ("imitation lifelong-cardinal", []),
         ("imitation oneshot", []),
+        ("imitation lifelong", []),
     ]
