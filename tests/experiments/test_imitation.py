@@ -38,7 +38,7 @@ def test_results_of_runs_and_their_table(tmp_path, trained):
         imitation.main(imitation.Options(tmp_path, **chosen, seeds=seeds, episodes=2))
     assert [config.seed for config in configs] == [0, 1]
     assert {config.agent_steps for config in configs} == {500_000}
-    (name, lines), *others = tables[-3:]
+    (name, lines), *others = tables[-len(imitation.EXPERTS) :]
     assert name == "imitation oneshot-cardinal"
     assert lines[0] == "| imitation of LaCAM | seeds | million agent steps | hours | mazes 4 |"
     assert lines[2:] == ["| embeddings | 2 | 0.5 | 1.5 | 1.00; 1.00 |"]
