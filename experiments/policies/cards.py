@@ -22,8 +22,8 @@ LIMITS = {
     "central-ppo": "It acts for exactly 4 agents, and was trained on random maps of 8 x 8 cells.",
     "central-warehouse": "It was trained in warehouses; on small random maps, `central` is better.",
     "ippo": _SMALL,
-    "lifelong": "Where it is crowded, agents need the safety layer. In training, no agent stayed at its goal: for episodes "
-    "with one goal each, `oneshot` is better. Windowed planning, which it imitates, reaches more goals.",
+    "lifelong": "Where it is crowded, agents need the safety layer. In training, no agent stayed at its goal: for "
+    "episodes with one goal each, `oneshot` is better. Windowed planning, which it imitates, reaches more goals.",
     "lifelong-cardinal": "Windowed planning, which it imitates, reaches more goals, above all in mazes.",
     "mappo": _SMALL,
     "mappo-cardinal": _SMALL,
