@@ -65,7 +65,7 @@ class Options(StudyOptions):
 
 
 def config(setting: str) -> TrainConfig:
-    """Return the preset `lifelong` with random guidance graphs and the observations of a setting."""
+    """Return the preset `lifelong` with random graphs, a setting's observations, the layer, and no communication."""
     preset = PRESETS["lifelong"]
     channels, features = SETTINGS[setting]
     env = replace(
@@ -74,7 +74,9 @@ def config(setting: str) -> TrainConfig:
         features=(*FEATURES, *features),
         edge_weights="random",
     )
-    return replace(preset, task=replace(preset.task, env=env), validation_interval=0)
+    task = replace(preset.task, env=env, shield=True)
+    model = replace(preset.model, communication=0, communication_radius=None)
+    return replace(preset, task=task, model=model, validation_interval=0)
 
 
 def main(options: Options) -> None:

@@ -41,12 +41,7 @@ EXPERTS = {
     "lifelong": "windowed planning, lifelong, agents that turn",
 }
 """The planner that each preset imitates."""
-BUNDLED = {
-    "oneshot-cardinal": "in rounds",
-    "lifelong-cardinal": "augmented",
-    "oneshot": "augmented",
-    "lifelong": "augmented",
-}
+BUNDLED = dict.fromkeys(EXPERTS, "augmented") | {"oneshot-cardinal": "in rounds"}
 """The settings of the bundled policies, those of the presets."""
 FIRST_RUNS = {"oneshot-cardinal": "oneshot-cardinal-one-round"}
 """The presets of the runs, with the setting `augmented`, from which those of other presets continue."""
@@ -59,12 +54,7 @@ EARLIER: dict[str, dict[str, Any]] = {
 """How policies with cardinal actions imitate in the settings before `augmented`, with half as many gradient steps."""
 EDGE_WEIGHTS = {"oneshot-cardinal": "uniform", "lifelong-cardinal": "crisscross"}
 """The edge weights that agents observe in their costs to go in these settings."""
-METRICS = {
-    "oneshot-cardinal": "CSR",
-    "lifelong-cardinal": "avg_throughput",
-    "oneshot": "CSR",
-    "lifelong": "avg_throughput",
-}
+METRICS = {name: "avg_throughput" if PRESETS[name].task.env.on_target == "restart" else "CSR" for name in EXPERTS}
 SETS = {
     "mazes": MapMixture(maps=("primal2",), height=(17, 21), width=(17, 21)),
     "random": MapMixture(height=(17, 21), width=(17, 21), density=(0.1, 0.3)),
