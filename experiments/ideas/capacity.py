@@ -8,7 +8,7 @@ images are left out. It prints a table.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
@@ -17,34 +17,40 @@ import torch
 import tyro
 from torch import Tensor, nn
 
-from experiments.pages import spread
+from experiments.pages import FILES, PAGES, spread, write_table
+from experiments.study import Study, StudyOptions
 from mapf_pz.rl.networks.actors import TeamActor
 from mapf_pz.rl.networks.observation_shape import ObservationShape
 from mapf_pz.rl.presets import PRESETS
 from mapf_pz.simulator.config import EnvConfig
 from mapf_pz.simulator.simulator import Simulator
 
+PAGE = PAGES / "report.md"
+
 PRESET = PRESETS["report-repaired"]
-NUM_AGENTS = (4, 10, 20, 50, 100)
+NUM_AGENTS = (10, 20, 50, 100)
 WIDTHS = {"128, 64, 64": (128, (64, 64)), "512, 512, 512": (512, (512, 512))}
 """The sizes of the embedding and the policy head: those of the report, and larger ones (idea 6)."""
 NUM_ENVS, BATCH, HELD_OUT = 16, 256, 50
 """Environments, states of a gradient step, and batches that accuracy is measured on."""
+STUDY = Study(FILES / "capacity.csv", ("agents", "network", "seed"), ("accuracy", "most_frequent"))
+"""The shares of agents whose best action is the one that the network has learned, and the most frequent one."""
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(StudyOptions):
     """Options of the experiment."""
 
     seeds: tuple[int, ...] = (0, 1, 2)
     """Random seeds of the instances and the networks."""
-    steps: int = 4000
+    steps: int = 2000
     """Number of gradient steps."""
 
 
 def env_config(num_agents: int) -> EnvConfig:
-    """Return the preset's environment with a small view, since the image is not used."""
-    return replace(PRESET.task.env, num_agents=num_agents, view_size=(3, 3), channels=("view",))
+    """Return the preset's environment without images, and with costs in steps, which take less time to compute."""
+    costs = {"edge_weights": "uniform", "around_agents_at_goals": False}
+    return replace(PRESET.task.env, num_agents=num_agents, view_size=(3, 3), channels=("view",), **costs)
 
 
 def batches(config: EnvConfig, seed: int) -> Iterator[tuple[Tensor, Tensor]]:
@@ -65,8 +71,8 @@ def batches(config: EnvConfig, seed: int) -> Iterator[tuple[Tensor, Tensor]]:
         features, labels = [], []
 
 
-def accuracy(num_agents: int, widths: tuple[int, tuple[int, ...]], seed: int, steps: int) -> float:
-    """Return the share of agents whose best action the network has learned."""
+def measures(num_agents: int, widths: tuple[int, tuple[int, ...]], seed: int, steps: int) -> dict[str, str]:
+    """Return the measures of a network after a training."""
     config = env_config(num_agents)
     torch.manual_seed(seed)
     model = replace(PRESET.model, hidden=widths[0], head=widths[1])
@@ -84,21 +90,38 @@ def accuracy(num_agents: int, widths: tuple[int, tuple[int, ...]], seed: int, st
         loss.backward()
         optimizer.step()
         schedule.step()
+    held_out = list(islice(states, HELD_OUT))
+    labels = torch.stack([labels for _, labels in held_out])
     with torch.no_grad():
-        right = [(actor(image, features)[0].argmax(-1) == labels) for features, labels in islice(states, HELD_OUT)]
-    return float(torch.stack(right).double().mean())
+        learned = torch.stack([actor(image, features)[0].argmax(-1) for features, _ in held_out])
+    shares = {"accuracy": learned == labels, "most_frequent": labels == labels.flatten().mode().values}
+    return {name: f"{right.double().mean():.4f}" for name, right in shares.items()}
 
 
 def main(options: Options) -> None:
-    """Train the networks, and print the table."""
+    """Train the missing networks in sequence, write the results after each, and the table at the end."""
     torch.set_num_threads(1)
-    print(f"| agents | {' | '.join(WIDTHS)} |", "| --- |" + " --- |" * len(WIDTHS), sep="\n")
-    for num_agents in NUM_AGENTS:
-        cells = []
-        for widths in WIDTHS.values():
-            shares = [accuracy(num_agents, widths, seed, options.steps) for seed in options.seeds]
-            cells.append(spread(shares, 4))
-        print(f"| {num_agents} | {' | '.join(cells)} |", flush=True)
+    if not options.write:
+        runs = ((n, network, seed) for seed in options.seeds for n in NUM_AGENTS for network in WIDTHS)
+        for n, network, seed in STUDY.missing(runs):
+            STUDY.add((n, network, seed), measures(n, WIDTHS[network], seed, options.steps))
+    write()
+
+
+def write() -> None:
+    """Write the table: means over seeds, with minimum and maximum."""
+    write_table(PAGE, "capacity", table(STUDY.rows()))
+
+
+def table(rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
+    """Yield the lines of the table in Markdown."""
+    yield f"| agents | the most frequent action | {' | '.join(WIDTHS)} |"
+    yield "| --- | --- |" + " --- |" * len(WIDTHS)
+    for n in NUM_AGENTS:
+        chosen = [row for row in rows if row["agents"] == str(n)]
+        shares = [[float(row["most_frequent"]) for row in chosen]]
+        shares += [[float(row["accuracy"]) for row in chosen if row["network"] == network] for network in WIDTHS]
+        yield f"| {n} | {' | '.join(spread(each, 3) for each in shares)} |"
 
 
 if __name__ == "__main__":

@@ -1,9 +1,10 @@
 """Does a policy use the channels of edge weights? `python -m experiments.ideas.observed_weights`.
 
-Weights are random in every episode, and agents pay the weight of each step. The cost to go that they observe counts
-steps, so that only the channels `edge_weights` show the weights. Policies with these channels and without them learn by
-PPO with three seeds. `docs/results/observed-weights.csv` gets the results on held-out instances, which are not
-repeated, and `docs/explanation/report-ideas.md` the table.
+Agents pay the weight of each step. The cost to go that they observe counts steps, so that only the channels
+`edge_weights` show the weights: random ones, and those of `crisscross`, whose directions depend on the parity of rows
+and columns, which agents do not observe. Policies with these channels and without them learn by PPO with three seeds.
+`docs/results/observed-weights.csv` gets the results on held-out instances, which are not repeated, and
+`docs/explanation/report-ideas.md` the table.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -47,15 +49,16 @@ from mapf_pz.simulator.seeds import FIRST_EVALUATION_SEED
 
 PAGE = PAGES / "report-ideas.md"
 
-SETTINGS = {"without edge weights": (), "with edge weights": ("edge_weights",)}
+WEIGHTS = ("crisscross", "random")
+CHANNELS = {"without edge weights": (), "with edge weights": ("edge_weights",)}
 """Channels that are observed in addition to the others."""
 REFERENCES = {"the planner without the weights": False, "the planner with the weights": True}
 """Whether a planner knows the weights, by its name in the table."""
 SOLVED = "weighted_cost_ratio (solved)"
 METRICS = {"CSR": 3, "ISR": 3, SOLVED: 3}
 """Metrics and their digits in the table."""
-TEMPERATURE = 0.5
-"""Temperature of the evaluated policies: with their most likely actions, some agents block each other forever."""
+TEMPERATURES = (0.5, 0.0)
+"""Temperatures of the evaluated policies. At 0.5, fewer agents block each other forever; at 0, paths are shorter."""
 STUDY = Study(FILES / "observed-weights.csv", ("setting", "seed"), tuple(METRICS))
 NUM_AGENTS, MAX_STEPS, MAPS = 4, 64, MapMixture(height=10, width=10, density=0.1)
 REWARD = RewardConfig(forward=0.0, rotate=0.0, goal=2.0, weighted_step_cost=0.2)
@@ -70,7 +73,7 @@ class Options(StudyOptions):
     """Folder of all runs."""
     seeds: tuple[int, ...] = (0, 1, 2)
     """Random seeds."""
-    agent_steps: int = 500_000
+    agent_steps: int = 1_000_000
     """Length of each training."""
     episodes: int = 256
     """Number of episodes of each evaluation."""
@@ -140,16 +143,16 @@ steps_to_go = Channel(draw_steps_to_go, low=-1)
 step_advantage = Feature(write_step_advantage, length=len(Action))
 
 
-def config(setting: str) -> TrainConfig:
-    """Return the training of a setting."""
+def config(weights: str, observed: str) -> TrainConfig:
+    """Return the training under some weights with some of `CHANNELS`."""
     preset, here = PRESETS["quickstart"], "experiments.ideas.observed_weights"
     env = replace(
         preset.task.env,
         num_agents=NUM_AGENTS,
         max_steps=MAX_STEPS,
         on_target="finish",
-        edge_weights="random",
-        channels=("view", "goal", "orientation", *SETTINGS[setting], f"{here}:steps_to_go"),
+        edge_weights=weights,
+        channels=("view", "goal", "orientation", *CHANNELS[observed], f"{here}:steps_to_go"),
         features=(f"{here}:step_advantage", "goal_vector", "last_actions"),
         reward=REWARD,
     )
@@ -165,22 +168,30 @@ def config(setting: str) -> TrainConfig:
 def main(options: Options) -> None:
     """Train and evaluate the missing runs in sequence, write the results after each, and the table at the end."""
     if not options.write:
-        for name, seed in STUDY.missing((name, 0) for name in REFERENCES):
-            STUDY.add((name, seed), reference(REFERENCES[name], options.episodes))
-        for setting, seed in STUDY.missing((setting, seed) for seed in options.seeds for setting in SETTINGS):
-            run = folder(options.output, setting, seed)
-            if not (run / "policy.safetensors").exists():
-                train(replace(config(setting), seed=seed, agent_steps=options.agent_steps), run, overwrite=True)
-            STUDY.add((setting, seed), measured(setting, run, options.episodes))
+        for weights in WEIGHTS:
+            measure(weights, options)
     write()
 
 
-def measured(setting: str, run: Path, episodes: int) -> dict[str, str]:
+def measure(weights: str, options: Options) -> None:
+    """Measure the planners and the policies under some weights, those without results."""
+    for name, knows_weights in REFERENCES.items():
+        for reference in STUDY.missing([(f"{weights}: {name}", 0)]):
+            STUDY.add(reference, planner_means(weights, knows_weights, options.episodes))
+    for seed, observed, temperature in product(options.seeds, CHANNELS, TEMPERATURES):
+        run, training = folder(options.output, f"{weights} {observed}", seed), config(weights, observed)
+        for setting in STUDY.missing([(f"{weights}: {observed}, temperature {temperature:g}", seed)]):
+            if not (run / "policy.safetensors").exists():
+                train(replace(training, seed=seed, agent_steps=options.agent_steps), run, overwrite=True)
+            STUDY.add(setting, policy_means(f"{run}:temperature={temperature:g}", training, options.episodes))
+
+
+def policy_means(policy: str, training: TrainConfig, episodes: int) -> dict[str, str]:
     """Return the means of a policy's metrics in held-out episodes."""
-    factory = policy_factory(f"{run}:temperature={TEMPERATURE}", trust_remote_code=True)
-    keywords = config(setting).task.env_keywords()
+    factory = policy_factory(policy, trust_remote_code=True)
+    keywords = training.task.env_keywords()
     task = EvaluationTask("held out", NUM_AGENTS, keywords, episodes, FIRST_EVALUATION_SEED)
-    return means(episode.metrics for episode in evaluate({setting: factory}, [task]))
+    return means(episode.metrics for episode in evaluate({policy: factory}, [task]))
 
 
 def means(metrics: Iterable[Mapping[str, float]]) -> dict[str, str]:
@@ -191,9 +202,9 @@ def means(metrics: Iterable[Mapping[str, float]]) -> dict[str, str]:
     return {name: f"{np.mean(each):.4f}" for name, each in values.items()}
 
 
-def reference(knows_weights: bool, episodes: int) -> dict[str, str]:
+def planner_means(weights: str, knows_weights: bool, episodes: int) -> dict[str, str]:
     """Return the means of a planner's metrics in the held-out episodes."""
-    env = parallel_env(**config("without edge weights").task.env_keywords())
+    env = parallel_env(**config(weights, "without edge weights").task.env_keywords())
     found: list[dict[str, float]] = []
     for episode in range(episodes):
         env.reset(seed=FIRST_EVALUATION_SEED + episode)

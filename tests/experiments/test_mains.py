@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("torchrl")
 
-from experiments.ideas import edge_weights, observed_weights
+from experiments.ideas import capacity, edge_weights, observed_weights
 from experiments.planners import weighted_cost
 from experiments.report import repair
 
@@ -31,6 +31,7 @@ def run(tmp_path, monkeypatch):
 
 def trained(config, run, overwrite):
     run.mkdir()
+    (run / "policy.safetensors").touch()
 
 
 def test_edge_weights(run, tmp_path, monkeypatch):
@@ -44,11 +45,25 @@ def test_edge_weights(run, tmp_path, monkeypatch):
 def test_observed_weights(run, tmp_path, monkeypatch):
     monkeypatch.setattr(observed_weights, "train", trained)
     values = dict.fromkeys(observed_weights.METRICS, "0.5")
-    monkeypatch.setattr(observed_weights, "measured", lambda setting, run, episodes: values)
+    monkeypatch.setattr(observed_weights, "policy_means", lambda policy, training, episodes: values)
     runs = run(observed_weights, output=tmp_path, seeds=(0,), episodes=2)
-    assert [name for name, _ in runs] == [*observed_weights.REFERENCES, *observed_weights.SETTINGS]
-    costs = [float(row[observed_weights.SOLVED]) for row in observed_weights.STUDY.rows()[:2]]
-    assert costs[0] > costs[1] >= 1, "a planner that knows the weights pays less"
+    observed = [f"{name}, temperature {t:g}" for name in observed_weights.CHANNELS for t in (0.5, 0)]
+    names = (*observed_weights.REFERENCES, *observed)
+    assert [name for name, _ in runs] == [
+        f"{weights}: {name}" for weights in observed_weights.WEIGHTS for name in names
+    ]
+    assert len(list(tmp_path.glob("*-0"))) == len(observed_weights.WEIGHTS) * len(observed_weights.CHANNELS)
+    found = {row["setting"]: row[observed_weights.SOLVED] for row in observed_weights.STUDY.rows()}
+    for weights in observed_weights.WEIGHTS:
+        costs = [float(found[f"{weights}: {name}"]) for name in observed_weights.REFERENCES]
+        assert costs[0] > costs[1] >= 1, "a planner that knows the weights pays less"
+
+
+def test_capacity(run, monkeypatch):
+    monkeypatch.setattr(capacity, "HELD_OUT", 1)
+    runs = run(capacity, seeds=(0,), steps=2)
+    assert runs == [(str(n), network, "0") for n in capacity.NUM_AGENTS for network in capacity.WIDTHS]
+    assert all(0.25 < float(row["accuracy"]) < 1 for row in capacity.STUDY.rows())
 
 
 def test_weighted_cost(run, monkeypatch):

@@ -3,14 +3,14 @@
 import pytest
 
 from experiments import pages
-from experiments.ideas import curiosity, edge_weights, observed_weights
+from experiments.ideas import capacity, curiosity, edge_weights, observed_weights
 from experiments.planners import weighted_cost
 from experiments.policies import candidates, imitation
 from experiments.report import published
 
 
 @pytest.mark.parametrize(
-    "experiment", [candidates, curiosity, edge_weights, imitation, observed_weights, published, weighted_cost]
+    "experiment", [candidates, capacity, curiosity, edge_weights, imitation, observed_weights, published, weighted_cost]
 )
 def test_the_table_of_the_page_is_that_of_the_results(tmp_path, monkeypatch, experiment):
     text, page = experiment.PAGE.read_text(), tmp_path / "page.md"
